@@ -1,0 +1,41 @@
+"""The command `sma-sim`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+
+from sma_sim.cli import simulate
+from sma_sim.cli.errors import UserError
+from sma_sim.model.config import ConfigError
+
+VERBS = (simulate,)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one verb; exit code 0 when done, 2 for a user's mistake, 1 for our fault."""
+    parser = argparse.ArgumentParser(
+        prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.'
+    )
+    verbs = parser.add_subparsers(dest='verb', required=True)
+    for verb in VERBS:
+        verb.add_parser(verbs)
+    chosen = parser.parse_args(arguments)
+    try:
+        chosen.run(chosen)
+    except (UserError, ConfigError) as error:
+        print(f'sma-sim {chosen.verb}: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f'sma-sim {chosen.verb}: stopped', file=sys.stderr)
+        return 130
+    except Exception:
+        traceback.print_exc()
+        print(f'sma-sim {chosen.verb}: this is a fault of sma_sim, please report it', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

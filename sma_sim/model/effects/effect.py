@@ -1,0 +1,51 @@
+"""What an effect is: one small file that declares it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from sma_sim.model.effects.ports import PORT_NAMES
+from sma_sim.model.parameters import Parameter
+
+CHAIN = {
+    'actuation': ('gain', 'deadband', 'saturation', 'lag'),
+    'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
+}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect, declared as data.
+
+    `kernel(s, w, p)` returns what the effect adds at its port (on actuation and sensing: the value passed on), as
+    a float or a tuple; `s` is a `State`, `w` the wire's constants (the beam's for structure_force), `p` the
+    effect's parameters by name. With extra states the signature is ``kernel(s, w, p, m)`` where `m` has them by
+    name; `rate` gives their derivatives and `start` their first values (default 0). `scale` is the size of an
+    extra state, for the error control. `energy` says how the effect enters the energy balance.
+    """
+
+    name: str
+    port: str
+    equation: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    kernel: Callable[..., Any]
+    states: tuple[str, ...] = ()
+    scale: tuple[float, ...] = ()
+    rate: Callable[..., Any] | None = None
+    start: Callable[..., Any] | None = None
+    stage: str = ''
+    depends_on_x: bool = False
+    energy: str = ''
+    description: str = ''
+
+    def __post_init__(self) -> None:
+        if self.port not in PORT_NAMES:
+            raise ValueError(f'effect {self.name!r}: port {self.port!r}; expected one of {", ".join(PORT_NAMES)}')
+        if self.states and (self.rate is None or len(self.scale) != len(self.states)):
+            raise ValueError(f'effect {self.name!r}: states need a rate and one scale each')
+        stages = CHAIN.get(self.port)
+        if stages and self.stage not in stages:
+            raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')

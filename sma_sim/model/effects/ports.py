@@ -1,0 +1,125 @@
+"""The ports on which physical effects act, and what the kernel of an effect sees there."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+ACTUATION, WIRE_HEAT, WIRE_STRAIN, TRANSFORMATION_STRESS, WIRE_FORCE, STRUCTURE_FORCE, SENSING = range(7)
+PORT_NAMES = (
+    'actuation',
+    'wire_heat',
+    'wire_strain',
+    'transformation_stress',
+    'wire_force',
+    'structure_force',
+    'sensing',
+)
+PORT_OUTPUTS = (1, 1, 1, 2, 1, 3, 1)  # numbers that a kernel returns
+
+CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
+
+
+class State(NamedTuple):
+    """What a kernel may read as ``s.<field>`` (SI). A field of a later port than the kernel's is not yet known.
+
+    Per wire: T, x, eps, deps (its rate), l, v, and the same of the other wire; J [W], the heating of one wire, on
+    its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
+    structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on its way through the
+    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1.
+    """
+
+    t: float
+    T_E: float
+    wire: float
+    T: float
+    x: float
+    eps: float
+    deps: float
+    length: float
+    v: float
+    J: float
+    sigma: float
+    dx: float
+    F: float
+    T_other: float
+    x_other: float
+    U_x: float
+    U_y: float
+    alpha: float
+    dU_x: float
+    dU_y: float
+    dalpha: float
+    value: float
+    channel: float
+
+
+(
+    S_TIME,
+    S_T_E,
+    S_WIRE,
+    S_T,
+    S_X,
+    S_EPS,
+    S_DEPS,
+    S_LENGTH,
+    S_V,
+    S_J,
+    S_SIGMA,
+    S_DX,
+    S_F,
+    S_T_OTHER,
+    S_X_OTHER,
+    S_POSE,
+) = range(16)
+S_POSE_RATE, S_VALUE, S_CHANNEL, S_SIZE = 18, 21, 22, 23
+
+
+class EffectTable(NamedTuple):
+    """The active effects as the compiled right-hand side reads them, sorted by port and place in its chain.
+
+    Shapes: `port_start` (8,), all others one entry per effect, except for the flat `parameters` and the scratch
+    arrays `s`, `wire`, `beam`, `out`. `states` counts the extra states of one instance (one wire, one channel, or
+    the structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector.
+    """
+
+    port_start: NDArray[np.int64]
+    value: NDArray[np.int64]
+    rate: NDArray[np.int64]
+    start: NDArray[np.int64]
+    states: NDArray[np.int64]
+    state_start: NDArray[np.int64]
+    channels: NDArray[np.int64]
+    depends_on_x: NDArray[np.int64]
+    parameter_start: NDArray[np.int64]
+    parameters: NDArray[np.float64]
+    s: NDArray[np.float64]
+    wire: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    out: NDArray[np.float64]
+
+
+_KERNEL = ctypes.CFUNCTYPE(None, *([ctypes.c_ssize_t] * 5))
+
+
+def call_kernel(address: int, s: int, w: int, p: int, m: int, out: int) -> None:
+    """Call the native kernel at `address` with five data addresses (the compiler puts a direct call here)."""
+    _KERNEL(address)(s, w, p, m, out)
+
+
+def call_effect(
+    address: int, k: int, instance: int, constants: NDArray[np.float64], y: NDArray[np.float64], e: EffectTable
+) -> None:
+    """Call one kernel of effect `k` on the state in ``e.s``; what it returns is then in ``e.out``."""
+    memory = e.state_start[k] + instance * e.states[k]
+    call_kernel(
+        address,
+        e.s.ctypes.data,
+        constants.ctypes.data,
+        e.parameters.ctypes.data + 8 * e.parameter_start[k],
+        y.ctypes.data + 8 * memory,
+        e.out.ctypes.data,
+    )

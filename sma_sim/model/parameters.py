@@ -1,0 +1,165 @@
+"""Every parameter of the model: its default, unit, range and source.
+
+The names are those of the YAML file, of ``--set`` and of the ROS parameters. `WireConstants` and
+`BeamConstants` are what the equations read: the same numbers, with derived quantities beside them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
+K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of the model.
+
+    `bounds` are hard limits (SI): beyond them the equations lose their meaning. `neutral` is, for the
+    parameter of an effect, the value at which the effect vanishes; `realistic` the range met in practice.
+    """
+
+    name: str
+    default: float
+    unit: str
+    bounds: tuple[float, float]
+    description: str
+    source: str = PAPER
+    neutral: float | None = None
+    realistic: tuple[float, float] | None = None
+
+
+WIRE_PARAMETERS = (
+    Parameter('E_A', 12.3e9, 'Pa', (1e8, 1e12), "Young's modulus of austenite"),
+    Parameter('E_M', 7.8e9, 'Pa', (1e8, 1e12), "Young's modulus of martensite"),
+    Parameter('eps_T', 0.067, '-', (1e-3, 0.3), 'transformation strain'),
+    Parameter('sigma_T', 2.13e6, 'Pa/K', (0.0, 1e8), 'slope of the transformation stresses over temperature'),
+    Parameter('c_V', 380.0, 'J/(kg K)', (1.0, 1e5), 'specific heat'),
+    Parameter('lambda', 450.0, 'W/(m^2 K)', (0.0, 1e6), 'convective cooling coefficient'),
+    Parameter('sigma_MW0', 121.35e6, 'Pa', (0.0, 1e10), 'Maxwell stress sigma_MW at T0'),
+    Parameter('dsigma', 12.3e6, 'Pa', (1e3, 1e10), 'height of the stress-strain hysteresis'),
+    Parameter('T0', 323.0, 'K', (1.0, 2000.0), 'reference temperature of sigma_MW0'),
+    Parameter('r0', 75e-6, 'm', (1e-6, 1e-2), 'radius of one wire'),
+    Parameter('l0', 95.7e-3, 'm', (1e-4, 10.0), 'undeformed length of a wire'),
+    Parameter('rho', 7745.0, 'kg/m^3', (1.0, 1e5), 'density'),
+    Parameter('omega_x', 100.0, '1/s', (1e-3, 1e9), 'attempt frequency of the MAS kinetics'),
+    Parameter('V_L', 5e-23, 'm^3', (1e-27, 1e-18), 'volume of a mesoscopic layer (MAS kinetics)'),
+    Parameter('n', 10.0, '-', (1.0, 10000.0), 'wires in one bundle'),
+)
+BEAM_PARAMETERS = (
+    Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the beam'),
+    Parameter('E', 2e9, 'Pa', (1e5, 1e13), "Young's modulus of the beam"),
+    Parameter('h', 2.5e-3, 'm', (1e-5, 1.0), 'radius of the beam: A = pi h^2, I = pi h^4/4'),
+    Parameter('b_x', 2.0, 'N s/m', (0.0, 1e6), 'damping of U_x'),
+    Parameter('b_y', 2.0, 'N s/m', (0.0, 1e6), 'damping of U_y'),
+    Parameter('b_alpha', 2.0, 'N m s', (0.0, 1e6), 'damping of alpha'),
+)
+PLATE_PARAMETERS = (
+    Parameter('W', 10e-3, 'm', (1e-4, 10.0), 'width of the plate: distance of the two bundles'),
+    Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate'),
+)
+ENVIRONMENT_PARAMETERS = (Parameter('T_E', 298.0, 'K', (1.0, 2000.0), 'ambient temperature'),)
+INITIAL_PARAMETERS = tuple(
+    Parameter(
+        f'x_M_{i}',
+        math.nan,
+        '-',
+        (0.0, 1.0),
+        f'martensite fraction of wire {i} at the start; NaN: sigma = sigma_A(T_E) in static equilibrium',
+        source='the paper gives none; the wire was stretched from austenite',
+    )
+    for i in (1, 2)
+)
+SOLVER_PARAMETERS = (
+    Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/solver.md'),
+)
+
+GROUPS: Mapping[str, tuple[Parameter, ...]] = {
+    'wire': WIRE_PARAMETERS,
+    'beam': BEAM_PARAMETERS,
+    'plate': PLATE_PARAMETERS,
+    'environment': ENVIRONMENT_PARAMETERS,
+    'initial': INITIAL_PARAMETERS,
+    'solver': SOLVER_PARAMETERS,
+}
+DEFAULTS: Mapping[str, Parameter] = {
+    f'{group}.{parameter.name}': parameter for group, members in GROUPS.items() for parameter in members
+}
+
+
+class WireConstants(NamedTuple):
+    """What the equations of one wire read, SI units."""
+
+    E_A: float
+    E_M: float
+    eps_T: float
+    sigma_T: float
+    c_V: float
+    lambda_: float
+    sigma_MW0: float
+    dsigma: float
+    T0: float
+    r0: float
+    l0: float
+    rho: float
+    omega_x: float
+    V_L: float
+    n: float
+    section: float  # pi r0^2 [m^2]
+    area: float  # A_s = 2 pi r0 l0 [m^2]
+    volume: float  # Om = pi r0^2 l0 [m^3]
+    d: float  # 1/E_M - 1/E_A [1/Pa]
+
+
+class BeamConstants(NamedTuple):
+    """What the equations of the structure read, SI units."""
+
+    L: float
+    W: float
+    m_H: float
+    J_H: float  # W^2 m_H/12 [kg m^2]
+    k_x: float  # E A/L [N/m]
+    k_y: float  # 12 E I/L^3 [N/m]
+    k_ya: float  # 6 E I/L^2 [N]
+    k_a: float  # 4 E I/L [N m]
+    b_x: float
+    b_y: float
+    b_alpha: float
+
+
+def wire_constants(values: Mapping[str, float]) -> WireConstants:
+    """Wire constants from parameters named ``wire.*``."""
+    given = {p.name: float(values[f'wire.{p.name}']) for p in WIRE_PARAMETERS}
+    section = math.pi * given['r0'] ** 2
+    given['lambda_'] = given.pop('lambda')
+    return WireConstants(
+        **given,
+        section=section,
+        area=2.0 * math.pi * given['r0'] * given['l0'],
+        volume=section * given['l0'],
+        d=1.0 / given['E_M'] - 1.0 / given['E_A'],
+    )
+
+
+def beam_constants(values: Mapping[str, float]) -> BeamConstants:
+    """Constants of the structure (paper, EB-Ba to EB-Bc) from parameters named ``beam.*`` and ``plate.*``."""
+    L, E, h = (float(values[f'beam.{name}']) for name in ('L', 'E', 'h'))
+    W, m_H = float(values['plate.W']), float(values['plate.m_H'])
+    bending = E * math.pi * h**4 / 4.0
+    return BeamConstants(
+        L=L,
+        W=W,
+        m_H=m_H,
+        J_H=W**2 * m_H / 12.0,
+        k_x=E * math.pi * h**2 / L,
+        k_y=12.0 * bending / L**3,
+        k_ya=6.0 * bending / L**2,
+        k_a=4.0 * bending / L,
+        b_x=float(values['beam.b_x']),
+        b_y=float(values['beam.b_y']),
+        b_alpha=float(values['beam.b_alpha']),
+    )

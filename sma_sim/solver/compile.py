@@ -1,0 +1,119 @@
+"""The only place that compiles: plain Python functions of the model in, native code out.
+
+Functions are compiled with everything that they call. Native code is kept in a folder whose name is a hash of
+every source file that went into it, so that no stale code is ever used (numba itself misses a change in a callee).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
+from numba.core import types
+from numba.extending import intrinsic
+
+from sma_sim.model.effects.ports import call_kernel
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_COMPILED_FOLDERS = ('model', 'solver')
+
+
+@intrinsic
+def _native_call(typingctx, address, s, w, p, m, out):  # type: ignore[no-untyped-def]
+    """Call the C function at `address` with five addresses."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        from llvmlite import ir
+
+        word = context.get_value_type(types.intp)
+        kind = ir.FunctionType(ir.VoidType(), [word] * 5)
+        values = [
+            context.cast(builder, a, t, types.intp) for a, t in zip(args, signature.args, strict=True)
+        ]
+        builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+        return context.get_dummy_value()
+
+    return types.void(address, s, w, p, m, out), codegen
+
+
+def content_key(*paths: Path) -> str:
+    """Hash of the given files and of all sources of the package that take part in compilation."""
+    sources = [file for folder in _COMPILED_FOLDERS for file in (_PACKAGE / folder).rglob('*.py')]
+    digest = hashlib.sha256(f'{sys.version} {numba.__version__}'.encode())
+    for file in sorted({*sources, *paths}):
+        digest.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
+    return digest.hexdigest()[:20]
+
+
+def cache_folder(key: str) -> Path:
+    """A writable folder for native code of this key: the user's cache, or a temporary one."""
+    home = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+    for root in (home / 'sma_sim', Path(tempfile.gettempdir()) / f'sma_sim-{os.getuid()}'):
+        folder = root / key
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder
+        except OSError:
+            continue
+    return Path(tempfile.mkdtemp(prefix='sma_sim-'))
+
+
+class Compiler:
+    """Compiles functions with all that they call, into one cache folder."""
+
+    def __init__(self, key: str, owned: tuple[str, ...] = ('sma_sim.',)):
+        self.folder = cache_folder(key)
+        self._owned = owned
+        self._done: dict[FunctionType, Any] = {call_kernel: _native_call}
+
+    def function(self, python: FunctionType) -> Any:
+        """The compiled twin of `python`; its callees of our own packages are compiled with it."""
+        if python not in self._done:
+            self._done[python] = self._jit(self._with_compiled_callees(python))
+        return self._done[python]
+
+    def _with_compiled_callees(self, python: FunctionType) -> FunctionType:
+        namespace = dict(python.__globals__)
+        for name in python.__code__.co_names:
+            callee = namespace.get(name)
+            if isinstance(callee, FunctionType) and callee.__module__.startswith(self._owned):
+                namespace[name] = self.function(callee)
+        twin = FunctionType(python.__code__, namespace, python.__name__, python.__defaults__, python.__closure__)
+        twin.__module__ = python.__module__
+        twin.__qualname__ = python.__qualname__
+        return twin
+
+    def _jit(self, python: FunctionType) -> Any:
+        return self._cached(lambda: numba.njit(cache=True, nogil=True, error_model='numpy')(python))
+
+    def native(self, python: FunctionType) -> Any:
+        """A C function of five addresses; keep the returned object alive as long as its ``.address`` is used."""
+        signature = types.void(*([types.intp] * 5))
+        twin = self._with_compiled_callees(python)
+        return self._cached(lambda: numba.cfunc(signature, cache=True, error_model='numpy')(twin))
+
+    def _cached(self, build: Callable[[], Any]) -> Any:
+        # numba reads its cache folder when it makes a dispatcher, and only then.
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(self.folder)
+        try:
+            return build()
+        finally:
+            numba.config.CACHE_DIR = before
+
+
+@cache
+def package_compiler() -> Compiler:
+    """The compiler of the package's own model and solver."""
+    return Compiler(content_key())
+
+

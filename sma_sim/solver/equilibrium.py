@@ -1,0 +1,105 @@
+"""The start of a run: static equilibrium, and modes that admit the wanted phase fractions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
+from sma_sim.model.system import O_S_A, O_S_M, O_SIGMA, O_X, System, flow
+from sma_sim.solver.linear import factorise, solve_factorised
+from sma_sim.solver.stepper import Integers, Matrix, Vector
+
+NEWTON_STEPS = 50
+
+
+def settle(
+    y: Vector, u: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+) -> bool:
+    """Move the pose in `y` to static equilibrium in the given modes (Newton); False if it was not found.
+
+    In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
+    """
+    n = y.shape[0]
+    still = np.zeros(u.shape[0])
+    f, f_moved = np.empty(n), np.empty(n)
+    matrix, step, pivot = np.empty((3, 3)), np.empty(3), np.empty(3, dtype=np.int64)
+    for _ in range(NEWTON_STEPS):
+        flow(0.0, y, u, still, mode, x_frozen, p, f, obs)
+        for j in range(3):
+            kept = y[j]
+            y[j] = kept + increment[j]
+            delta = y[j] - kept
+            flow(0.0, y, u, still, mode, x_frozen, p, f_moved, obs)
+            y[j] = kept
+            for i in range(3):
+                matrix[i, j] = (f_moved[3 + i] - f[3 + i]) / delta
+        for i in range(3):
+            step[i] = f[3 + i]
+        if not factorise(matrix, pivot):
+            return False
+        solve_factorised(matrix, pivot, step)
+        size = 0.0
+        for j in range(3):
+            y[j] -= step[j]
+            size = max(size, abs(step[j]) / increment[j])
+        if not np.isfinite(size):
+            return False
+        if size < 1e-8:
+            flow(0.0, y, u, still, mode, x_frozen, p, f, obs)
+            return True
+    return False
+
+
+def start(
+    y: Vector, u: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+) -> bool:
+    """Fill `y`, `mode` and `x_frozen` with a start at rest; False when no equilibrium was found.
+
+    `wanted` is x_M per wire; NaN asks for sigma = sigma_A. A fraction that no mode admits is moved to the
+    nearest one that does, where the stress lies on the edge of the hysteresis.
+    """
+    for i in range(p.wires):
+        x_frozen[i] = wanted[i]
+        mode[i] = INNER
+        if np.isnan(wanted[i]):
+            x_frozen[i], mode[i] = 0.5, TO_MARTENSITE
+    for _ in range(8 * p.wires):
+        if not equilibrium(y, u, mode, x_frozen, p, increment, obs):
+            return False
+        if not move_to_admitted(mode, x_frozen, p, obs):
+            break
+    for i in range(p.wires):
+        x_frozen[i] = min(max(obs[i, O_X], 0.0), 1.0)
+        mode[i] = AUSTENITE if x_frozen[i] <= 0.0 else MARTENSITE if x_frozen[i] >= 1.0 else INNER
+        if p.mas:
+            y[p.first_x + i] = x_frozen[i]
+    return True
+
+
+def equilibrium(
+    y: Vector, u: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+) -> bool:
+    """Static equilibrium of the module; the wire has its strain from the input."""
+    if p.module:
+        return settle(y, u, mode, x_frozen, p, increment, obs)
+    f = np.empty(y.shape[0])
+    flow(0.0, y, u, np.zeros(u.shape[0]), mode, x_frozen, p, f, obs)
+    return True
+
+
+def move_to_admitted(mode: Integers, x_frozen: Vector, p: System, obs: Matrix) -> bool:
+    """Correct one wire whose fraction its mode does not admit; whether there was one."""
+    slack = 1e-9 * p.wire.dsigma
+    for i in range(p.wires):
+        x = obs[i, O_X]
+        moving = mode[i] == TO_MARTENSITE or mode[i] == TO_AUSTENITE
+        if moving and (x < 0.0 or x > 1.0):
+            mode[i], x_frozen[i] = INNER, min(max(x, 0.0), 1.0)
+            return True
+        if not moving and x < 1.0 and obs[i, O_SIGMA] > obs[i, O_S_A] + slack:
+            mode[i] = TO_MARTENSITE
+            return True
+        if not moving and x > 0.0 and obs[i, O_SIGMA] < obs[i, O_S_M] - slack:
+            mode[i] = TO_AUSTENITE
+            return True
+    return False

@@ -1,0 +1,85 @@
+"""Jumps of the automaton: which guard is violated, when it was crossed, and what the jump changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sma_sim.model.automaton import EDGES, GUARD_NAMES, TO_AUSTENITE, TO_MARTENSITE, frozen_fraction
+from sma_sim.model.system import O_X, System, guard
+from sma_sim.solver.stepper import Integers, Matrix, Segment, Vector, Work, dense, flow_at
+
+EDGE_TABLE = np.array(EDGES, dtype=np.int64)
+# Violations below these are rounding: relative to dsigma, in x_M, and in 1/s.
+TOLERANCE = np.array([1e-9, 1e-9, 1e-12, 1e-12, 1e-9, 1e-9])
+assert len(TOLERANCE) == len(GUARD_NAMES)
+BISECTIONS = 60
+
+
+def violated_edge(i: int, mode: Integers, p: System, obs: Matrix) -> int:
+    """The first edge of wire `i` whose guard is violated, or -1."""
+    for edge in range(EDGE_TABLE.shape[0]):
+        if EDGE_TABLE[edge, 0] == mode[i]:
+            which = EDGE_TABLE[edge, 2]
+            if guard(which, i, p, obs) > TOLERANCE[which]:
+                return edge
+    return -1
+
+
+def crossing(
+    edge: int, i: int, t: float, h: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work
+) -> float:
+    """The fraction of the step at which the guard of `edge` is first violated, on the violated side.
+
+    Regula falsi (Illinois) on the dense output, in a bracket that always shrinks.
+    """
+    which = EDGE_TABLE[edge, 2]
+    low, high = 0.0, 1.0
+    g_low = guard(which, i, p, w.obs) - TOLERANCE[which]
+    if g_low > 0.0:
+        return 0.0
+    g_high = guard_at(1.0, which, i, t, h, y, segment, mode, x_frozen, p, w)
+    side = 0
+    for _ in range(BISECTIONS):
+        if high - low < 1e-14 or (high - low) * h < 1e-13 * (1.0 + abs(t)):
+            break
+        theta = (low * g_high - high * g_low) / (g_high - g_low)
+        if not low < theta < high:
+            theta = 0.5 * (low + high)
+        g = guard_at(theta, which, i, t, h, y, segment, mode, x_frozen, p, w)
+        if g > 0.0:
+            high, g_high = theta, g
+            if side == 1:
+                g_low *= 0.5
+            side = 1
+            if g < 1e-3 * TOLERANCE[which]:
+                break
+        else:
+            low, g_low = theta, g
+            if side == -1:
+                g_high *= 0.5
+            side = -1
+    return high
+
+
+def guard_at(
+    theta: float, which: int, i: int, t: float, h: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector,
+    p: System, w: Work,
+) -> float:  # fmt: skip
+    """Value of a guard, less its tolerance, at a fraction of the step."""
+    dense(theta, y, w)
+    flow_at(t + theta * h, w.y_dense, segment, mode, x_frozen, p, w, w.f_stage, w.obs_jacobian)
+    return guard(which, i, p, w.obs_jacobian) - TOLERANCE[which]
+
+
+def jump(edge: int, i: int, mode: Integers, x_frozen: Vector, obs: Matrix) -> None:
+    """Take an edge: the new mode, and x_M frozen at its value."""
+    mode[i] = EDGE_TABLE[edge, 1]
+    x_frozen[i] = frozen_fraction(mode[i], obs[i, O_X])
+
+
+def remember_fraction(mode: Integers, x_frozen: Vector, p: System, obs: Matrix) -> None:
+    """In modes 4 and 5 keep x_M at hand: the first guess where it is an implicit function."""
+    if not p.mas:
+        for i in range(p.wires):
+            if mode[i] == TO_MARTENSITE or mode[i] == TO_AUSTENITE:
+                x_frozen[i] = obs[i, O_X]

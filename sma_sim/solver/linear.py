@@ -1,0 +1,47 @@
+"""Dense linear algebra for the few states of a step: LU with partial pivoting, in place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+
+def factorise(A: Matrix, pivot: NDArray[np.int64]) -> bool:
+    """Replace A (n, n) by its LU factors; False when it is singular or not finite."""
+    n = A.shape[0]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[best, k]):
+                best = i
+        pivot[k] = best
+        if not abs(A[best, k]) > 0.0 or not np.isfinite(A[best, k]):
+            return False
+        if best != k:
+            for j in range(n):
+                A[k, j], A[best, j] = A[best, j], A[k, j]
+        inverse = 1.0 / A[k, k]
+        for i in range(k + 1, n):
+            factor = A[i, k] * inverse
+            A[i, k] = factor
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    A[i, j] -= factor * A[k, j]
+    return True
+
+
+def solve_factorised(A: Matrix, pivot: NDArray[np.int64], b: NDArray[np.float64]) -> None:
+    """Replace b (n,) by the solution of the system whose factors `factorise` left in A."""
+    n = A.shape[0]
+    for k in range(n):
+        other = pivot[k]
+        b[k], b[other] = b[other], b[k]
+    for k in range(n):
+        for j in range(k):
+            b[k] -= A[k, j] * b[j]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            b[k] -= A[k, j] * b[j]
+        b[k] /= A[k, k]
