@@ -73,15 +73,16 @@ class Compiler:
     def __init__(self, key: str, owned: tuple[str, ...] = ('sma_sim.',)):
         self.folder = cache_folder(key)
         self._owned = owned
-        self._done: dict[FunctionType, Any] = {call_kernel: _native_call}
+        self._done: dict[Callable[..., Any], Any] = {call_kernel: _native_call}
 
-    def function(self, python: FunctionType) -> Any:
+    def function(self, python: Callable[..., Any]) -> Any:
         """The compiled twin of `python`; its callees of our own packages are compiled with it."""
         if python not in self._done:
             self._done[python] = self._jit(self._with_compiled_callees(python))
         return self._done[python]
 
-    def _with_compiled_callees(self, python: FunctionType) -> FunctionType:
+    def _with_compiled_callees(self, python: Callable[..., Any]) -> FunctionType:
+        assert isinstance(python, FunctionType)
         namespace = dict(python.__globals__)
         for name in python.__code__.co_names:
             callee = namespace.get(name)
@@ -95,7 +96,7 @@ class Compiler:
     def _jit(self, python: FunctionType) -> Any:
         return self._cached(lambda: numba.njit(cache=True, nogil=True, error_model='numpy')(python))
 
-    def native(self, python: FunctionType) -> Any:
+    def native(self, python: Callable[..., Any]) -> Any:
         """A C function of five addresses; keep the returned object alive as long as its ``.address`` is used."""
         signature = types.void(*([types.intp] * 5))
         twin = self._with_compiled_callees(python)
@@ -103,12 +104,13 @@ class Compiler:
 
     def _cached(self, build: Callable[[], Any]) -> Any:
         # numba reads its cache folder when it makes a dispatcher, and only then.
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(self.folder)
+        settings: Any = numba.config
+        before = settings.CACHE_DIR
+        settings.CACHE_DIR = str(self.folder)
         try:
             return build()
         finally:
-            numba.config.CACHE_DIR = before
+            settings.CACHE_DIR = before
 
 
 @cache

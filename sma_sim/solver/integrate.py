@@ -166,7 +166,7 @@ def accepted_step(
         step = rest if clipped else min(h, 0.5 * rest) if h > 0.6 * rest else h
         error = rosenbrock_step(t, step, run.y, segment, run.mode, run.x_frozen, p, w)
         run.count[N_STEPS] += 1
-        factor = min(6.0, max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
+        factor = min(2.5, max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
         if error <= 1.0:
             run.control[C_H] = max(run.control[C_H], step * factor) if step < h else step * factor
             return COMPLETED, step

@@ -117,12 +117,12 @@ class Model:
         """The size of every state, for the error control and the difference steps."""
         p = self.compiled
         L = p.beam.L
-        pose = [1e-3 * L, 0.1 * L, 0.15] if p.module else []
+        pose = [1e-3 * L, 0.01 * L, 0.15] if p.module else []
         rates = [s / RATE_TIME for s in pose]
         return np.array(pose + rates + [30.0] * p.wires + [0.5] * (p.wires if p.mas else 0))
 
 
-RATE_TIME = 0.02  # the time in which the pose is taken to change by its own size [s]
+RATE_TIME = 2e-3  # the time in which the pose is taken to change by its own size [s]
 DIFFERENCE = 1e-7  # difference steps relative to the scales
 
 

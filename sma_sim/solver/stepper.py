@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from sma_sim.model.system import System, flow
 from sma_sim.solver.linear import factorise, solve_factorised
-from sma_sim.solver.rosenbrock import RODAS4
+from sma_sim.solver.rosenbrock import RODAS4P2
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-A, C, NODES, D, H = RODAS4.a, RODAS4.C, RODAS4.c, RODAS4.d, RODAS4.H
-GAMMA, STAGES, ORDER = RODAS4.gamma, 6, RODAS4.order
+A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
+GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
 TIME_STEP = 1e-7  # for the partial derivative of the flow in time [s]
 
 
