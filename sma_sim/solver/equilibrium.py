@@ -7,55 +7,52 @@ import numpy as np
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.system import O_S_A, O_S_M, O_SIGMA, O_X, System, flow
 from sma_sim.solver.linear import factorise, solve_factorised
-from sma_sim.solver.stepper import Integers, Matrix, Vector
+from sma_sim.solver.stepper import Integers, Matrix, Vector, Work
 
 NEWTON_STEPS = 50
 
 
 def settle(
-    y: Vector, u: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
 ) -> bool:
     """Move the pose in `y` to static equilibrium in the given modes (Newton); False if it was not found.
 
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
     """
-    n = y.shape[0]
-    still = np.zeros(u.shape[0])
-    f, f_moved = np.empty(n), np.empty(n)
-    matrix, step, pivot = np.empty((3, 3)), np.empty(3), np.empty(3, dtype=np.int64)
+    matrix, step = w.matrix[:3, :3], w.y_new[:3]
     for _ in range(NEWTON_STEPS):
-        flow(0.0, y, u, still, mode, x_frozen, p, f, obs)
+        flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
         for j in range(3):
             kept = y[j]
-            y[j] = kept + increment[j]
+            y[j] = kept + w.increment[j]
             delta = y[j] - kept
-            flow(0.0, y, u, still, mode, x_frozen, p, f_moved, obs)
+            flow(0.0, y, u, still, mode, x_frozen, p, w.f_stage, w.obs)
             y[j] = kept
             for i in range(3):
-                matrix[i, j] = (f_moved[3 + i] - f[3 + i]) / delta
+                matrix[i, j] = (w.f_stage[3 + i] - w.f[3 + i]) / delta
         for i in range(3):
-            step[i] = f[3 + i]
-        if not factorise(matrix, pivot):
+            step[i] = w.f[3 + i]
+        if not factorise(matrix, w.pivot):
             return False
-        solve_factorised(matrix, pivot, step)
+        solve_factorised(matrix, w.pivot, step)
         size = 0.0
         for j in range(3):
             y[j] -= step[j]
-            size = max(size, abs(step[j]) / increment[j])
+            size = max(size, abs(step[j]) / w.increment[j])
         if not np.isfinite(size):
             return False
         if size < 1e-8:
-            flow(0.0, y, u, still, mode, x_frozen, p, f, obs)
+            flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
             return True
     return False
 
 
 def start(
-    y: Vector, u: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+    y: Vector, u: Vector, still: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
 ) -> bool:
     """Fill `y`, `mode` and `x_frozen` with a start at rest; False when no equilibrium was found.
 
-    `wanted` is x_M per wire; NaN asks for sigma = sigma_A. A fraction that no mode admits is moved to the
+    `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A. A fraction that no mode admits is moved to the
     nearest one that does, where the stress lies on the edge of the hysteresis.
     """
     for i in range(p.wires):
@@ -64,12 +61,12 @@ def start(
         if np.isnan(wanted[i]):
             x_frozen[i], mode[i] = 0.5, TO_MARTENSITE
     for _ in range(8 * p.wires):
-        if not equilibrium(y, u, mode, x_frozen, p, increment, obs):
+        if not equilibrium(y, u, still, mode, x_frozen, p, w):
             return False
-        if not move_to_admitted(mode, x_frozen, p, obs):
+        if not move_to_admitted(mode, x_frozen, p, w.obs):
             break
     for i in range(p.wires):
-        x_frozen[i] = min(max(obs[i, O_X], 0.0), 1.0)
+        x_frozen[i] = min(max(w.obs[i, O_X], 0.0), 1.0)
         mode[i] = AUSTENITE if x_frozen[i] <= 0.0 else MARTENSITE if x_frozen[i] >= 1.0 else INNER
         if p.mas:
             y[p.first_x + i] = x_frozen[i]
@@ -77,13 +74,12 @@ def start(
 
 
 def equilibrium(
-    y: Vector, u: Vector, mode: Integers, x_frozen: Vector, p: System, increment: Vector, obs: Matrix
+    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
 ) -> bool:
     """Static equilibrium of the module; the wire has its strain from the input."""
     if p.module:
-        return settle(y, u, mode, x_frozen, p, increment, obs)
-    f = np.empty(y.shape[0])
-    flow(0.0, y, u, np.zeros(u.shape[0]), mode, x_frozen, p, f, obs)
+        return settle(y, u, still, mode, x_frozen, p, w)
+    flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
     return True
 
 

@@ -143,15 +143,21 @@ def run_segment(
         next_sample = sample_step(t, h, t_new, theta > 1.0, run, segment, p, w, samples, sample_times, next_sample)
         if theta < 1.0:
             dense(theta, run.y, w)
-            run.y[:] = w.y_dense
+            replace(run.y, w.y_dense)
         else:
-            run.y[:] = w.y_new
+            replace(run.y, w.y_new)
         t = t_new
         if theta <= 1.0:
             jump_now(t, run, segment, p, w, jumps)
         else:
             remember_fraction(run.mode, run.x_frozen, p, w.obs_jacobian)
     return COMPLETED, next_sample
+
+
+def replace(y: Vector, new: Vector) -> None:
+    """Copy `new` into `y`."""
+    for i in range(y.shape[0]):
+        y[i] = new[i]
 
 
 def accepted_step(
@@ -173,8 +179,9 @@ def accepted_step(
         run.count[N_REJECTED] += 1
         h = step * factor
         run.control[C_H] = h
-        if not np.all(np.isfinite(run.y)):
-            return NOT_FINITE, h
+        for i in range(run.y.shape[0]):
+            if not np.isfinite(run.y[i]):
+                return NOT_FINITE, h
         if h < MIN_STEP * (t - segment.t_0) + 1e-3 * MIN_STEP:
             return STEP_UNDERFLOW, h
 
@@ -226,7 +233,9 @@ def integrate(
     next_sample = 0
     status = COMPLETED
     for k in range(times.shape[0] - 1):
-        moving = time_dependent or np.any(slopes[k] != 0.0)
+        moving = time_dependent
+        for j in range(slopes.shape[1]):
+            moving = moving or slopes[k, j] != 0.0
         segment = Segment(times[k], inputs[k], slopes[k], moving)
         status, next_sample = run_segment(
             times[k + 1], run, segment, p, w, limits, samples, sample_times, next_sample, jumps

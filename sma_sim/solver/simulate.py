@@ -159,7 +159,7 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
         y[p.first_x : p.first_x + p.wires] = np.where(np.isnan(wanted), 0.5, wanted)
     mode, x_frozen = np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires)
     hybrid = p._replace(mas=False)
-    if not package_compiler().function(start)(y, u, wanted, mode, x_frozen, hybrid, work.increment, work.obs):
+    if not package_compiler().function(start)(y, u, np.zeros_like(u), wanted, mode, x_frozen, hybrid, work):
         raise SimulationError('no static equilibrium of beam and wires was found; check beam.*, plate.*, wire.l0')
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = x_frozen
