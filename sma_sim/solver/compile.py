@@ -94,7 +94,12 @@ class Compiler:
         return twin
 
     def _jit(self, python: FunctionType) -> Any:
-        return self._cached(lambda: numba.njit(cache=True, nogil=True, error_model='numpy', _nrt=False)(python))
+        inline = python.__module__.startswith('sma_sim.model') and python.__name__ != 'flow'
+        return self._cached(
+            lambda: numba.njit(
+                cache=True, nogil=True, error_model='numpy', _nrt=False, forceinline=inline
+            )(python)
+        )
 
     def native(self, python: Callable[..., Any]) -> Any:
         """A C function of five addresses; keep the returned object alive as long as its ``.address`` is used."""
