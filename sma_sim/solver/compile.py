@@ -24,6 +24,8 @@ from sma_sim.model.effects.ports import call_kernel
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
+# The large functions; all others are small and are inlined where they are called.
+OUT_OF_LINE = ('flow', 'flow_at', 'linearise', 'rosenbrock_step', 'observe', 'crossing', 'run_segment', 'integrate', 'start')
 
 
 @intrinsic
@@ -94,7 +96,7 @@ class Compiler:
         return twin
 
     def _jit(self, python: FunctionType) -> Any:
-        inline = python.__module__.startswith('sma_sim.model') and python.__name__ != 'flow'
+        inline = python.__name__ not in OUT_OF_LINE
         return self._cached(
             lambda: numba.njit(
                 cache=True, nogil=True, error_model='numpy', _nrt=False, forceinline=inline

@@ -52,8 +52,8 @@ def start(
 ) -> bool:
     """Fill `y`, `mode` and `x_frozen` with a start at rest; False when no equilibrium was found.
 
-    `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A. A fraction that no mode admits is moved to the
-    nearest one that does, where the stress lies on the edge of the hysteresis.
+    `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A. A fraction that no
+    mode admits is moved to the nearest one that does, where the stress lies on the edge of the hysteresis.
     """
     for i in range(p.wires):
         x_frozen[i] = wanted[i]
