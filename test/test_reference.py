@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sma_sim.solver.simulate import Input, Model, defaults, simulate
+from sma_sim import Config, Input, Model, default_parameters, simulate
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
 pytestmark = pytest.mark.skipif(not REFERENCE.is_dir(), reason='reference trajectories are not on this machine')
@@ -19,10 +19,10 @@ def table(name):
 @pytest.mark.parametrize('case', ['steps', 'random_a', 'random_b'])
 def test_module(case, kind):
     command, expected = table(f'module_{case}_input.csv'), table(f'module_{case}_{kind}.csv')
-    parameters = defaults() | {'initial.x_M_1': 0.561235873, 'initial.x_M_2': 0.561235873}
+    parameters = default_parameters() | {'initial.x_M_1': 0.561235873, 'initial.x_M_2': 0.561235873}
     ambient = np.full(len(command), 298.0)
     source = Input(command['time_s'], np.column_stack([command['J_eq_W'], ambient]), (False, False))
-    run = simulate(Model(parameters, 'module', kind), source, expected['time_s'])
+    run = simulate(Model(Config(parameters, 'module', kind)), source, expected['time_s'])
     assert run.completed
     assert np.degrees(np.abs(run['alpha_rad'] - expected['alpha_rad'])).max() < 1e-3
     assert np.abs(run['U_x_m'] - expected['U_x_m']).max() < 1e-8
@@ -36,7 +36,7 @@ def test_wire_hybrid(case):
     command, expected = table(f'wire_{case}_input.csv'), table(f'wire_{case}_hybrid.csv')
     values = np.column_stack([command['strain'], command['J_W'], command['T_E_K']])
     source = Input(command['time_s'], values, (True, False, False))
-    run = simulate(Model(defaults(), 'wire', 'hybrid'), source, expected['time_s'])
+    run = simulate(Model(Config(system='wire')), source, expected['time_s'])
     error = run['stress_Pa'] - expected['stress_Pa'][: len(run.time)]
     assert run.completed
     assert np.sqrt(np.mean(error**2)) < 0.02e6
@@ -49,8 +49,8 @@ def test_wire_isotherm_mas(temperature):
     strain = np.array([0.0, 0.075, 0.02, 0.05, 0.0])
     times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(strain))) / 1e-4])
     # an isotherm: the wire is kept at ambient temperature by a very large cooling coefficient
-    parameters = defaults() | {'wire.lambda': 1e6}
+    parameters = default_parameters() | {'wire.lambda': 1e6}
     values = np.column_stack([strain, np.zeros(5), np.full(5, float(temperature))])
-    run = simulate(Model(parameters, 'wire', 'mas'), Input(times, values, (True, False, False)), expected['time_s'])
+    run = simulate(Model(Config(parameters, 'wire', 'mas')), Input(times, values, (True, False, False)), expected['time_s'])
     error = run['stress_Pa'] - expected['stress_Pa'][: len(run.time)]
     assert np.sqrt(np.mean(error**2)) < 0.05e6

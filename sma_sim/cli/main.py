@@ -7,8 +7,7 @@ import sys
 import traceback
 
 from sma_sim.cli import simulate
-from sma_sim.cli.errors import UserError
-from sma_sim.model.config import ConfigError
+from sma_sim.model.errors import UserError
 
 VERBS = (simulate,)
 
@@ -24,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     try:
         chosen.run(chosen)
-    except (UserError, ConfigError) as error:
+    except UserError as error:
         print(f'sma-sim {chosen.verb}: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:

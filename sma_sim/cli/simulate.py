@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.errors import UserError
 from sma_sim.cli.tables import read_columns, write_columns
 from sma_sim.model.config import read_config
+from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import Input, Model, SimulationError, simulate
 
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     config = read_config(arguments.config, words)
     if not 0.0 < arguments.rate <= 1e6:
         raise UserError(f'--rate {arguments.rate:g}: expected more than 0 and at most 1e6 samples per second')
-    model = Model(dict(config.parameters), config.system, config.model)
+    model = Model(config)
     read = read_wire_input if config.system == 'wire' else read_module_input
     T_E = config.parameters['environment.T_E']
     source = read(arguments.input, T_E, arguments.interpolation == 'linear')

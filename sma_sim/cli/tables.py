@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.cli.errors import UserError
+from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 

@@ -5,58 +5,89 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.effects.library import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import DEFAULTS, Parameter
 
 CHOICES = {'system': ('module', 'wire'), 'model': ('hybrid', 'mas')}
-IGNORED_GROUPS = ('node',)  # for the ROS node only
+EFFECT_LISTS = ('effects.active', 'effects.paths')
+COMMAND_LINE = 'on the command line'
 
 
-class ConfigError(ValueError):
+class ConfigError(UserError):
     """A parameter that is wrong; the message names it, what was given, what is expected and where to change it."""
+
+
+def default_parameters() -> dict[str, float]:
+    """The paper's values by full name."""
+    return {name: parameter.default for name, parameter in DEFAULTS.items()}
 
 
 @dataclass(frozen=True)
 class Config:
-    """Checked parameters: numbers by full name, the system and the kinetics."""
+    """Checked parameters: numbers by full name, the system, the kinetics, the active effects."""
 
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, float] = field(default_factory=default_parameters)
     system: str = 'module'
     model: str = 'hybrid'
+    effects: tuple[ActiveEffect, ...] = ()
 
 
-def default_config() -> Config:
-    """The paper's module."""
-    return Config({name: parameter.default for name, parameter in DEFAULTS.items()})
+@dataclass(frozen=True)
+class Given:
+    """A value as given, where it was given, and the folder to which paths in it are relative."""
+
+    value: Any
+    where: str
+    folder: Path = Path()
 
 
-def read_config(path: Path | None = None, words: Iterable[str] = ()) -> Config:
+def read_config(path: Path | None = None, words: Iterable[str] = (), effects: Iterable[str] = ()) -> Config:
     """Parameters of a YAML file (the defaults where it is silent), then ``name=value`` words over them.
 
-    Raises ConfigError.
+    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``. Raises UserError.
     """
-    given: dict[str, tuple[Any, str]] = {}
+    given: dict[str, Given] = {}
     if path is not None:
-        given |= {name: (value, f'in {path}') for name, value in flatten(read_yaml(path)).items()}
+        given |= {name: Given(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path)).items()}
     for word in words:
         name, equals, text = word.partition('=')
         if not equals:
             raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
-        given[name] = (parse(text), 'given with --set')
+        given[name] = Given(parse(name, text), COMMAND_LINE)
+    for word in effects:
+        add_effect(word, given)
     return checked(given)
 
 
-def parse(text: str) -> Any:
-    """A value from the command line: a number where it reads as one."""
+def parse(name: str, text: str) -> Any:
+    """A value from the command line: a list for the lists of effects, a number where it reads as one."""
+    if name in EFFECT_LISTS:
+        return [word for word in text.split(',') if word]
     try:
         return float(text)
     except ValueError:
         return text
+
+
+def add_effect(word: str, given: dict[str, Given]) -> None:
+    """Put ``name:parameter=value,...`` into the given parameters."""
+    name, _, settings = word.partition(':')
+    before = given.get('effects.active', Given([], COMMAND_LINE))
+    names = names_in('effects.active', before)
+    given['effects.active'] = Given([*names, *([] if name in names else [name])], COMMAND_LINE)
+    for setting in settings.split(',') if settings else ():
+        parameter, equals, text = setting.partition('=')
+        if not equals:
+            raise ConfigError(f'--effect {word}: expected name:parameter=value,..., got {setting!r}')
+        full = f'effects.{name}.{parameter.strip()}'
+        given[full] = Given(parse(full, text), COMMAND_LINE)
 
 
 def read_yaml(path: Path) -> Mapping[str, Any]:
@@ -72,11 +103,13 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     merged: dict[str, Any] = {}
     nodes = [v['ros__parameters'] for v in content.values() if isinstance(v, dict) and 'ros__parameters' in v]
     for node in nodes or [content]:
+        if not isinstance(node, dict):
+            raise ConfigError(f'{path}: expected a mapping below ros__parameters, got {type(node).__name__}')
         merged |= node
     return merged
 
 
-def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+def flatten(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
     """Nested names joined with dots."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
@@ -87,35 +120,98 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
-def checked(given: Mapping[str, tuple[Any, str]]) -> Config:
-    """Names, types and ranges checked; defaults filled in."""
-    numbers = {name: parameter.default for name, parameter in DEFAULTS.items()}
+def checked(given: Mapping[str, Given]) -> Config:
+    """Names, types and ranges checked; defaults filled in. Raises UserError."""
+    known = {name: Given(parameter.default, 'default') for name, parameter in DEFAULTS.items()}
+    found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
+    declared = dict(DEFAULTS) | effect_parameters(found)
     words = {name: choices[0] for name, choices in CHOICES.items()}
-    for name, (value, where) in given.items():
+    for name, one in given.items():
         if name in CHOICES:
-            if value not in CHOICES[name]:
-                raise ConfigError(f'{name} = {value!r} ({where}): expected one of {", ".join(CHOICES[name])}')
-            words[name] = value
-        elif name.split('.')[0] not in IGNORED_GROUPS:
-            numbers[name] = checked_number(name, value, where)
-    return Config(numbers, words['system'], words['model'])
+            words[name] = checked_choice(name, one)
+        elif name not in EFFECT_LISTS:
+            known[name] = Given(checked_number(name, one, declared), one.where)
+    active = names_in('effects.active', given.get('effects.active', Given([], '')))
+    effects = tuple(active_effect(name, found, known, given) for name in active)
+    values = {name: float(known[name].value) for name in DEFAULTS}
+    return Config(values, words['system'], words['model'], effects)
 
 
-def checked_number(name: str, value: Any, where: str) -> float:
+def checked_choice(name: str, one: Given) -> str:
+    """One of a few words."""
+    if one.value not in CHOICES[name]:
+        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(CHOICES[name])}')
+    return str(one.value)
+
+
+def names_in(name: str, one: Given) -> list[str]:
+    """A list of words, without the empty ones (ROS 2 cannot write an empty list)."""
+    words = one.value if isinstance(one.value, list | tuple) else [one.value]
+    if not all(isinstance(word, str) for word in words):
+        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected a list of names, such as [gravity]')
+    words = [word for word in words if word]
+    doubled = [word for word in words if words.count(word) > 1]
+    if doubled:
+        raise ConfigError(f'{name} ({one.where}): {doubled[0]} is there twice')
+    return words
+
+
+def effect_folders(one: Given) -> list[Path]:
+    """Folders of the user's effects; relative ones start at the YAML file's folder."""
+    return [one.folder / Path(word).expanduser() for word in names_in('effects.paths', one)]
+
+
+def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:
+    """Parameters of all effects by full name."""
+    return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.effect.parameters}
+
+
+def active_effect(
+    name: str, found: Mapping[str, FoundEffect], known: Mapping[str, Given], given: Mapping[str, Given]
+) -> ActiveEffect:
+    """An effect with its parameters, their defaults where nothing was given."""
+    if name not in found:
+        where = given['effects.active'].where
+        raise ConfigError(
+            f'unknown effect {name} (effects.active, {where}){suggestion(name, found)}; known are '
+            f'{", ".join(sorted(found))}; your own need their folder in effects.paths'
+        )
+    names = {p.name: f'effects.{name}.{p.name}' for p in found[name].effect.parameters}
+    values = [
+        float(known[names[p.name]].value) if names[p.name] in known else p.default for p in found[name].effect.parameters
+    ]
+    return ActiveEffect(found[name], tuple(values))
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """What may have been meant."""
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+    return f'; did you mean {" or ".join(close)}?' if close else ''
+
+
+def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> float:
     """One number within its bounds."""
-    if name not in DEFAULTS:
-        close = difflib.get_close_matches(name, [*DEFAULTS, *CHOICES], n=3, cutoff=0.4)
-        hint = f'; did you mean {" or ".join(close)}?' if close else ''
-        raise ConfigError(f'unknown parameter {name} ({where}){hint}')
-    parameter = DEFAULTS[name]
+    if name not in declared:
+        hint = suggestion(name, [*declared, *CHOICES, *EFFECT_LISTS])
+        raise ConfigError(f'unknown parameter {name} ({one.where}){hint}')
+    parameter, value = declared[name], one.value
     low, high = parameter.bounds
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f'{name} = {value!r} ({where}): expected a number in {parameter.unit}')
+        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number in {parameter.unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):
         return number
     if not low <= number <= high:
         raise ConfigError(
-            f'{name} = {number:g} {parameter.unit} ({where}): expected {low:g} to {high:g} {parameter.unit}'
+            f'{name} = {number:g} {parameter.unit} ({one.where}): expected {low:g} to {high:g} {parameter.unit}'
         )
     return number
+
+
+def yaml_hint(value: Any) -> str:
+    """YAML reads 12e9 as text: say how to write it."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return ''
+    return f'; write {number:e} (YAML wants a point and a sign in the exponent)' if isinstance(value, str) else ''

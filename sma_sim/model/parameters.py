@@ -78,6 +78,15 @@ SOLVER_PARAMETERS = (
     Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/solver.md'),
 )
 
+NODE_PARAMETERS = (
+    Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second',
+              source='docs/node.md'),
+    Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic', source='docs/node.md'),
+    Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
+              source='docs/node.md'),
+    Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source='docs/node.md'),
+)  # fmt: skip
+
 GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'wire': WIRE_PARAMETERS,
     'beam': BEAM_PARAMETERS,
@@ -85,6 +94,7 @@ GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'environment': ENVIRONMENT_PARAMETERS,
     'initial': INITIAL_PARAMETERS,
     'solver': SOLVER_PARAMETERS,
+    'node': NODE_PARAMETERS,
 }
 DEFAULTS: Mapping[str, Parameter] = {
     f'{group}.{parameter.name}': parameter for group, members in GROUPS.items() for parameter in members

@@ -332,6 +332,33 @@ def accelerations(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
     dy[3], dy[4], dy[5] = F_x / b.m_H, F_y / b.m_H, M / b.J_H
 
 
+def start_states(y: Vector, p: System, obs: Vector) -> None:
+    """Set the extra states of the effects to their first values, for the pose in `y` and the wires in `obs`."""
+    e = p.effects
+    for port in range(SENSING + 1):
+        for k in range(e.port_start[port], e.port_start[port + 1]):
+            if e.start[k] == 0:
+                continue
+            if port == SENSING:
+                for channel in range(9):
+                    if e.slot[k, channel] >= 0:
+                        e.s[S_VALUE], e.s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
+                        start_instance(k, e.slot[k, channel], e.wire, y, e)
+            elif port == STRUCTURE_FORCE:
+                start_instance(k, 0, e.beam, y, e)
+            else:
+                for i in range(p.wires):
+                    focus(i, y, p, obs)
+                    start_instance(k, i, e.wire, y, e)
+
+
+def start_instance(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable) -> None:
+    """First values of the states of one instance of effect `k`."""
+    call_effect(e.start[k], k, instance, constants, y, e)
+    for j in range(e.states[k]):
+        y[e.state_start[k] + instance * e.states[k] + j] = e.out[j]
+
+
 def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
     """The true value of a sensor channel, in the order of CHANNELS."""
     if channel < 3:
@@ -351,10 +378,10 @@ def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) 
     value = true_channel(channel, y, p, obs)
     e.s[S_CHANNEL] = channel
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
-        if channel < e.channels[k]:
+        if e.slot[k, channel] >= 0:
             e.s[S_VALUE] = value
-            add_rates(k, channel, e.wire, y, e, dy)
-            call_effect(e.value[k], k, channel, e.wire, y, e)
+            add_rates(k, e.slot[k, channel], e.wire, y, e, dy)
+            call_effect(e.value[k], k, e.slot[k, channel], e.wire, y, e)
             value = e.out[0]
     return value
 

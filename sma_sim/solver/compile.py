@@ -25,7 +25,10 @@ from sma_sim.model.effects.ports import call_kernel
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
 # The large functions; all others are small and are inlined where they are called.
-OUT_OF_LINE = ('flow', 'flow_at', 'linearise', 'rosenbrock_step', 'observe', 'crossing', 'run_segment', 'integrate', 'start')
+OUT_OF_LINE = (
+    'flow', 'flow_at', 'linearise', 'rosenbrock_step', 'observe', 'crossing', 'run_segment', 'integrate', 'integrate_held',
+    'start',
+)
 
 
 @intrinsic
@@ -83,12 +86,12 @@ class Compiler:
             self._done[python] = self._jit(self._with_compiled_callees(python))
         return self._done[python]
 
-    def _with_compiled_callees(self, python: Callable[..., Any]) -> FunctionType:
+    def _with_compiled_callees(self, python: Callable[..., Any], *more: Callable[..., Any]) -> FunctionType:
         assert isinstance(python, FunctionType)
         namespace = dict(python.__globals__)
         for name in python.__code__.co_names:
             callee = namespace.get(name)
-            if isinstance(callee, FunctionType) and callee.__module__.startswith(self._owned):
+            if isinstance(callee, FunctionType) and (callee in more or callee.__module__.startswith(self._owned)):
                 namespace[name] = self.function(callee)
         twin = FunctionType(python.__code__, namespace, python.__name__, python.__defaults__, python.__closure__)
         twin.__module__ = python.__module__
@@ -97,15 +100,15 @@ class Compiler:
 
     def _jit(self, python: FunctionType) -> Any:
         # No reference counts (_nrt): our functions allocate nothing, and counting costs ten times the arithmetic.
-        options: dict[str, Any] = {'_nrt': False, 'forceinline': python.__name__ not in OUT_OF_LINE}
-        return self._cached(
-            lambda: numba.njit(cache=True, nogil=True, error_model='numpy', **options)(python)
-        )
+        large = python.__name__ in OUT_OF_LINE
+        options: dict[str, Any] = {'_nrt': False, 'forceinline': not large, 'cache': large}
+        return self._cached(lambda: numba.njit(nogil=True, error_model='numpy', **options)(python))
 
-    def native(self, python: Callable[..., Any]) -> Any:
-        """A C function of five addresses; keep the returned object alive as long as its ``.address`` is used."""
-        signature = types.void(*([types.intp] * 5))
-        twin = self._with_compiled_callees(python)
+    def native(self, python: Callable[..., Any], kernel: Callable[..., Any]) -> Any:
+        """A C function of five data addresses that calls `kernel`; keep what is returned while its address is used."""
+        kinds: Any = types
+        signature = kinds.void(*([kinds.CPointer(kinds.float64)] * 5))
+        twin = self._with_compiled_callees(python, kernel)
         return self._cached(lambda: numba.cfunc(signature, cache=True, error_model='numpy')(twin))
 
     def _cached(self, build: Callable[[], Any]) -> Any:

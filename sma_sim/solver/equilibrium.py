@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.system import O_S_A, O_S_M, O_SIGMA, O_X, System, flow
+from sma_sim.model.system import O_S_A, O_S_M, O_SIGMA, O_X, System, flow, share_state, start_states
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.stepper import Integers, Matrix, Vector, Work
 
@@ -21,12 +21,12 @@ def settle(
     """
     matrix, step = w.matrix[:3, :3], w.y_new[:3]
     for _ in range(NEWTON_STEPS):
-        flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
+        balance(y, u, still, mode, x_frozen, p, w, w.f)
         for j in range(3):
             kept = y[j]
             y[j] = kept + w.increment[j]
             delta = y[j] - kept
-            flow(0.0, y, u, still, mode, x_frozen, p, w.f_stage, w.obs)
+            balance(y, u, still, mode, x_frozen, p, w, w.f_stage)
             y[j] = kept
             for i in range(3):
                 matrix[i, j] = (w.f_stage[3 + i] - w.f[3 + i]) / delta
@@ -42,7 +42,7 @@ def settle(
         if not np.isfinite(size):
             return False
         if size < 1e-8:
-            flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
+            balance(y, u, still, mode, x_frozen, p, w, w.f)
             return True
     return False
 
@@ -79,8 +79,17 @@ def equilibrium(
     """Static equilibrium of the module; the wire has its strain from the input."""
     if p.module:
         return settle(y, u, still, mode, x_frozen, p, w)
-    flow(0.0, y, u, still, mode, x_frozen, p, w.f, w.obs)
+    balance(y, u, still, mode, x_frozen, p, w, w.f)
     return True
+
+
+def balance(
+    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work, f: Vector
+) -> None:
+    """The flow at rest, with the extra states of effects at their first values for this pose."""
+    share_state(0.0, y, u[-1], p)
+    start_states(y, p, w.obs)
+    flow(0.0, y, u, still, mode, x_frozen, p, f, w.obs)
 
 
 def move_to_admitted(mode: Integers, x_frozen: Vector, p: System, obs: Matrix) -> bool:

@@ -249,3 +249,25 @@ def integrate(
         observe(sample_times[next_sample], run.y, run, segment, p, w, samples[next_sample])
         next_sample += 1
     return COMPLETED, next_sample
+
+
+def integrate_held(
+    k_0: int, rate: float, inputs: Matrix, still: Vector, time_dependent: bool, every: int, run: Run, p: System, w: Work,
+    limits: Limits, samples: Matrix, jumps: Matrix,
+) -> tuple[int, int]:  # fmt: skip
+    """Fixed steps from k_0/rate on, `inputs[i]` held over step k_0 + i, with a sample after every `every`-th step.
+
+    Returns the reason for the end and the number of samples written.
+    """
+    written = 0
+    for i in range(inputs.shape[0]):
+        k = k_0 + i + 1
+        segment = Segment((k - 1) / rate, inputs[i], still, time_dependent)
+        status, _ = run_segment(k / rate, run, segment, p, w, limits, samples, still[:0], 0, jumps)
+        if status != COMPLETED:
+            return status, written
+        jump_now(k / rate, run, segment, p, w, jumps)
+        if k % every == 0:
+            observe(k / rate, run.y, run, segment, p, w, samples[written])
+            written += 1
+    return COMPLETED, written

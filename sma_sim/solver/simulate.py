@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
-from sma_sim.model.effects.ports import S_SIZE, EffectTable
-from sma_sim.model.parameters import DEFAULTS, beam_constants, wire_constants
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.model.system import O_SIZE, System
 from sma_sim.solver.compile import package_compiler
+from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.integrate import (
     C_H,
@@ -39,7 +42,7 @@ from sma_sim.solver.stepper import Work
 Vector = NDArray[np.float64]
 
 
-class SimulationError(Exception):
+class SimulationError(UserError):
     """A run that cannot be started, with the reason for a person to read."""
 
 
@@ -79,6 +82,7 @@ class Trajectory:
     steps: int
     rejected: int
     chattering: int
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Vector:
         return self.columns[name]
@@ -86,60 +90,60 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Model:
-    """A model ready to run: parameters by name (``wire.E_A``, ...), the system and its kinetics."""
+    """A model ready to run."""
 
-    parameters: dict[str, float]
-    system: str = 'module'
-    model: str = 'hybrid'
+    config: Config = field(default_factory=Config)
+
+    @property
+    def wires(self) -> int:
+        """Number of wires (bundles, in the module)."""
+        return 2 if self.config.system == 'module' else 1
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether the flow depends on time other than through the input."""
+        return any(active.found.effect.uses_time for active in self.config.effects)
 
     @cached_property
     def compiled(self) -> System:
         """What the compiled flow reads."""
-        module, mas = self.system == 'module', self.model == 'mas'
-        wires = 2 if module else 1
+        config = self.config
+        module, mas = config.system == 'module', config.model == 'mas'
         first_T = 6 if module else 0
-        wire, beam = wire_constants(self.parameters), beam_constants(self.parameters)
-        empty = np.zeros(0, dtype=np.int64)
-        table = EffectTable(
-            port_start=np.zeros(8, dtype=np.int64), value=empty, rate=empty, start=empty, states=empty,
-            state_start=empty, channels=empty, depends_on_x=empty, parameter_start=empty,
-            parameters=np.zeros(0), s=np.zeros(S_SIZE), wire=np.array(wire), beam=np.array(beam), out=np.zeros(8),
-        )  # fmt: skip
-        return System(module, mas, wires, first_T, first_T + wires, wire, beam, table)
+        first_x = first_T + self.wires
+        wire, beam = wire_constants(config.parameters), beam_constants(config.parameters)
+        table, _ = effect_table(config.effects, module, first_x + (self.wires if mas else 0), wire, beam)
+        return System(module, mas, self.wires, first_T, first_x, wire, beam, table)
 
-    @property
-    def size(self) -> int:
-        """Number of continuous states."""
-        p = self.compiled
-        return p.first_x + (p.wires if p.mas else 0)
-
+    @cached_property
     def scales(self) -> Vector:
-        """The size of every state, for the error control and the difference steps."""
-        p = self.compiled
-        L = p.beam.L
-        pose = [1e-3 * L, 0.01 * L, 0.15] if p.module else []
+        """The size of every state, for the error control and the difference steps; its length is the state's."""
+        config = self.config
+        module = config.system == 'module'
+        L = config.parameters['beam.L']
+        pose = [1e-3 * L, 0.01 * L, 0.15] if module else []
         rates = [s / RATE_TIME for s in pose]
-        return np.array(pose + rates + [30.0] * p.wires + [0.5] * (p.wires if p.mas else 0))
+        wires = [30.0] * self.wires + [0.5] * (self.wires if config.model == 'mas' else 0)
+        p = self.compiled
+        _, extra = effect_table(config.effects, module, len(pose + rates + wires), p.wire, p.beam)
+        return np.array(pose + rates + wires + extra)
 
 
 RATE_TIME = 2e-3  # the time in which the pose is taken to change by its own size [s]
+MAX_JUMPS = 100_000  # the log of jumps holds no more
+PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
-
-
-def defaults() -> dict[str, float]:
-    """The paper's parameters, by name."""
-    return {name: parameter.default for name, parameter in DEFAULTS.items()}
 
 
 def new_work(model: Model) -> Work:
     """Scratch memory for the runs of a model."""
-    n, p = model.size, model.compiled
-    scales = model.scales()
+    p, scales = model.compiled, model.scales
+    n = len(scales)
     return Work(
         jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64), f=np.zeros(n),
         f_t=np.zeros(n), f_stage=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(2 if p.module else 3),
         stages=np.zeros((6, n)), y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
-        increment=DIFFERENCE * scales, weight=model.parameters['solver.rtol'] * scales,
+        increment=DIFFERENCE * scales, weight=model.config.parameters['solver.rtol'] * scales,
         obs=np.zeros((p.wires, O_SIZE)), obs_jacobian=np.zeros((p.wires, O_SIZE)),
     )  # fmt: skip
 
@@ -150,11 +154,11 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
     Raises SimulationError when there is no equilibrium.
     """
     p = model.compiled
-    y = np.zeros(model.size)
+    y = np.zeros(len(model.scales))
     u = np.array(first_input, dtype=float)
     u[0 if p.module else 1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[-1]
-    wanted = np.array([model.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
+    wanted = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = np.where(np.isnan(wanted), 0.5, wanted)
     mode, x_frozen = np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires)
@@ -169,43 +173,110 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
     return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
-def pieces(source: Input) -> tuple[Vector, Vector, Vector]:
-    """Times, values and slopes of the stretches of an input, equal neighbours joined."""
-    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
+def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
+    """Times, values and slopes of the stretches of an input, equal neighbours joined.
+
+    A linear column is split where it crosses zero: heating as a function of J_eq has a kink there.
+    """
+    times, values = with_zero_crossings(source)
     slopes = np.zeros_like(values)
     linear = np.array(source.linear)
     if len(times) > 1:
         slopes[:-1, linear] = (np.diff(values[:, linear], axis=0).T / np.diff(times)).T
     keep = np.ones(len(times), dtype=bool)
     if len(times) > 2:
-        same = (values[1:-1] == values[:-2]).all(axis=1) & (slopes[1:-1] == 0).all(axis=1) & (slopes[:-2] == 0).all(axis=1)
-        keep[1:-1] = ~same
+        still = (slopes[1:-1] == 0).all(axis=1) & (slopes[:-2] == 0).all(axis=1)
+        keep[1:-1] = ~(still & (values[1:-1] == values[:-2]).all(axis=1))
     return times[keep], values[keep], slopes[keep]
 
 
+def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
+    """Times and values with a row where a linear column passes through zero."""
+    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
+    for column in np.flatnonzero(source.linear):
+        before, after = values[:-1, column], values[1:, column]
+        at = np.flatnonzero(before * after < 0.0)
+        if len(at) == 0:
+            continue
+        part = before[at] / (before[at] - after[at])
+        rows = values[at].copy()
+        for other in np.flatnonzero(source.linear):
+            rows[:, other] += part * (values[at + 1, other] - values[at, other])
+        rows[:, column] = 0.0
+        when = times[at] + part * (times[at + 1] - times[at])
+        inside = (when > times[at]) & (when < times[at + 1])
+        times = np.insert(times, at[inside] + 1, when[inside])
+        values = np.insert(values, at[inside] + 1, rows[inside], axis=0)
+    return times, values
+
+
 def simulate(
-    model: Model, source: Input, sample_times: Vector, max_step: float = np.inf, max_steps: int = 10_000_000
+    model: Model,
+    source: Input,
+    sample_times: Vector,
+    max_step: float = np.inf,
+    max_steps: int = 10_000_000,
+    progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Run `model` under an input and sample it at `sample_times` (increasing, within the input's times)."""
+    """Run `model` under an input and sample it at `sample_times` (increasing, within the input's times).
+
+    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is.
+    Raises SimulationError when there is no start.
+    """
     times, values, slopes = pieces(source)
     work = new_work(model)
     run = new_run(model, values[0], work)
-    samples = np.full((len(sample_times), SAMPLE_SIZE), np.nan)
-    jumps = np.zeros((100_000, 3))
-    status, written = package_compiler().function(integrate)(
-        times, values, slopes, False, run, model.compiled, work, Limits(max_step, max_steps), samples,
-        np.asarray(sample_times, float), jumps,
-    )  # fmt: skip
+    start_notes = notes_on_start(model, run)
+    asked = np.asarray(sample_times, float)
+    samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
+    jumps = np.zeros((MAX_JUMPS, 3))
+    limits = Limits(max_step, max_steps)
+    compiled, integrate_pieces = model.compiled, package_compiler().function(integrate)
+    written, reason = 0, REASONS[COMPLETED]
+    try:
+        for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
+            part = slice(first, first + PIECES_AT_ONCE + 1)
+            status, more = integrate_pieces(
+                times[part], values[part], slopes[part], model.uses_time, run, compiled, work, limits,
+                samples[written:], asked[written:], jumps,
+            )  # fmt: skip
+            written += more
+            reason = REASONS[status]
+            if status != COMPLETED:
+                break
+            if progress is not None:
+                progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
+    except KeyboardInterrupt:
+        reason = 'stopped by the user'
+    return trajectory(model, asked[:written], samples[:written], jumps, run, reason, start_notes)
+
+
+def trajectory(
+    model: Model, times: Vector, samples: NDArray[np.float64], jumps: Any, run: Run, reason: str, notes: tuple[str, ...]
+) -> Trajectory:
+    """What a run left behind, with names."""
     return Trajectory(
-        time=np.asarray(sample_times, float)[:written],
-        columns=named_columns(model, samples[:written]),
+        time=times,
+        columns=named_columns(model, samples),
         jumps=named_jumps(jumps, int(run.count[N_JUMPS])),
-        reason=REASONS[status],
-        completed=status == COMPLETED,
+        reason=reason,
+        completed=reason == REASONS[COMPLETED],
         steps=int(run.count[N_STEPS]),
         rejected=int(run.count[N_REJECTED]),
         chattering=int(run.count[N_CHATTER]),
+        notes=notes,
     )
+
+
+def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
+    """Which wanted phase fractions no mode admits, and where they were moved."""
+    notes = []
+    for i in range(model.wires):
+        name = f'initial.x_M_{i + 1}'
+        wanted = model.config.parameters[name]
+        if not np.isnan(wanted) and abs(wanted - run.x_frozen[i]) > 1e-9:
+            notes.append(f'{name} = {wanted:g} is not admitted at rest; the run starts at {run.x_frozen[i]:.6g}')
+    return tuple(notes)
 
 
 def named_columns(model: Model, samples: NDArray[np.float64]) -> dict[str, Vector]:
@@ -214,7 +285,7 @@ def named_columns(model: Model, samples: NDArray[np.float64]) -> dict[str, Vecto
     def wire(i: int, column: int) -> Vector:
         return samples[:, Y_WIRE + i * PER_WIRE + column]
 
-    if model.system == 'wire':
+    if model.config.system == 'wire':
         return {
             'stress_Pa': samples[:, Y_SENSED + 7], 'T_K': samples[:, Y_SENSED + 8],
             'x_M': wire(0, 1), 'mode': wire(0, 7),

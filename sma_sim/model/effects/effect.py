@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from sma_sim.model.effects.ports import PORT_NAMES
+from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.parameters import Parameter
 
 CHAIN = {
@@ -23,7 +23,8 @@ class Effect:
     a float or a tuple; `s` is a `State`, `w` the wire's constants (the beam's for structure_force), `p` the
     effect's parameters by name. With extra states the signature is ``kernel(s, w, p, m)`` where `m` has them by
     name; `rate` gives their derivatives and `start` their first values (default 0). `scale` is the size of an
-    extra state, for the error control. `energy` says how the effect enters the energy balance.
+    extra state, for the error control (relative to its channel on sensing). `channels` are those that a sensing
+    effect acts on. `energy` says how the effect enters the energy balance.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Effect:
     rate: Callable[..., Any] | None = None
     start: Callable[..., Any] | None = None
     stage: str = ''
+    channels: tuple[str, ...] = CHANNELS
     depends_on_x: bool = False
     energy: str = ''
     description: str = ''
@@ -49,3 +51,14 @@ class Effect:
         stages = CHAIN.get(self.port)
         if stages and self.stage not in stages:
             raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether a kernel reads the time ``s.t``, so that the flow depends on it."""
+        return any('t' in f.__code__.co_names for f in (self.kernel, self.rate) if f is not None)
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Port and place in the port's chain: the order in which effects act."""
+        stages = CHAIN.get(self.port, ('',))
+        return PORT_NAMES.index(self.port), stages.index(self.stage) if self.stage in stages else 0

@@ -1,0 +1,28 @@
+"""Viscoelastic beam: a standard linear solid whose modulus relaxes from E to (1 - phi) E.
+
+F = phi K z,   tau dz/dt = q - z,   K the beam's stiffness matrix, q = (U_x, U_y, alpha)
+"""
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='beam_creep',
+    port='structure_force',
+    equation='F = phi K z, tau dz/dt = q - z',
+    source='Zener model: Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 5.7',
+    parameters=(
+        Parameter('phi', 0.15, '-', (0.0, 0.95), 'part of the stiffness that relaxes', '', 0.0, (0.02, 0.5)),
+        Parameter('tau', 20.0, 's', (1e-3, 1e6), 'relaxation time', '', None, (1.0, 1000.0)),
+    ),
+    states=('z_x', 'z_y', 'z_alpha'),
+    scale=(1e-4, 1e-3, 0.15),
+    start=lambda s, b, p: (s.U_x, s.U_y, s.alpha),
+    rate=lambda s, b, p, m: ((s.U_x - m.z_x) / p.tau, (s.U_y - m.z_y) / p.tau, (s.alpha - m.z_alpha) / p.tau),
+    kernel=lambda s, b, p, m: (
+        p.phi * b.k_x * m.z_x,
+        p.phi * (b.k_y * m.z_y - b.k_ya * m.z_alpha),
+        p.phi * (b.k_a * m.z_alpha - b.k_ya * m.z_y),
+    ),
+    description='the pose creeps on after a step and back after it; the beam is relaxed at the start',
+)

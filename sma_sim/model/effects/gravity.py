@@ -1,0 +1,20 @@
+"""Weight of the plate.
+
+F = m_H (g_x, g_y)   [N]; the beam's own mass is neglected, as in the paper.
+"""
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='gravity',
+    port='structure_force',
+    equation='F = m_H (g_x, g_y, 0)',
+    source="Newton's law; the paper neglects it",
+    parameters=(
+        Parameter('g_y', -9.81, 'm/s^2', (-50.0, 50.0), 'gravity across the beam', '', 0.0, (-9.81, 9.81)),
+        Parameter('g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the beam', '', 0.0, (-9.81, 9.81)),
+    ),
+    kernel=lambda s, b, p: (b.m_H * p.g_x, b.m_H * p.g_y, 0.0),
+    description='bends the beam to one side at rest; the same force at every angle',
+)

@@ -1,0 +1,22 @@
+"""Friction where the wires pass their guides (belt friction).
+
+F_added = F (exp(mu tanh(v/v_s)) - 1)   [N]: the structure feels more when the wire is drawn out, less when it pulls.
+"""
+
+import math
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='guide_friction',
+    port='wire_force',
+    equation='F_added = F (exp(mu tanh(v/v_s)) - 1)',
+    source='Euler-Eytelwein equation with a regularised Coulomb law',
+    parameters=(
+        Parameter('mu', 0.05, '-', (0.0, 3.0), 'friction coefficient times wrap angle', '', 0.0, (0.01, 0.5)),
+        Parameter('v_s', 1e-4, 'm/s', (1e-7, 1.0), 'speed at which friction is fully developed', '', None, (1e-5, 1e-3)),
+    ),
+    kernel=lambda s, w, p: s.F * (math.exp(p.mu * math.tanh(s.v / p.v_s)) - 1.0),
+    description='hysteresis of the pose that does not depend on temperature; seen at each reversal',
+)

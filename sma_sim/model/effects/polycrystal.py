@@ -1,0 +1,36 @@
+"""Transformation stresses that are spread over the grains of a polycrystal.
+
+shift of sigma_A and sigma_M = (spread/2) atanh(c (2 x - 1))/atanh(c),  c = 0.95   [Pa]
+Grains transform in the order of their own transformation stress; the shift is the quantile of their distribution,
+here a logistic one, cut off at its ends. Reversal inside the loop gives inner loops.
+"""
+
+import math
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+CUT = 0.95
+
+
+def quantile(x: float) -> float:
+    """The cut-off logistic quantile, -1/2 at x = 0 and +1/2 at x = 1; straight on outside."""
+    inside = min(max(x, 0.0), 1.0)
+    slope = CUT / (math.atanh(CUT) * (1.0 - CUT * CUT))
+    return 0.5 * math.atanh(CUT * (2.0 * inside - 1.0)) / math.atanh(CUT) + slope * (x - inside)
+
+
+EFFECT = Effect(
+    name='polycrystal',
+    port='transformation_stress',
+    equation='shift = spread q(x_M), q the quantile of a cut-off logistic distribution from -1/2 to 1/2',
+    source='Heintze and Seelecke, J. Alloys Compd. 481 (2009) 389: from single crystal to polycrystal',
+    parameters=(
+        Parameter('spread', 20e6, 'Pa', (0.0, 1e10), 'difference of the transformation stress from first to last grain',
+                  '', 0.0, (2e6, 1.5e8)),
+    ),  # fmt: skip
+    kernel=lambda s, w, p: (p.spread * quantile(s.x), p.spread * quantile(s.x)),
+    depends_on_x=True,
+    energy='the latent heat is computed at the shifted stress, so that the first law holds unchanged',
+    description='plateaus have a slope and round ends; confused with a different E_M and sigma_T',
+)

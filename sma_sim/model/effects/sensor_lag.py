@@ -1,0 +1,25 @@
+"""First-order lag of the position sensors (of the load cell, on a wire).
+
+tau dy/dt = value - y;   the sensor shows y
+"""
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+FASTEST = 1e-6  # below this time constant the lag is not resolved: neutral
+
+EFFECT = Effect(
+    name='sensor_lag',
+    port='sensing',
+    stage='lag',
+    channels=('U_x', 'U_y', 'alpha', 'stress'),
+    equation='tau dy/dt = value - y',
+    source='first-order low-pass filter',
+    parameters=(Parameter('tau', 0.05, 's', (0.0, 1e3), 'time constant of the sensor', '', 0.0, (0.005, 1.0)),),
+    states=('shown',),
+    scale=(1.0,),
+    start=lambda s, w, p: s.value,
+    rate=lambda s, w, p, m: (s.value - m.shown) / max(p.tau, FASTEST),
+    kernel=lambda s, w, p, m: m.shown if p.tau > FASTEST else s.value,
+    description='the shown pose follows late; confused with a delay of the recording',
+)

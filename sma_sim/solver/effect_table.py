@@ -1,0 +1,70 @@
+"""Lays out the active effects for the compiled flow: order, addresses, parameters, places of extra states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
+from sma_sim.model.parameters import BeamConstants, WireConstants
+from sma_sim.solver.kernels import native_effect
+
+# Size of a change in each channel, for the states of sensing effects.
+CHANNEL_SCALES = (1e-4, 1e-3, 0.15, 10.0, 10.0, 30.0, 30.0, 1e8, 30.0)
+MODULE_CHANNELS = 7
+
+
+def channel_slots(effect: Effect, module: bool) -> list[int]:
+    """The instance of a sensing effect on each channel of the system, -1 where it does not act."""
+    slots, count = [], 0
+    for k, channel in enumerate(CHANNELS):
+        acts = effect.port == PORT_NAMES[SENSING] and channel in effect.channels and module == (k < MODULE_CHANNELS)
+        slots.append(count if acts else -1)
+        count += acts
+    return slots
+
+
+def state_scales(effect: Effect, module: bool) -> list[float]:
+    """Scales of the extra states of all instances of an effect."""
+    if effect.port == PORT_NAMES[SENSING]:
+        acting = [CHANNEL_SCALES[k] for k, slot in enumerate(channel_slots(effect, module)) if slot >= 0]
+        return [channel * scale for channel in acting for scale in effect.scale]
+    instances = 1 if effect.port == 'structure_force' or not module else 2
+    return list(effect.scale) * instances
+
+
+def effect_table(
+    active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
+) -> tuple[EffectTable, list[float]]:
+    """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
+    ordered = sorted(active, key=lambda a: a.found.effect.place)
+    effects = [a.found.effect for a in ordered]
+    ports = np.array([effect.place[0] for effect in effects], dtype=np.int64)
+    natives = [native_effect(a.found).addresses for a in ordered]
+    addresses = np.array(natives, dtype=np.int64).reshape(-1, 3).T.copy()
+    scales: list[float] = []
+    state_start = []
+    for effect in effects:
+        state_start.append(first_state + len(scales))
+        scales += state_scales(effect, module)
+    counts = [len(a.values) for a in ordered]
+    table = EffectTable(
+        port_start=np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
+        value=addresses[0],
+        rate=addresses[1],
+        start=addresses[2],
+        states=np.array([len(effect.states) for effect in effects], dtype=np.int64),
+        state_start=np.array(state_start, dtype=np.int64),
+        slot=np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
+        depends_on_x=np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
+        parameter_start=np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
+        parameters=np.array([v for a in ordered for v in a.values], dtype=float),
+        s=np.zeros(S_SIZE),
+        wire=np.array(wire, dtype=float),
+        beam=np.array(beam, dtype=float),
+        out=np.zeros(16),
+    )
+    return table, scales

@@ -1,0 +1,128 @@
+"""The stepper at a fixed rate, as the ROS node runs it: same commands in, bit-identical trajectory out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.solver.compile import package_compiler
+from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
+from sma_sim.solver.simulate import (
+    MAX_JUMPS,
+    Input,
+    Jump,
+    Model,
+    SimulationError,
+    Trajectory,
+    Vector,
+    named_jumps,
+    new_run,
+    new_work,
+    notes_on_start,
+    trajectory,
+)
+from sma_sim.solver.stepper import Segment
+
+STEPS_AT_ONCE = 10_000
+MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
+
+
+class FixedRateRun:
+    """A run in steps of 1/rate: step k goes from k/rate to (k + 1)/rate under a held input.
+
+    `sample` (SAMPLE_SIZE,) holds what was seen at the end of the last step (at the start, before it): columns Y_* of
+    solver.integrate.
+    Raises SimulationError when there is no start, or when a step cannot be made.
+    """
+
+    def __init__(self, model: Model, rate: float, first_input: Vector, k: int = 0) -> None:
+        self.model, self.rate, self.k = model, rate, k
+        self._work = new_work(model)
+        self.run = new_run(model, np.asarray(first_input, float), self._work)
+        self.notes = notes_on_start(model, self.run)
+        self.jumps = np.zeros((MAX_JUMPS, 3))
+        self._still = np.zeros(len(self._work.u))
+        self._compiled = model.compiled
+        self._integrate = package_compiler().function(integrate_held)
+        self._samples = np.full((1, SAMPLE_SIZE), np.nan)
+        start = Segment(self.time, np.asarray(first_input, float), self._still, False)
+        look = package_compiler().function(observe)
+        look(self.time, self.run.y, self.run, start, self._compiled, self._work, self._samples[0])
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.k / self.rate
+
+    @property
+    def sample(self) -> Vector:
+        """What was seen at the end of the last step."""
+        row: Vector = self._samples[0]
+        return row
+
+    def step(self, u: Vector) -> None:
+        """One step under the input `u`: module (J_eq [W], T_E [K])."""
+        self.advance(np.reshape(u, (1, -1)), 1, self._samples)
+
+    def advance(self, inputs: NDArray[np.float64], every: int, samples: NDArray[np.float64]) -> int:
+        """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
+        self.run.count[:N_JUMPS] = 0
+        limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs))
+        status, written = self._integrate(
+            self.k, self.rate, inputs, self._still, self.model.uses_time, every, self.run, self._compiled, self._work,
+            limits, samples, self.jumps,
+        )  # fmt: skip
+        if status != COMPLETED:
+            raise SimulationError(f'the run ended after {self.time:g} s: {REASONS[status]}')
+        self.k += len(inputs)
+        return int(written)
+
+    def take_jumps(self) -> tuple[Jump, ...]:
+        """The jumps since this was last asked."""
+        jumps = named_jumps(self.jumps, int(self.run.count[N_JUMPS]))
+        self.run.count[N_JUMPS] = 0
+        return jumps
+
+
+def held_inputs(source: Input, rate: float) -> tuple[int, NDArray[np.float64]]:
+    """The first step and the input of every step: a row takes effect at the first step that begins with it or later."""
+    first = np.ceil(np.asarray(source.times, float) * rate - 1e-6).astype(int)
+    row = np.searchsorted(first, np.arange(first[0], max(first[-1], first[0] + 1)), side='right') - 1
+    return int(first[0]), np.asarray(source.values, float)[row]
+
+
+def simulate_fixed_rate(
+    model: Model, source: Input, rate: float, sample_rate: float, progress: Callable[[float], None] | None = None
+) -> Trajectory:
+    """Run at a fixed rate, bit for bit as the node does; samples at the nearest whole number of steps.
+
+    Raises SimulationError when the input is not held, or when the sampling rate does not divide the rate.
+    """
+    every = round(rate / sample_rate)
+    if any(source.linear) or every < 1 or abs(every * sample_rate - rate) > 1e-9 * rate:
+        raise SimulationError(
+            f'a fixed rate needs held inputs and a sampling rate that divides it: {rate:g} Hz and {sample_rate:g} Hz given'
+        )
+    k_0, inputs = held_inputs(source, rate)
+    run = FixedRateRun(model, rate, inputs[0], k_0)
+    samples = np.full((len(inputs) // every + 2, SAMPLE_SIZE), np.nan)
+    samples[0] = run.sample
+    written, reason = 1, REASONS[COMPLETED]
+    counts: Any = np.zeros_like(run.run.count)
+    try:
+        for first in range(0, len(inputs), STEPS_AT_ONCE):
+            written += run.advance(inputs[first : first + STEPS_AT_ONCE], every, samples[written:])
+            counts[:N_JUMPS] += run.run.count[:N_JUMPS]
+            if progress is not None:
+                progress(min(1.0, (first + STEPS_AT_ONCE) / len(inputs)))
+    except KeyboardInterrupt:
+        reason = 'stopped by the user'
+    except SimulationError as error:
+        reason = str(error)
+    run.run.count[:N_JUMPS] = counts[:N_JUMPS]
+    times = (k_0 // every + np.arange(written)) * every / rate
+    times[0] = k_0 / rate
+    return trajectory(model, times, samples[:written], run.jumps, run.run, reason, run.notes)

@@ -1,0 +1,101 @@
+"""Native code of the kernels of effects, ready within seconds of an effect file being saved."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable
+from functools import cache
+from types import FunctionType
+from typing import Any, NamedTuple
+
+import numba
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.library import EffectError, FoundEffect
+from sma_sim.model.effects.ports import PORT_NAMES, PORT_OUTPUTS, State
+from sma_sim.model.parameters import BeamConstants, WireConstants
+from sma_sim.solver.compile import Compiler, content_key
+
+_numba: Any = numba  # its types are not declared
+carray = _numba.carray
+
+
+class NativeEffect(NamedTuple):
+    """Native functions of an effect; `rate` and `start` are None where it has none. Keep it alive while in use."""
+
+    value: Any
+    rate: Any
+    start: Any
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Addresses of the three, 0 for none."""
+        value, rate, start = (0 if f is None else int(f.address) for f in self)
+        return value, rate, start
+
+
+@cache
+def native_effect(found: FoundEffect) -> NativeEffect:
+    """Compile the kernels of an effect, or load them when these very sources were compiled before.
+
+    Raises EffectError when a kernel cannot be compiled.
+    """
+    effect = found.effect
+    compiler = Compiler(content_key(*found.files), found.packages)
+    outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
+    states = len(effect.states)
+    built: list[Any] = []
+    for role, kernel, count in (
+        ('value', effect.kernel, outputs),
+        ('rate', effect.rate, states),
+        ('start', effect.start, states),
+    ):
+        memory = bool(states) and role != 'start'
+        built.append(None if kernel is None else _native(effect, role, kernel, count, memory, compiler))
+    return NativeEffect(*built)
+
+
+def _native(
+    effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool, compiler: Compiler
+) -> Any:
+    """A C function of five addresses around one kernel."""
+    text = wrapper_text(effect, role, outputs, memory)
+    file = compiler.folder / f'effect_{effect.name}_{role}.py'
+    if not file.exists() or file.read_text() != text:  # numba keeps native code by the age of this file
+        file.write_text(text)
+    names = [p.name for p in effect.parameters]
+    namespace: dict[str, Any] = {
+        '__name__': __name__,
+        'carray': carray,
+        'State': State,
+        'Constants': BeamConstants if effect.port == 'structure_force' else WireConstants,
+        'Parameters': namedtuple('Parameters', names),
+        'Memory': namedtuple('Memory', effect.states),
+        'kernel': kernel,
+    }
+    exec(compile(text, str(file), 'exec'), namespace)
+    wrapper = namespace[f'{effect.name}_{role}']
+    assert isinstance(wrapper, FunctionType)
+    try:
+        return compiler.native(wrapper, kernel)
+    except Exception as error:
+        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+        raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {reason}') from error
+
+
+def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool) -> str:
+    """Source of the C function: build what the kernel takes from the five addresses, store what it returns."""
+    constants = BeamConstants if effect.port == 'structure_force' else WireConstants
+    groups = [('s', 'State', len(State._fields)), ('w', 'Constants', len(constants._fields))]
+    groups.append(('p', 'Parameters', len(effect.parameters)))
+    if memory:
+        groups.append(('m', 'Memory', len(effect.states)))
+    lines = [f'def {effect.name}_{role}(s, w, p, m, out):', f'    out_ = carray(out, {max(outputs, 1)})']
+    for letter, kind, size in groups:
+        lines.append(f'    {letter}_ = carray({letter}, {size})')
+        lines.append(f'    {letter}__ = {kind}({", ".join(f"{letter}_[{i}]" for i in range(size))})')
+    lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
+    if outputs == 1:
+        lines.append('    out_[0] = result')
+    lines += [f'    out_[{i}] = result[{i}]' for i in range(outputs) if outputs > 1]
+    return '\n'.join(lines) + '\n'
