@@ -69,6 +69,7 @@ class Limits(NamedTuple):
     max_steps: int
 
 
+AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 
@@ -85,6 +86,7 @@ def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, jumps: Ma
             record_jump(t, i, edge, run, jumps)
             jump(edge, i, run.mode, run.x_frozen, w.obs)
             any_jump = True
+            run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     return any_jump
 
 
@@ -129,6 +131,7 @@ def run_segment(
 ) -> tuple[int, int]:  # fmt: skip
     """Integrate one stretch of the input; the reason for its end and the index of the next sample."""
     t = segment.t_0
+    run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     jump_now(t, run, segment, p, w, jumps)
     while t < t_end:
         linearise(t, run.y, segment, run.mode, run.x_frozen, p, w)

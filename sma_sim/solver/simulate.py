@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -121,15 +122,16 @@ class Model:
         config = self.config
         module = config.system == 'module'
         L = config.parameters['beam.L']
-        pose = [1e-3 * L, 0.01 * L, 0.15] if module else []
-        rates = [s / RATE_TIME for s in pose]
-        wires = [30.0] * self.wires + [0.5] * (self.wires if config.model == 'mas' else 0)
+        pose = [3e-4 * L, 0.01 * L, 0.15] if module else []
+        beam = beam_constants(config.parameters)
+        stiffness, inertia = (beam.k_x, beam.k_y, beam.k_a), (beam.m_H, beam.m_H, beam.J_H)
+        rates = [s * math.sqrt(k / m) for s, k, m in zip(pose, stiffness, inertia, strict=False)]
+        wires = [30.0] * self.wires + [0.1] * (self.wires if config.model == 'mas' else 0)
         p = self.compiled
         _, extra = effect_table(config.effects, module, len(pose + rates + wires), p.wire, p.beam)
         return np.array(pose + rates + wires + extra)
 
 
-RATE_TIME = 2e-3  # the time in which the pose is taken to change by its own size [s]
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
