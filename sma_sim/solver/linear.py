@@ -9,7 +9,7 @@ Matrix = NDArray[np.float64]
 
 
 def factorise(A: Matrix, pivot: NDArray[np.int64]) -> bool:
-    """Replace A (n, n) by its LU factors, with the pivots inverted (a division costs ten products); False when it is singular or not finite."""
+    """Replace A (n, n) by its LU factors, pivots inverted; False when it is singular or not finite."""
     n = A.shape[0]
     for k in range(n):
         best = k
@@ -23,7 +23,7 @@ def factorise(A: Matrix, pivot: NDArray[np.int64]) -> bool:
             for j in range(n):
                 A[k, j], A[best, j] = A[best, j], A[k, j]
         inverse = 1.0 / A[k, k]
-        A[k, k] = inverse
+        A[k, k] = inverse  # a division costs ten products, and every solution would need it
         for i in range(k + 1, n):
             factor = A[i, k] * inverse
             A[i, k] = factor

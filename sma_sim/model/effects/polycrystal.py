@@ -6,18 +6,27 @@ here a logistic one, cut off at its ends. Reversal inside the loop gives inner l
 """
 
 import math
+from typing import Any
 
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.parameters import Parameter
+from sma_sim.model.effects.ports import State
+from sma_sim.model.parameters import Parameter, WireConstants
 
 CUT = 0.95
+HALF_WIDTH = math.atanh(CUT)
+END_SLOPE = CUT / (HALF_WIDTH * (1.0 - CUT * CUT))
 
 
 def quantile(x: float) -> float:
     """The cut-off logistic quantile, -1/2 at x = 0 and +1/2 at x = 1; straight on outside."""
     inside = min(max(x, 0.0), 1.0)
-    slope = CUT / (math.atanh(CUT) * (1.0 - CUT * CUT))
-    return 0.5 * math.atanh(CUT * (2.0 * inside - 1.0)) / math.atanh(CUT) + slope * (x - inside)
+    return 0.5 * math.atanh(CUT * (2.0 * inside - 1.0)) / HALF_WIDTH + END_SLOPE * (x - inside)
+
+
+def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
+    """The same shift of both transformation stresses [Pa]."""
+    shift = p.spread * quantile(s.x)
+    return shift, shift
 
 
 EFFECT = Effect(
@@ -29,7 +38,7 @@ EFFECT = Effect(
         Parameter('spread', 20e6, 'Pa', (0.0, 1e10), 'difference of the transformation stress from first to last grain',
                   '', 0.0, (2e6, 1.5e8)),
     ),  # fmt: skip
-    kernel=lambda s, w, p: (p.spread * quantile(s.x), p.spread * quantile(s.x)),
+    kernel=shifts,
     depends_on_x=True,
     energy='the latent heat is computed at the shifted stress, so that the first law holds unchanged',
     description='plateaus have a slope and round ends; confused with a different E_M and sigma_T',
