@@ -1,0 +1,99 @@
+"""Time and error of 100 s runs, cost of effects, use of all cores.
+
+    python benchmarks/speed.py [--runs 30] [--parallel 1000] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from common import SAMPLES, largest_errors, median_time, module, random_command, report
+
+from sma_sim import simulate
+
+TOLERANCES = {'hybrid': (1e-4, 1e-5), 'mas': (2e-5, 1e-5)}
+EXACT = 1e-9
+WITHOUT_STATES = (
+    ('gravity', 'natural_convection', 'thermal_expansion'),
+    ('gravity', 'natural_convection', 'polycrystal'),
+    ('gravity', 'natural_convection', 'guide_friction'),
+)
+WITH_STATES = (('ambient_heating', 'beam_creep', 'driver_lag'), ('ambient_heating', 'beam_creep', 'sensor_lag'))
+
+
+def runs_at(model: str, rtol: float, count: int) -> dict[str, float]:
+    """Times and errors of `count` random runs."""
+    times, steps, alphas = [], [], []
+    fast, exact = module(model, rtol), module(model, EXACT)
+    for seed in range(count):
+        command = random_command(seed)
+        run = simulate(fast, command, SAMPLES)
+        times.append(1e3 * median_time(lambda command=command: simulate(fast, command, SAMPLES)))
+        steps.append(run.steps)
+        alphas.append(largest_errors(run.columns, simulate(exact, command, SAMPLES).columns)['alpha'])
+    return {
+        'rtol': rtol,
+        'median_ms': float(np.median(times)),
+        'worst_over_median': float(max(times) / np.median(times)),
+        'median_steps': float(np.median(steps)),
+        'median_alpha_error_deg': float(np.median(alphas)),
+        'largest_alpha_error_deg': float(max(alphas)),
+    }
+
+
+def cost_of_effects(model: str, count: int) -> dict[str, float]:
+    """Time with effects over time without, per run of the same command; the median over commands."""
+    result = {}
+    bare = module(model, 1e-5)
+    for names in WITHOUT_STATES + WITH_STATES:
+        rich = module(model, 1e-5, names)
+        ratios = []
+        for seed in range(count):
+            command = random_command(seed)
+            with_effects = median_time(lambda command=command, rich=rich: simulate(rich, command, SAMPLES))
+            ratios.append(with_effects / median_time(lambda command=command: simulate(bare, command, SAMPLES)))
+        result[' + '.join(names)] = float(np.median(ratios))
+    return result
+
+
+def use_of_cores(count: int) -> dict[str, float]:
+    """Runs in threads on all cores against the same runs one after the other."""
+    fast = module('hybrid', 1e-5)
+    commands = [random_command(seed) for seed in range(count)]
+    workers = os.cpu_count() or 1
+
+    def run(command: Any) -> None:
+        simulate(fast, command, SAMPLES)
+
+    run(commands[0])
+    start = time.perf_counter()
+    for command in commands:
+        run(command)
+    alone = time.perf_counter() - start
+    start = time.perf_counter()
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(run, commands))
+    together = time.perf_counter() - start
+    return {'cores': workers, 'runs': count, 'seconds': together, 'efficiency': alone / together / workers}
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """All numbers."""
+    return {
+        '100 s runs': {
+            f'{model}, rtol {rtol:g}': runs_at(model, rtol, arguments.runs)
+            for model, tolerances in TOLERANCES.items()
+            for rtol in tolerances
+        },
+        'time with effects over bare': {model: cost_of_effects(model, 5) for model in TOLERANCES},
+        'all cores': use_of_cores(arguments.parallel),
+    }
+
+
+if __name__ == '__main__':
+    report(__doc__ or '', measure, runs=30, parallel=1000)
