@@ -20,7 +20,8 @@ from scipy.integrate import solve_ivp
 
 from sma_sim import Input, Model, simulate
 from sma_sim.model.automaton import EDGES
-from sma_sim.model.system import O_SIZE, System, flow, guard
+from sma_sim.model.layout import O_SIZE, System
+from sma_sim.model.system import flow, guard
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.events import TOLERANCE, jump
 from sma_sim.solver.simulate import new_run, new_work

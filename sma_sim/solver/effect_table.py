@@ -58,6 +58,7 @@ def effect_table(
         start=addresses[2],
         states=np.array([len(effect.states) for effect in effects], dtype=np.int64),
         state_start=np.array(state_start, dtype=np.int64),
+        scale=np.array(scales, dtype=float),
         slot=np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
         depends_on_x=np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
         parameter_start=np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),

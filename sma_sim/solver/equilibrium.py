@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.system import O_S_A, O_S_M, O_SIGMA, O_X, System, flow, share_state, start_states
+from sma_sim.model.effects.calls import share_state, start_states
+from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, System
+from sma_sim.model.system import flow
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.stepper import Integers, Matrix, Vector, Work
 

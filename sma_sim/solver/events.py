@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES, TO_AUSTENITE, TO_MARTENSITE, frozen_fraction
-from sma_sim.model.system import O_X, System, guard
+from sma_sim.model.layout import O_X, System
+from sma_sim.model.system import guard
 from sma_sim.solver.stepper import Integers, Matrix, Segment, Vector, Work, dense, flow_at
 
 EDGE_TABLE = np.array(EDGES, dtype=np.int64)

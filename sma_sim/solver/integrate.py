@@ -7,17 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.automaton import observed_mode
-from sma_sim.model.system import (
-    O_DX,
-    O_F,
-    O_J,
-    O_LENGTH,
-    O_SIGMA,
-    O_V,
-    O_X,
-    System,
-    sensed_channel,
-)  # fmt: skip
+from sma_sim.model.layout import O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System
+from sma_sim.model.system import sensed_channel
 from sma_sim.solver.events import crossing, jump, remember_fraction, violated_edge
 from sma_sim.solver.stepper import (
     ORDER,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.layout import O_SIZE, System
 from sma_sim.model.parameters import beam_constants, wire_constants
-from sma_sim.model.system import O_SIZE, System
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.equilibrium import start

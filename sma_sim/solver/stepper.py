@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.system import System, flow
+from sma_sim.model.layout import System
+from sma_sim.model.system import flow
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.rosenbrock import RODAS4P2
 

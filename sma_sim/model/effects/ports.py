@@ -82,10 +82,10 @@ class EffectTable(NamedTuple):
     """The active effects as the compiled right-hand side reads them, sorted by port and place in its chain.
 
     Shapes: `port_start` (8,), `slot` (effects, 9), all others one entry per effect, except for the flat
-    `parameters` and the scratch arrays. `value`, `rate` and `start` are addresses of native kernels, 0 for none.
-    `states` counts the extra states of one instance (one wire, one channel, or the structure); instance i of
-    effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot` gives the instance of
-    a sensing effect on a channel, -1 where it does not act.
+    `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
+    of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
+    structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
+    gives the instance of a sensing effect on a channel, -1 where it does not act.
     """
 
     port_start: NDArray[np.int64]
@@ -94,6 +94,7 @@ class EffectTable(NamedTuple):
     start: NDArray[np.int64]
     states: NDArray[np.int64]
     state_start: NDArray[np.int64]
+    scale: NDArray[np.float64]
     slot: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
     parameter_start: NDArray[np.int64]

@@ -1,0 +1,110 @@
+"""How the flow calls the kernels of effects: the state that they read, their extra states, their first values."""
+
+from __future__ import annotations
+
+from sma_sim.model.effects.ports import (
+    S_CHANNEL,
+    S_DEPS,
+    S_DX,
+    S_EPS,
+    S_J,
+    S_LENGTH,
+    S_POSE,
+    S_SIGMA,
+    S_T,
+    S_T_E,
+    S_T_OTHER,
+    S_TIME,
+    S_V,
+    S_VALUE,
+    S_WIRE,
+    S_X,
+    S_X_OTHER,
+    SENSING,
+    STRUCTURE_FORCE,
+    EffectTable,
+    call_effect,
+)
+from sma_sim.model.layout import (
+    O_DEPS,
+    O_DX,
+    O_EPS,
+    O_F,
+    O_J,
+    O_LENGTH,
+    O_SIGMA,
+    O_V,
+    O_X,
+    System,
+    Vector,
+)
+
+
+def share_state(t: float, y: Vector, T_E: float, p: System) -> None:
+    """Put what does not depend on the wire into the state that kernels read."""
+    s = p.effects.s
+    s[S_TIME], s[S_T_E] = t, T_E
+    if p.module:
+        for j in range(6):
+            s[S_POSE + j] = y[j]
+
+
+def focus(i: int, y: Vector, p: System, obs: Vector) -> None:
+    """Point the state that kernels read at wire `i`."""
+    s = p.effects.s
+    other = p.wires - 1 - i
+    s[S_WIRE] = i
+    s[S_T], s[S_T_OTHER] = y[p.first_T + i], y[p.first_T + other]
+    s[S_X], s[S_X_OTHER] = obs[i, O_X], obs[other, O_X]
+    s[S_EPS], s[S_DEPS] = obs[i, O_EPS], obs[i, O_DEPS]
+    s[S_LENGTH], s[S_V], s[S_J] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_J]
+    s[S_SIGMA], s[S_DX] = obs[i, O_SIGMA], obs[i, O_DX]
+
+
+def add_rates(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable, dy: Vector) -> None:
+    """Rates of the extra states of one instance of effect `k`."""
+    if e.states[k] > 0:
+        call_effect(e.rate[k], k, instance, constants, y, e)
+        first = e.state_start[k] + instance * e.states[k]
+        for j in range(e.states[k]):
+            dy[first + j] = e.out[j]
+
+
+def start_states(y: Vector, p: System, obs: Vector) -> None:
+    """Set the extra states of the effects to their first values, for the pose in `y` and the wires in `obs`."""
+    e = p.effects
+    for port in range(SENSING + 1):
+        for k in range(e.port_start[port], e.port_start[port + 1]):
+            if e.start[k] == 0:
+                continue
+            if port == SENSING:
+                for channel in range(9):
+                    if e.slot[k, channel] >= 0:
+                        e.s[S_VALUE], e.s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
+                        start_instance(k, e.slot[k, channel], e.wire, y, e)
+            elif port == STRUCTURE_FORCE:
+                start_instance(k, 0, e.beam, y, e)
+            else:
+                for i in range(p.wires):
+                    focus(i, y, p, obs)
+                    start_instance(k, i, e.wire, y, e)
+
+
+def start_instance(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable) -> None:
+    """First values of the states of one instance of effect `k`."""
+    call_effect(e.start[k], k, instance, constants, y, e)
+    for j in range(e.states[k]):
+        y[e.state_start[k] + instance * e.states[k] + j] = e.out[j]
+
+
+def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
+    """The true value of a sensor channel, in the order of CHANNELS."""
+    if channel < 3:
+        return y[channel]
+    if channel < 5:
+        return obs[channel - 3, O_F]
+    if channel < 7:
+        return y[p.first_T + channel - 5]
+    if channel == 7:
+        return obs[0, O_F] / (p.wire.n * p.wire.section)
+    return y[p.first_T]
