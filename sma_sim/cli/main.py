@@ -6,10 +6,10 @@ import argparse
 import sys
 import traceback
 
-from sma_sim.cli import simulate
+from sma_sim.cli import effects, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (simulate,)
+VERBS = (simulate, effects)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
         verb.add_parser(verbs)
     chosen = parser.parse_args(arguments)
     try:
-        chosen.run(chosen)
+        return int(chosen.run(chosen))
     except UserError as error:
         print(f'sma-sim {chosen.verb}: {error}', file=sys.stderr)
         return 2
@@ -33,7 +33,6 @@ def main(arguments: list[str] | None = None) -> int:
         traceback.print_exc()
         print(f'sma-sim {chosen.verb}: this is a fault of sma_sim, please report it', file=sys.stderr)
         return 1
-    return 0
 
 
 if __name__ == '__main__':

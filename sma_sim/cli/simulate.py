@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.tables import read_columns, write_columns
-from sma_sim.model.config import read_config
+from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from
+from sma_sim.evidence.tables import Vector, read_columns, write_columns, write_rows
 from sma_sim.model.errors import UserError
-from sma_sim.solver.simulate import Input, Model, SimulationError, simulate
+from sma_sim.solver.fixed_rate import simulate_fixed_rate
+from sma_sim.solver.simulate import STOPPED, Input, Model, Trajectory, simulate
+
+MOST_SAMPLES = 50_000_000
+JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
 
 
 def add_parser(verbs: Any) -> None:
@@ -22,65 +27,115 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--rate', type=float, default=100.0, help='samples per second (default 100)')
     parser.add_argument('--model', choices=('hybrid', 'mas'))
     parser.add_argument('--system', choices=('module', 'wire'))
-    parser.add_argument('--interpolation', choices=('hold', 'linear'), default='hold', help='of J_eq between rows')
-    parser.add_argument('--config', type=Path, help='YAML parameter file')
-    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE', dest='words')
+    parser.add_argument('--interpolation', choices=('hold', 'linear'), default='hold', help='of J_eq or J_W between rows')
+    parser.add_argument('--integration-rate', type=float, metavar='HZ', help='fixed steps, just as the node makes them')
+    parser.add_argument('--jumps', type=Path, metavar='FILE', help='CSV to write with the jumps of the hybrid model')
+    add_config_options(parser)
     parser.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> int:
     """Simulate and write the samples."""
-    words = list(arguments.words)
-    words += [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
-    config = read_config(arguments.config, words)
+    chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
+    config = config_from(arguments, *chosen)
     if not 0.0 < arguments.rate <= 1e6:
         raise UserError(f'--rate {arguments.rate:g}: expected more than 0 and at most 1e6 samples per second')
-    model = Model(config)
     read = read_wire_input if config.system == 'wire' else read_module_input
-    T_E = config.parameters['environment.T_E']
-    source = read(arguments.input, T_E, arguments.interpolation == 'linear')
-    first, last = source.times[0], source.times[-1]
-    count = int(np.floor((last - first) * arguments.rate + 1e-9)) + 1
-    times = np.minimum(first + np.arange(count) / arguments.rate, last)
-    try:
-        trajectory = simulate(model, source, times)
-    except SimulationError as error:
-        raise UserError(str(error)) from error
-    held = np.searchsorted(source.times, trajectory.time, side='right') - 1
+    source = read(arguments.input, config.parameters['environment.T_E'], arguments.interpolation == 'linear')
+    announce_compilation()
+    trajectory = run_model(Model(config), source, arguments)
+    for note in trajectory.notes:
+        print(f'note: {note}', file=sys.stderr)
     names = ('strain', 'J_W', 'T_E_K') if config.system == 'wire' else ('J_eq_W', 'T_E_K')
-    columns = {'time_s': trajectory.time}
-    for k, name in enumerate(names):
-        column = source.values[:, k]
-        columns[name] = np.interp(trajectory.time, source.times, column) if source.linear[k] else column[held]
-    write_columns(arguments.out, columns | trajectory.columns)
-    print(f'{arguments.out}: {len(trajectory.time)} samples, {trajectory.steps} steps, {len(trajectory.jumps)} jumps')
+    write_columns(arguments.out, inputs_at(source, names, trajectory.time) | trajectory.columns)
+    if arguments.jumps:
+        rows = [(repr(jump.t), jump.j, jump.wire, jump.guard, jump.source, jump.target) for jump in trajectory.jumps]
+        write_rows(arguments.jumps, JUMP_COLUMNS, rows)
+    print(
+        f'{arguments.out}: {len(trajectory.time)} samples, {trajectory.steps} steps, {len(trajectory.jumps)} jumps; '
+        f'ended by {trajectory.reason}'
+    )
+    if trajectory.reason == STOPPED:
+        raise KeyboardInterrupt
     if not trajectory.completed:
-        raise UserError(f'the run ended at {trajectory.time[-1]:g} s: {trajectory.reason}')
+        raise UserError(f'the run ended at {trajectory.end:g} s: {trajectory.reason}')
+    return 0
+
+
+def run_model(model: Model, source: Input, arguments: argparse.Namespace) -> Trajectory:
+    """The adaptive run, or the one in fixed steps."""
+    progress = Progress('simulating')
+    try:
+        if arguments.integration_rate is None:
+            return simulate(model, source, sample_times(source, arguments.rate), progress=progress)
+        if not 1.0 <= arguments.integration_rate <= 1e5:
+            raise UserError(f'--integration-rate {arguments.integration_rate:g}: expected 1 to 1e5 steps per second')
+        return simulate_fixed_rate(model, source, arguments.integration_rate, arguments.rate, progress)
+    finally:
+        progress.close()
+
+
+def sample_times(source: Input, rate: float) -> Vector:
+    """Times at `rate` from the first to the last of the input."""
+    first, last = source.times[0], source.times[-1]
+    count = np.floor((last - first) * rate + 1e-9) + 1
+    if count > MOST_SAMPLES:
+        raise UserError(
+            f'--rate {rate:g} over {last - first:g} s makes {count:.3g} samples; '
+            f'expected at most {MOST_SAMPLES:.0e}: lower --rate'
+        )
+    times: Vector = np.minimum(first + np.arange(int(count)) / rate, last)
+    return times
+
+
+def inputs_at(source: Input, names: tuple[str, ...], times: Vector) -> dict[str, Vector]:
+    """The time and the input in force at each sample."""
+    held = np.searchsorted(source.times, times, side='right') - 1
+    columns = {'time_s': times}
+    for k, name in enumerate(names):
+        values = source.values[:, k]
+        columns[name] = np.interp(times, source.times, values) if source.linear[k] else values[held]
+    return columns
 
 
 def read_module_input(path: Path, T_E: float, linear: bool) -> Input:
     """Command (and ambient temperature, if given) of a module."""
     columns = read_columns(path, ('time_s', 'J_eq_W'), ('T_E_K',))
-    ambient = columns.get('T_E_K', np.full(len(columns['time_s']), T_E))
-    return Input(_increasing(path, columns['time_s']), np.column_stack([columns['J_eq_W'], ambient]), (linear, False))
+    ambient = ambient_of(path, columns, T_E)
+    return Input(increasing(path, columns['time_s']), np.column_stack([columns['J_eq_W'], ambient]), (linear, False))
 
 
 def read_wire_input(path: Path, T_E: float, linear: bool) -> Input:
     """Strain, heating and ambient temperature of a wire."""
     columns = read_columns(path, ('time_s', 'strain'), ('J_W', 'T_E_K'))
-    time = _increasing(path, columns['time_s'])
+    time = increasing(path, columns['time_s'])
     heating = columns.get('J_W', np.zeros(len(time)))
     if (heating < 0.0).any():
         raise UserError(f'{path}, column J_W: heating cannot be negative, got {heating.min():g} W')
-    ambient = columns.get('T_E_K', np.full(len(time), T_E))
-    return Input(time, np.column_stack([columns['strain'], heating, ambient]), (True, linear, False))
+    strain = columns['strain']
+    if np.abs(strain).max() > 0.5:
+        raise UserError(f'{path}, column strain: expected a fraction such as 0.05, got {strain[np.abs(strain).argmax()]:g}')
+    return Input(time, np.column_stack([strain, heating, ambient_of(path, columns, T_E)]), (True, linear, False))
 
 
-def _increasing(path: Path, time: Any) -> Any:
+def ambient_of(path: Path, columns: dict[str, Vector], T_E: float) -> Vector:
+    """Ambient temperature: the column, or `T_E` where there is none. Raises UserError."""
+    ambient = columns.get('T_E_K', np.full(len(columns['time_s']), T_E))
+    if (ambient <= 1.0).any() or (ambient > 2000.0).any():
+        wrong = ambient[np.argmax((ambient <= 1.0) | (ambient > 2000.0))]
+        raise UserError(f'{path}, column T_E_K: expected kelvin between 1 and 2000, got {wrong:g}')
+    return ambient
+
+
+def increasing(path: Path, time: Vector) -> Vector:
+    """The times, if there are two and each is later than the one before. Raises UserError."""
     if len(time) < 2:
         raise UserError(f'{path}: expected at least two rows, the last one gives the end of the run')
     steps = np.diff(time)
     if (steps <= 0.0).any():
-        row = int(np.argmax(steps <= 0.0)) + 3
-        raise UserError(f'{path}, row {row}, column time_s: time does not increase')
+        at = int(np.argmax(steps <= 0.0))
+        raise UserError(
+            f'{path}, row {at + 3}, column time_s: expected more than {time[at]:g} s of the row before, '
+            f'got {time[at + 1]:g} s'
+        )
     return time

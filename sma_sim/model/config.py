@@ -53,6 +53,14 @@ def read_config(path: Path | None = None, words: Iterable[str] = (), effects: It
 
     `effects` are further active effects, as ``name`` or ``name:parameter=value,...``. Raises UserError.
     """
+    given = given_values(path, words)
+    for word in effects:
+        add_effect(word, given)
+    return checked(given)
+
+
+def given_values(path: Path | None, words: Iterable[str]) -> dict[str, Given]:
+    """What a YAML file and ``name=value`` words say, by full name."""
     given: dict[str, Given] = {}
     if path is not None:
         given |= {name: Given(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path)).items()}
@@ -60,10 +68,13 @@ def read_config(path: Path | None = None, words: Iterable[str] = (), effects: It
         name, equals, text = word.partition('=')
         if not equals:
             raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
-        given[name] = Given(parse(name, text), COMMAND_LINE)
-    for word in effects:
-        add_effect(word, given)
-    return checked(given)
+        given[name.strip()] = Given(parse(name.strip(), text), COMMAND_LINE)
+    return given
+
+
+def effect_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
+    """The folders of the user's effects that a YAML file or ``effects.paths=...`` names. Raises ConfigError."""
+    return effect_folders(given_values(path, words).get('effects.paths', Given([], '')))
 
 
 def parse(name: str, text: str) -> Any:

@@ -52,7 +52,7 @@ def _native_call(typingctx, address, s, w, p, m, out):  # type: ignore[no-untype
 def content_key(*paths: Path) -> str:
     """Hash of the given files and of all sources of the package that take part in compilation."""
     sources = [file for folder in _COMPILED_FOLDERS for file in (_PACKAGE / folder).rglob('*.py')]
-    digest = hashlib.sha256(f'{sys.version} {numba.__version__}'.encode())
+    digest = hashlib.sha256(f'{sys.version} {numba.__version__} {_PACKAGE}'.encode())
     for file in sorted({*sources, *paths}):
         digest.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
     return digest.hexdigest()[:20]
@@ -70,6 +70,11 @@ def cache_folder(key: str) -> Path:
         except OSError:
             continue
     return Path(tempfile.mkdtemp(prefix='sma_sim-'))
+
+
+def is_compiled() -> bool:
+    """Whether native code of the model and the solver is at hand, so that a start takes no half minute."""
+    return any(cache_folder(content_key()).glob('*/integrate.run_segment-*.nbi'))
 
 
 class Compiler:

@@ -12,6 +12,7 @@ from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
 from sma_sim.solver.simulate import (
     MAX_JUMPS,
+    STOPPED,
     Input,
     Jump,
     Model,
@@ -51,6 +52,7 @@ class FixedRateRun:
         start = Segment(self.time, np.asarray(first_input, float), self._still, False)
         look = package_compiler().function(observe)
         look(self.time, self.run.y, self.run, start, self._compiled, self._work, self._samples[0])
+        self.advance(np.zeros((0, len(self._still))), 1, self._samples)  # compiled now, not at the first step
 
     @property
     def time(self) -> float:
@@ -119,7 +121,7 @@ def simulate_fixed_rate(
             if progress is not None:
                 progress(min(1.0, (first + STEPS_AT_ONCE) / len(inputs)))
     except KeyboardInterrupt:
-        reason = 'stopped by the user'
+        reason = STOPPED
     except SimulationError as error:
         reason = str(error)
     run.run.count[:N_JUMPS] = counts[:N_JUMPS]

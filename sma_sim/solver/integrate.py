@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.automaton import observed_mode
-from sma_sim.model.layout import O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System
+from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System
 from sma_sim.model.system import sensed_channel
 from sma_sim.solver.events import crossing, jump, remember_fraction, violated_edge
 from sma_sim.solver.stepper import (
@@ -34,7 +34,7 @@ REASONS = (
 RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 
 # Columns of a sample.
-Y_POSE, Y_RATE, Y_WIRE, Y_SENSED, SAMPLE_SIZE = 0, 3, 6, 26, 35
+Y_POSE, Y_RATE, Y_WIRE, Y_SENSED, Y_TAU, SAMPLE_SIZE = 0, 3, 6, 26, 35, 38
 WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J', 'd2')
 PER_WIRE = 10
 
@@ -205,6 +205,8 @@ def observe(t: float, y: Vector, run: Run, segment: Segment, p: System, w: Work,
     if p.module:
         for j in range(6):
             row[j] = y[j]
+        for j in range(3):  # tau = -J^T F
+            row[Y_TAU + j] = -(obs[0, O_DL + j] * obs[0, O_F] + obs[1, O_DL + j] * obs[1, O_F])
     for i in range(p.wires):
         at = Y_WIRE + i * PER_WIRE
         row[at], row[at + 1], row[at + 2] = y[p.first_T + i], obs[i, O_X], obs[i, O_F]

@@ -85,6 +85,11 @@ class Trajectory:
     chattering: int
     notes: tuple[str, ...] = ()
 
+    @property
+    def end(self) -> float:
+        """Time of the last sample [s], NaN if there is none."""
+        return float(self.time[-1]) if len(self.time) else float('nan')
+
     def __getitem__(self, name: str) -> Vector:
         return self.columns[name]
 
@@ -132,6 +137,7 @@ class Model:
         return np.array(pose + rates + wires + extra)
 
 
+STOPPED = 'Ctrl-C'
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
@@ -249,7 +255,7 @@ def simulate(
             if progress is not None:
                 progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
     except KeyboardInterrupt:
-        reason = 'stopped by the user'
+        reason = STOPPED
     return trajectory(model, asked[:written], samples[:written], jumps, run, reason, start_notes)
 
 

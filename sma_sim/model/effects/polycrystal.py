@@ -20,7 +20,8 @@ END_SLOPE = CUT / (HALF_WIDTH * (1.0 - CUT * CUT))
 def quantile(x: float) -> float:
     """The cut-off logistic quantile, -1/2 at x = 0 and +1/2 at x = 1; straight on outside."""
     inside = min(max(x, 0.0), 1.0)
-    return 0.5 * math.atanh(CUT * (2.0 * inside - 1.0)) / HALF_WIDTH + END_SLOPE * (x - inside)
+    z = CUT * (2.0 * inside - 1.0)
+    return 0.25 * math.log((1.0 + z) / (1.0 - z)) / HALF_WIDTH + END_SLOPE * (x - inside)  # atanh is twice as slow
 
 
 def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:

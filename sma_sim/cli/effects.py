@@ -1,0 +1,70 @@
+"""`sma-sim effects`: what physical effects there are."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from sma_sim.model.config import effect_folders_of, suggestion
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.library import find_effects
+from sma_sim.model.errors import UserError
+
+WIDTH = 100
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser('effects', help='list the physical effects that can be switched on')
+    parser.add_argument('names', nargs='*', metavar='NAME', help='only these')
+    parser.add_argument('--json', action='store_true', help='for programs')
+    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML file that names folders of your effects')
+    parser.add_argument('--set', action='append', default=[], metavar='effects.paths=FOLDER', dest='words')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print all effects, or those that are named."""
+    found = find_effects(effect_folders_of(arguments.config, arguments.words))
+    for name in arguments.names:
+        if name not in found:
+            raise UserError(f'unknown effect {name}{suggestion(name, found)}; known are {", ".join(sorted(found))}')
+    effects = [found[name].effect for name in sorted(arguments.names or found)]
+    if arguments.json:
+        print(json.dumps([as_data(effect) for effect in effects], indent=2))
+    else:
+        print('\n\n'.join(as_text(effect) for effect in effects))
+    return 0
+
+
+def as_data(effect: Effect) -> dict[str, Any]:
+    """An effect as plain data."""
+    parameters = [
+        {
+            'name': p.name, 'unit': p.unit, 'default': p.default, 'bounds': p.bounds, 'neutral': p.neutral,
+            'realistic': p.realistic, 'description': p.description,
+        }
+        for p in effect.parameters
+    ]  # fmt: skip
+    words = {name: getattr(effect, name) for name in ('name', 'port', 'equation', 'source', 'description', 'energy')}
+    return {**words, 'states': effect.states, 'parameters': parameters}
+
+
+def as_text(effect: Effect) -> str:
+    """An effect for a person to read."""
+    lines = [f'{effect.name}  ({effect.port})', f'    {effect.equation}']
+    for words in (effect.description, f'source: {effect.source}', f'energy: {effect.energy}' if effect.energy else ''):
+        lines += textwrap.wrap(words, WIDTH, initial_indent='    ', subsequent_indent='      ')
+    for p in effect.parameters:
+        low, high = p.bounds
+        numbers = f'{p.default:g} {p.unit}, allowed {low:g} to {high:g}'
+        if p.realistic:
+            numbers += f', realistic {p.realistic[0]:g} to {p.realistic[1]:g}'
+        if p.neutral is not None:
+            numbers += f', no effect at {p.neutral:g}'
+        lines.append(f'    {p.name:<8} {p.description}')
+        lines.append(f'             {numbers}')
+    return '\n'.join(lines)

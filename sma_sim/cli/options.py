@@ -1,0 +1,55 @@
+"""Options that every command has, and what commands say while they work."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from sma_sim.model.config import Config, read_config
+from sma_sim.solver.compile import is_compiled
+
+QUIET_TIME = 2.0  # [s] before progress is shown
+
+
+def add_config_options(parser: argparse.ArgumentParser) -> None:
+    """``--config``, ``--set`` and ``--effect``."""
+    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML parameter file (default: the paper\'s values)')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NAME=VALUE', dest='words', help='one parameter, such as wire.E_A=12e9'
+    )
+    parser.add_argument(
+        '--effect', action='append', default=[], metavar='NAME[:PARAM=VALUE,...]', dest='effects',
+        help='one more active effect; `sma-sim effects` lists them',
+    )  # fmt: skip
+
+
+def config_from(arguments: argparse.Namespace, *words: str) -> Config:
+    """The configuration that the options ask for; `words` come last. Raises UserError."""
+    return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
+
+
+def announce_compilation() -> None:
+    """Say why the first start takes long."""
+    if not is_compiled():
+        print('compiling the equations: once, about half a minute ...', file=sys.stderr, flush=True)
+
+
+class Progress:
+    """A line on stderr that shows how much is done, once the work takes longer than a moment."""
+
+    def __init__(self, what: str) -> None:
+        self._what, self._start, self._shown = what, time.monotonic(), False
+
+    def __call__(self, part: float) -> None:
+        """Show that `part` (0 to 1) is done."""
+        passed = time.monotonic() - self._start
+        if passed > QUIET_TIME and sys.stderr.isatty():
+            print(f'\r{self._what}: {100.0 * part:3.0f} % after {passed:.0f} s', end='', file=sys.stderr, flush=True)
+            self._shown = True
+
+    def close(self) -> None:
+        """End the line."""
+        if self._shown:
+            print(file=sys.stderr)

@@ -1,0 +1,117 @@
+"""CSV files with units in their headers, read with messages that a person can act on, written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+FORMAT = '%.17g'  # reads back to the same double
+
+
+def read_columns(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Vector]:
+    """The named columns of a CSV file, (k,) each; all of their cells must be finite numbers. Raises UserError."""
+    header = read_header(path)
+    missing = [name for name in required if name not in header]
+    if missing:
+        close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
+        hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
+    wanted = [name for name in (*required, *optional) if name in header]
+    doubled = [name for name in wanted if header.count(name) > 1]
+    if doubled:
+        raise UserError(f'{path} has column {doubled[0]} more than once')
+    places = [header.index(name) for name in wanted]
+    try:
+        table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None)
+    except (ValueError, OSError):
+        table = None
+    if table is None or not np.isfinite(table).all():
+        raise UserError(first_wrong_cell(path, wanted, places))
+    if len(table) == 0:
+        raise UserError(f'{path} has a header but no rows')
+    return {name: table[:, k].copy() for k, name in enumerate(wanted)}
+
+
+def read_header(path: Path) -> list[str]:
+    """The names in the first line."""
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            line = file.readline(1_000_000)
+    except OSError as error:
+        raise UserError(f'cannot read {path}: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
+    if not line.strip():
+        raise UserError(f'{path} is empty: expected a header and at least one row')
+    return [name.strip() for name in next(csv.reader([line]))]
+
+
+def first_wrong_cell(path: Path, names: Sequence[str], places: Sequence[int]) -> str:
+    """What to say of the first cell that is not a finite number."""
+    try:
+        with path.open(newline='', encoding='utf-8') as file:
+            for number, row in enumerate(csv.reader(file), start=1):
+                if number == 1 or not row:
+                    continue
+                for name, place in zip(names, places, strict=True):
+                    cell = row[place].strip() if place < len(row) else ''
+                    if not is_finite_number(cell):
+                        return f'{path}, row {number}, column {name}: expected a number, got {cell or "nothing"!r}'
+    except (UnicodeDecodeError, csv.Error) as error:
+        return f'{path} is not a CSV file: {error}'
+    except OSError as error:
+        return f'cannot read {path}: {error.strerror}'
+    return f'{path} is not a CSV file with commas between its cells'
+
+
+def is_finite_number(cell: str) -> bool:
+    """Whether a cell reads as a finite number."""
+    try:
+        return bool(np.isfinite(float(cell)))
+    except ValueError:
+        return False
+
+
+def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:
+    """Write a CSV file of numbers, whole or not at all. Raises UserError."""
+    formats = ['%d' if name.startswith('mode') else FORMAT for name in columns]
+
+    def fill(file: Any) -> None:
+        file.write(','.join(columns) + '\n')
+        np.savetxt(file, np.column_stack(list(columns.values())), fmt=formats, delimiter=',')
+
+    write_whole(path, fill)
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a CSV file of any cells, whole or not at all. Raises UserError."""
+
+    def fill(file: Any) -> None:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+    write_whole(path, fill)
+
+
+def write_whole(path: Path, fill: Any) -> None:
+    """Let `fill` write a text file under a temporary name, then rename it. Raises UserError."""
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with temporary.open('w', newline='', encoding='utf-8') as file:
+            fill(file)
+        temporary.replace(path)
+    except OSError as error:
+        raise UserError(f'cannot write {path}: {error.strerror}') from error
+    finally:
+        temporary.unlink(missing_ok=True)

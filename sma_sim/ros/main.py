@@ -1,0 +1,88 @@
+"""Entry point of the node: `ros2 run sma_sim sma_module_sim`, or `sma_module_sim` in a virtual environment."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import traceback
+
+from sma_sim.model.errors import UserError
+
+NAME = 'sma_module_sim'
+NO_ROS = (
+    f'{NAME}: rclpy, the Python client of ROS 2, is not installed here ({{reason}}).\n'
+    "Install it with: pip install 'sma_sim[kilted]' (or sma_sim[jazzy]), or source a ROS 2 workspace."
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
+    try:
+        import rclpy
+    except ImportError as error:
+        print(NO_ROS.format(reason=error), file=sys.stderr)
+        return 2
+    from rclpy.signals import SignalHandlerOptions
+
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        return run(stop)
+    except UserError as error:
+        print(f'{NAME}: {error}', file=sys.stderr)
+        return 2
+    except Exception:
+        traceback.print_exc()
+        print(f'{NAME}: this is a fault of sma_sim, please report it', file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+
+
+def run(stop: threading.Event) -> int:
+    """Make the node and step it until `stop` is set."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    from sma_sim.ros.node import ModuleSimulation
+    from sma_sim.ros.parameters import configure
+    from sma_sim.solver.compile import is_compiled
+    from sma_sim.solver.simulate import SimulationError
+
+    node = Node(NAME, automatically_declare_parameters_from_overrides=True)
+    config, settings = configure(node)
+    if not is_compiled():
+        node.get_logger().info('compiling the equations: once, about half a minute ...')
+    simulation = ModuleSimulation(node, config, settings)
+    effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
+    node.get_logger().info(
+        f'running: {config.model} model, effects {effects}, {settings["integration_rate"]:g} steps/s, '
+        f'{settings["publish_rate"]:g} messages/s per topic; waiting for J_eq [W]; stop with Ctrl-C'
+    )
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def serve() -> None:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    server = threading.Thread(target=serve, daemon=True)
+    server.start()
+    try:
+        simulation.spin(stop)
+    except SimulationError as error:
+        node.get_logger().error(str(error))
+        return 1
+    finally:
+        stop.set()
+        server.join()
+        executor.remove_node(node)
+        node.destroy_node()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

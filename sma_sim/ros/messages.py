@@ -1,0 +1,79 @@
+"""Messages of the node, from one row of a run's samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState, Temperature
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
+
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Y_POSE, Y_RATE, Y_SENSED, Y_TAU, Y_WIRE
+
+JOINTS = ('U_x', 'U_y', 'alpha')
+WIRES = ('wire_1', 'wire_2')
+FREEZING = 273.15  # 0 deg C [K]
+SENSED_FORCE, SENSED_TEMPERATURE = Y_SENSED + 3, Y_SENSED + 5
+
+
+def stamp_of(seconds: float) -> Time:
+    """A stamp from seconds since the epoch of the node's clock."""
+    nanoseconds = round(seconds * 1e9)
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def of_wires(row: NDArray[Any], column: str) -> list[float]:
+    """One quantity of both wires."""
+    at = WIRE_COLUMNS.index(column)
+    return [float(row[Y_WIRE + i * PER_WIRE + at]) for i in range(2)]
+
+
+def joint_state(stamp: Time, row: NDArray[Any], sensed: bool) -> JointState:
+    """Pose [m, m, rad] as the sensors show it or as it is, its rates, and tau = -J^T F [N, N, N m]."""
+    first = Y_SENSED if sensed else Y_POSE
+    return JointState(
+        header=Header(stamp=stamp),
+        name=JOINTS,
+        position=row[first : first + 3].tolist(),
+        velocity=row[Y_RATE : Y_RATE + 3].tolist(),
+        effort=row[Y_TAU : Y_TAU + 3].tolist(),
+    )
+
+
+def wire_state(stamp: Time, row: NDArray[Any]) -> JointState:
+    """Length [m], its rate [m/s] and the bundle's force [N]."""
+    return JointState(
+        header=Header(stamp=stamp),
+        name=WIRES,
+        position=of_wires(row, 'length'),
+        velocity=of_wires(row, 'v'),
+        effort=of_wires(row, 'F'),
+    )
+
+
+def temperature(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
+    """Temperature of a wire (REP 103: in deg C)."""
+    return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - FREEZING)
+
+
+def layout(label: str) -> MultiArrayLayout:
+    """Two numbers, one per wire, labelled with what they are."""
+    return MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=2, stride=2)])
+
+
+def wire_forces(row: NDArray[Any]) -> Float64MultiArray:
+    """Forces of the bundles [N]."""
+    data = row[SENSED_FORCE : SENSED_FORCE + 2].tolist()
+    return Float64MultiArray(layout=layout('force of wire_1, wire_2 [N]'), data=data)
+
+
+def phase_fractions(row: NDArray[Any]) -> Float64MultiArray:
+    """Martensite fractions x_M."""
+    return Float64MultiArray(layout=layout('x_M of wire_1, wire_2 [-]'), data=of_wires(row, 'x_M'))
+
+
+def wire_modes(modes: Sequence[int]) -> UInt8MultiArray:
+    """Active hybrid modes, 1 to 5."""
+    return UInt8MultiArray(layout=layout('mode of wire_1, wire_2 (1 to 5)'), data=list(modes))

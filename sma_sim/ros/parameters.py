@@ -1,0 +1,97 @@
+"""Parameters of the node: read from ROS, checked like those of the offline commands, declared with descriptors."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType
+from rclpy.node import Node
+
+from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
+from sma_sim.model.effects.library import find_effects
+from sma_sim.model.parameters import DEFAULTS, Parameter
+
+LIVE = ('environment.T_E',)
+OF_ROS = ('use_sim_time', 'start_type_description_service')
+LIST_DESCRIPTIONS = {
+    'effects.active': 'names of the active effects',
+    'effects.paths': "folders of the user's own effects; relative ones start at the parameter file",
+}
+CHOICE_DESCRIPTIONS = {'system': 'what is simulated', 'model': 'kinetics of the wires'}
+
+
+def given_to(node: Node) -> dict[str, Given]:
+    """What was given to the node, by name (it was made to declare all that was given)."""
+    source, folder = params_file()
+    given = {}
+    for name, parameter in node.get_parameters_by_prefix('').items():
+        if name not in OF_ROS and not name.startswith('qos_overrides.'):
+            value = parameter.value
+            given[name] = Given(list(value) if hasattr(value, 'tolist') else value, source, folder)
+    return given
+
+
+def params_file() -> tuple[str, Path]:
+    """Where parameters come from, in words, and the folder to which paths in them are relative."""
+    files = [Path(after) for word, after in zip(sys.argv, sys.argv[1:], strict=False) if word == '--params-file']
+    return (f'in {files[-1]}', files[-1].parent) if files else ('given to the node', Path())
+
+
+def configure(node: Node) -> tuple[Config, Mapping[str, float]]:
+    """Check what was given, declare every parameter, and return the configuration and the ``node.*`` numbers.
+
+    Raises UserError.
+    """
+    given = given_to(node)
+    config = checked(given)
+    if config.system != 'module':
+        raise ConfigError(f'system = {config.system} ({given["system"].where}): the node simulates a module; '
+                          'a single wire runs offline with sma-sim simulate --system wire')  # fmt: skip
+    for name in given:
+        node.undeclare_parameter(name)
+    for name, parameter in DEFAULTS.items():
+        declare_number(node, name, parameter, config.parameters[name])
+    for name, choices in CHOICES.items():
+        words = ParameterDescriptor(
+            description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
+            additional_constraints=f'one of {", ".join(choices)}',
+        )  # fmt: skip
+        node.declare_parameter(name, getattr(config, name), words, ignore_override=True)
+    declare_effects(node, config, given)
+    settings = {name.removeprefix('node.'): config.parameters[name] for name in DEFAULTS if name.startswith('node.')}
+    return config, settings
+
+
+def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> None:
+    """Declare the lists of effects and the parameters of all that were found."""
+    for name in EFFECT_LISTS:
+        value = given[name].value if name in given else ['']
+        words = ParameterDescriptor(
+            description=LIST_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING_ARRAY
+        )
+        node.declare_parameter(name, value, words, ignore_override=True)
+    active = {one.found.effect.name: one.values for one in config.effects}
+    found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
+    for name, one in found.items():
+        values = active.get(name, tuple(p.default for p in one.effect.parameters))
+        for parameter, value in zip(one.effect.parameters, values, strict=True):
+            declare_number(node, f'effects.{name}.{parameter.name}', parameter, value)
+
+
+def declare_number(node: Node, name: str, parameter: Parameter, value: float) -> None:
+    """Declare one number with its unit, range and description."""
+    low, high = parameter.bounds
+    # rclpy compares with the range, which NaN (chosen at the start) would fail
+    bounds: list[Any] = [] if math.isnan(value) else [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    descriptor = ParameterDescriptor(
+        description=f'{parameter.description} [{parameter.unit}]',
+        type=ParameterType.PARAMETER_DOUBLE,
+        read_only=name not in LIVE,
+        floating_point_range=bounds,
+        additional_constraints=f'{low:g} to {high:g} {parameter.unit}',
+    )
+    node.declare_parameter(name, float(value), descriptor, ignore_override=True)

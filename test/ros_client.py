@@ -1,0 +1,69 @@
+"""A node of ours in its own process, and a plain rclpy client in a domain of their own."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install "sma_sim[kilted]"')
+
+ROOT = Path(__file__).resolve().parents[1]
+FIRST_MESSAGE = 120.0  # [s]; the first start ever compiles
+REACTION = 15.0  # [s]
+
+
+class Simulation:
+    """`sma_module_sim` as a subprocess, with a client that collects what it publishes."""
+
+    def __init__(self, *arguments, topics=(), namespace=''):
+        self.environment = os.environ | {
+            'ROS_DOMAIN_ID': str(random.randrange(1, 100)),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', *arguments]
+        self.process = subprocess.Popen(
+            command, cwd=ROOT, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
+        self.node = rclpy.create_node('client', context=self.context, namespace=namespace)
+        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.seen = {topic: [] for _, topic in topics}
+        for kind, topic in topics:
+            self.node.create_subscription(kind, topic, self.seen[topic].append, 100)
+
+    def until(self, condition, patience=REACTION):
+        """Spin until the condition holds; fail when it never does."""
+        end = time.monotonic() + patience
+        while not condition():
+            assert self.process.poll() is None, self.process.stdout.read()
+            assert time.monotonic() < end, f'waited {patience} s in vain'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def stop(self):
+        """Ctrl-C; the exit code and what was logged."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            log, _ = self.process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            log, _ = self.process.communicate()
+        return self.process.returncode, log
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)

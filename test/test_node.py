@@ -1,0 +1,165 @@
+"""The node over real DDS, as a plain rclpy client sees it."""
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from sma_sim import Config, Input, Model
+from sma_sim.model.config import flatten, read_yaml
+from sma_sim.model.parameters import DEFAULTS
+from sma_sim.solver.fixed_rate import simulate_fixed_rate
+
+ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+from sensor_msgs.msg import JointState, Temperature  # noqa: E402
+from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+TOPICS = (
+    (JointState, 'joint_states'), (JointState, 'wire_states'), (Float64MultiArray, 'wire_forces'),
+    (UInt8MultiArray, 'wire_modes'), (Temperature, 'wire_1/temperature'), (Temperature, 'wire_2/temperature'),
+    (Float64MultiArray, 'phase_fractions'), (Float64, 'J_eq_applied'),
+)  # fmt: skip
+
+
+def alphas(simulation):
+    return np.array([message.position[2] for message in simulation.seen['joint_states']])
+
+
+def stamp(message):
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def test_topics_and_bit_identical_replay():
+    with ros_client.Simulation('--params-file', 'config/module.yaml', topics=TOPICS) as one:
+        seen = one.seen
+        command = one.node.create_publisher(Float64, 'J_eq', 10)
+        one.until(lambda: all(seen[topic] for _, topic in TOPICS), ros_client.FIRST_MESSAGE)
+        command.publish(Float64(data=12.0))
+        one.until(lambda: seen['J_eq_applied'][-1].data == 12.0)
+        one.until(lambda: abs(alphas(one)[-1]) > math.radians(1.0))
+        code, log = one.stop()
+    assert code == 0, log
+    joints, wires = seen['joint_states'][-1], seen['wire_states'][-1]
+    assert list(joints.name) == ['U_x', 'U_y', 'alpha'] and list(wires.name) == ['wire_1', 'wire_2']
+    assert len(joints.velocity) == len(joints.effort) == 3
+    assert joints.effort[0] < -20.0  # both bundles pull the plate towards the clamp
+    assert all(0.095 < length < 0.105 for length in wires.position)
+    assert list(seen['wire_forces'][-1].data) == pytest.approx(list(wires.effort), rel=0.05)
+    assert 'wire_1' in seen['wire_forces'][-1].layout.dim[0].label
+    assert seen['wire_1/temperature'][-1].temperature > seen['wire_2/temperature'][-1].temperature > 24.0
+    assert set(seen['wire_modes'][-1].data) <= {1, 2, 3, 4, 5}
+    assert np.diff([stamp(m) for m in seen['joint_states']]) == pytest.approx(0.01, abs=1e-6)
+    assert_replays(seen, float(re.search(r'simulated time 0 has the stamp ([0-9.]+)', log).group(1)))
+
+
+def assert_replays(seen, epoch):
+    """From the step on at which the command took effect, an offline run gives the same alpha, bit for bit."""
+    steps = np.array([round((stamp(message) - epoch) * 1000.0) for message in seen['joint_states']])
+    alpha = np.array([message.position[2] for message in seen['joint_states']])
+    heated = [message for message in seen['wire_1/temperature'] if message.temperature > 298.0 - 273.15 + 1e-6]
+    first = round((stamp(heated[0]) - epoch) * 1000.0)
+    same = []
+    for late in range(10):  # the command came at an unknown one of the ten steps between two samples
+        begin = (first - 1 - late) / 1000.0
+        times, values = np.array([0.0, begin, steps[-1] / 1000.0]), np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 298.0]])
+        run = simulate_fixed_rate(Model(Config()), Input(times, values, (False, False)), 1000.0, 100.0)
+        same.append(np.array_equal(run['alpha_rad'][steps // 10], alpha))
+    assert any(same)
+
+
+def test_jumps_are_published_between_samples():
+    topics = ((UInt8MultiArray, 'wire_modes'), (JointState, 'joint_states'))
+    with ros_client.Simulation('-p', 'node.publish_rate:=1.0', topics=topics) as one:
+        command = one.node.create_publisher(Float64, 'J_eq', 10)
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        command.publish(Float64(data=12.0))
+        one.until(lambda: len(one.seen['wire_modes']) > len(one.seen['joint_states']) + 1)
+        assert one.stop()[0] == 0
+
+
+def test_bad_commands_are_refused_or_clipped():
+    topics = ((Float64, 'J_eq_applied'), (JointState, 'joint_states'))
+    with ros_client.Simulation('-p', 'node.J_max:=9.0', '-p', 'node.command_timeout:=1.0', topics=topics) as one:
+        applied = one.seen['J_eq_applied']
+        command = one.node.create_publisher(Float64, 'J_eq', 10)
+        one.until(lambda: applied, ros_client.FIRST_MESSAGE)
+        one.until(lambda: command.get_subscription_count() == 1)
+        for data in (5.0, math.nan, -math.inf, -50.0):
+            command.publish(Float64(data=data))
+        one.until(lambda: len(applied) > 1 and applied[-1].data == -9.0)
+        one.until(lambda: applied[-1].data == 0.0)
+        code, log = one.stop()
+    assert code == 0
+    assert {message.data for message in applied} <= {0.0, 5.0, -9.0}
+    assert 'J_eq = nan W refused' in log
+    assert 'J_eq = -50 W clipped to node.J_max = 9 W' in log
+    assert 'no command for node.command_timeout = 1 s: heating is off' in log
+
+
+def test_ambient_temperature_and_namespace():
+    topics = ((Temperature, 'wire_2/temperature'),)
+    with ros_client.Simulation('-r', '__ns:=/left', topics=topics, namespace='/left') as one:
+        ambient = one.node.create_publisher(Temperature, 'ambient_temperature', 10)
+        seen = one.seen['wire_2/temperature']
+        one.until(lambda: seen, ros_client.FIRST_MESSAGE)
+        one.until(lambda: ambient.get_subscription_count() == 1)
+        assert seen[0].temperature == pytest.approx(298.0 - 273.15)
+        ambient.publish(Temperature(temperature=-400.0))
+        ambient.publish(Temperature(temperature=40.0))
+        one.until(lambda: abs(seen[-1].temperature - 40.0) < 0.5)
+        code, log = one.stop()
+    assert code == 0
+    assert 'ambient_temperature = -400.0 deg C refused' in log
+
+
+def test_sensing_effect_shows_both_poses(tmp_path):
+    file = tmp_path / 'lag.yaml'
+    lag = {'active': ['sensor_lag'], 'sensor_lag': {'tau': 0.5}}
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'effects': lag}}}))
+    topics = ((JointState, 'joint_states'), (JointState, 'true_joint_states'))
+    with ros_client.Simulation('--params-file', str(file), topics=topics) as one:
+        command = one.node.create_publisher(Float64, 'J_eq', 10)
+        one.until(lambda: one.seen['true_joint_states'], ros_client.FIRST_MESSAGE)
+        command.publish(Float64(data=12.0))
+        one.until(lambda: one.seen['true_joint_states'][-1].position[2] > 0.02)
+        true = one.seen['true_joint_states'][-1]
+        one.until(lambda: stamp(one.seen['joint_states'][-1]) >= stamp(true))
+        shown = next(m for m in one.seen['joint_states'] if stamp(m) == stamp(true))
+        assert 0.0 < shown.position[2] < 0.9 * true.position[2]
+        assert one.stop()[0] == 0
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['-p', 'wire.E_X:=1e9'], 'unknown parameter wire.E_X'),
+        (['-p', 'wire.E_A:=stiff'], "wire.E_A = 'stiff'"),
+        (['-p', 'wire.E_A:=true'], 'wire.E_A = True'),
+        (['-p', 'wire.E_A:=-1.0'], 'expected 1e+08 to 1e+12 Pa'),
+        (['-p', 'model:=mass'], 'expected one of hybrid, mas'),
+        (['-p', 'system:=wire'], 'the node simulates a module'),
+        (['-p', 'effects.active:=[gravitation]'], 'unknown effect gravitation'),
+        (['-p', 'effects.paths:=[/nowhere]'], '/nowhere is not a folder'),
+        (['-p', 'node.publish_rate:=300.0'], 'does not divide node.integration_rate = 1000 Hz'),
+        (['-p', 'beam.L:=0.05'], 'no static equilibrium'),
+    ],
+)
+def test_wrong_parameters_stop_the_node(words, message):
+    command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2, done.stderr
+    assert message in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_module_yaml_has_every_parameter_at_its_default():
+    given = flatten(read_yaml(ROOT / 'config' / 'module.yaml'))
+    for name, parameter in DEFAULTS.items():
+        assert given[name] == parameter.default or math.isnan(given[name]) and math.isnan(parameter.default), name
+    assert set(given) - set(DEFAULTS) == {'system', 'model', 'effects.active', 'effects.paths'}
