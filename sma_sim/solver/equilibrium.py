@@ -58,10 +58,13 @@ def start(
     mode admits is moved to the nearest one that does, where the stress lies on the edge of the hysteresis.
     """
     for i in range(p.wires):
-        x_frozen[i] = wanted[i]
-        mode[i] = INNER
-        if np.isnan(wanted[i]):
-            x_frozen[i], mode[i] = 0.5, TO_MARTENSITE
+        x_frozen[i], mode[i] = 0.5, TO_MARTENSITE
+    found = equilibrium(y, u, still, mode, x_frozen, p, w)
+    for i in range(p.wires):
+        if not np.isnan(wanted[i]):
+            x_frozen[i], mode[i] = wanted[i], INNER
+    if found and not equilibrium(y, u, still, mode, x_frozen, p, w):
+        towards_admitted(y, u, still, wanted, mode, x_frozen, p, w)
     for _ in range(8 * p.wires):
         if not equilibrium(y, u, still, mode, x_frozen, p, w):
             return False
@@ -73,6 +76,20 @@ def start(
         if p.mas:
             y[p.first_x + i] = x_frozen[i]
     return True
+
+
+def towards_admitted(
+    y: Vector, u: Vector, still: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
+) -> None:
+    """Where the wanted fractions have no equilibrium at all: put each wire on the nearer edge of its hysteresis."""
+    for j in range(3):
+        y[j] = 0.0
+    for i in range(p.wires):
+        x_frozen[i], mode[i] = 0.5, TO_MARTENSITE
+    equilibrium(y, u, still, mode, x_frozen, p, w)
+    for i in range(p.wires):
+        if wanted[i] > w.obs[i, O_X]:
+            mode[i] = TO_AUSTENITE
 
 
 def equilibrium(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -55,11 +55,21 @@ def native_effect(found: FoundEffect) -> NativeEffect:
     return NativeEffect(*built)
 
 
+def record(name: str, fields: Sequence[str]) -> Any:
+    """A named tuple type whose fields are known only now."""
+    return namedtuple(name, fields)
+
+
+def constants_of(effect: Effect) -> type[BeamConstants] | type[WireConstants]:
+    """The constants that the kernels of an effect read."""
+    return BeamConstants if effect.port == 'structure_force' else WireConstants
+
+
 def _native(
     effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool, compiler: Compiler
 ) -> Any:
     """A C function of five addresses around one kernel."""
-    text = wrapper_text(effect, role, outputs, memory)
+    text = wrapper_text(effect, role, outputs, memory, returns_tuple(effect, role, kernel, outputs, memory))
     file = compiler.folder / f'effect_{effect.name}_{role}.py'
     if not file.exists() or file.read_text() != text:  # numba keeps native code by the age of this file
         file.write_text(text)
@@ -68,9 +78,9 @@ def _native(
         '__name__': __name__,
         'carray': carray,
         'State': State,
-        'Constants': BeamConstants if effect.port == 'structure_force' else WireConstants,
-        'Parameters': namedtuple('Parameters', names),
-        'Memory': namedtuple('Memory', effect.states),
+        'Constants': constants_of(effect),
+        'Parameters': record('Parameters', names),
+        'Memory': record('Memory', effect.states),
         'kernel': kernel,
     }
     exec(compile(text, str(file), 'exec'), namespace)
@@ -79,13 +89,44 @@ def _native(
     try:
         return compiler.native(wrapper, kernel)
     except Exception as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
-        raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {reason}') from error
+        raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {reason_of(error)}') from error
 
 
-def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool) -> str:
+def reason_of(error: Exception) -> str:
+    """What a person needs of the compiler's long message."""
+    noise = ('Failed in', 'During:', 'File "', '^', 'This error', '[1]')
+    lines = [line.strip() for line in str(error).splitlines()]
+    told = [line for line in lines if line and not line.startswith(noise)]
+    return ' '.join(told[:3]) or type(error).__name__
+
+
+def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool) -> bool:
+    """Whether a kernel returns a tuple rather than a float, found by calling it once. Raises EffectError."""
+    constants, memory_type = constants_of(effect), record('Memory', effect.states)
+    parameters = record('Parameters', [p.name for p in effect.parameters])
+    given: list[Any] = [
+        State(*[0.5] * len(State._fields)),
+        constants(*[0.5] * len(constants._fields)),
+        parameters(*[p.default for p in effect.parameters]),
+    ]
+    if memory:
+        given.append(memory_type(*[0.5] * len(effect.states)))
+    try:
+        value = kernel(*given)
+    except ArithmeticError:
+        return outputs != 1
+    except Exception as error:
+        raise EffectError(f'effect {effect.name!r}: its {role} fails: {type(error).__name__}: {error}') from error
+    count = len(value) if isinstance(value, tuple) else 1
+    if count != outputs:
+        what = f'port {effect.port} takes' if role == 'value' else f'its states {", ".join(effect.states)} are'
+        raise EffectError(f'effect {effect.name!r}: its {role} returns {count} numbers, {what} {outputs}')
+    return isinstance(value, tuple)
+
+
+def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool, is_tuple: bool) -> str:
     """Source of the C function: build what the kernel takes from the five addresses, store what it returns."""
-    constants = BeamConstants if effect.port == 'structure_force' else WireConstants
+    constants = constants_of(effect)
     groups = [('s', 'State', len(State._fields)), ('w', 'Constants', len(constants._fields))]
     groups.append(('p', 'Parameters', len(effect.parameters)))
     if memory:
@@ -95,7 +136,5 @@ def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool) -> str:
         lines.append(f'    {letter}_ = carray({letter}, {size})')
         lines.append(f'    {letter}__ = {kind}({", ".join(f"{letter}_[{i}]" for i in range(size))})')
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
-    if outputs == 1:
-        lines.append('    out_[0] = result')
-    lines += [f'    out_[{i}] = result[{i}]' for i in range(outputs) if outputs > 1]
+    lines += [f'    out_[{i}] = result[{i}]' for i in range(outputs)] if is_tuple else ['    out_[0] = result']
     return '\n'.join(lines) + '\n'

@@ -110,7 +110,7 @@ _KERNEL = ctypes.CFUNCTYPE(None, *([ctypes.c_ssize_t] * 5))
 
 def call_kernel(address: int, s: int, w: int, p: int, m: int, out: int) -> None:
     """Call the native kernel at `address` with five data addresses (the compiler puts a direct call here)."""
-    _KERNEL(address)(s, w, p, m, out)
+    _KERNEL(int(address))(s, w, p, m, out)
 
 
 def call_effect(

@@ -1,0 +1,89 @@
+"""The flow in plain Python at chosen states: what the equations say, without a solver."""
+
+import numpy as np
+
+from sma_sim import Config, Model, default_parameters, find_effects
+from sma_sim.model.automaton import AUSTENITE, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
+from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.layout import O_SIZE, O_X
+from sma_sim.model.material import sigma_A, sigma_M
+from sma_sim.model.system import flow
+
+MODES = (1, 2, 3, 4, 5)
+
+
+def active(name, values=None, found=None):
+    """An effect at its default values, or at the given ones (None keeps the default)."""
+    one = (found or find_effects())[name]
+    values = values or [None] * len(one.effect.parameters)
+    pairs = zip(one.effect.parameters, values, strict=True)
+    return ActiveEffect(one, tuple(p.default if value is None else value for p, value in pairs))
+
+
+def neutral(name):
+    """An effect at its neutral values."""
+    one = find_effects()[name]
+    return ActiveEffect(one, tuple(p.default if p.neutral is None else p.neutral for p in one.effect.parameters))
+
+
+def make_model(system='module', model='hybrid', effects=(), **parameters):
+    """A model with some parameters changed (``wire__E_A=...``)."""
+    changed = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return Model(Config(default_parameters() | changed, system, model, tuple(effects)))
+
+
+class Point:
+    """One random state of a model in given modes, with its flow."""
+
+    def __init__(self, model, random, mode=3):
+        p = model.compiled
+        self.model, self.p = model, p
+        self.y = np.zeros(len(model.scales))
+        if p.module:
+            self.y[:3] = [-6e-5, 1e-3 * random.normal(), 0.05 * random.normal()]
+            self.y[3:6] = [1e-4 * random.normal(), 1e-3 * random.normal(), 0.05 * random.normal()]
+            self.u, self.du = np.array([random.uniform(-15, 15), 298.0]), np.zeros(2)
+        else:
+            self.u = np.array([0.045, random.uniform(0, 1), 298.0])
+            self.du = np.array([random.uniform(-1e-2, 1e-2), 0.0, 0.0])
+        extra = p.first_x + (p.wires if p.mas else 0)
+        self.y[extra:] = model.scales[extra:] * random.normal(size=len(self.y) - extra)
+        self.y[p.first_T : p.first_T + p.wires] = random.uniform(300, 340, p.wires)
+        self.mode = np.full(p.wires, mode)
+        self.x = random.uniform(0.2, 0.8, p.wires)
+        if mode in (AUSTENITE, MARTENSITE):
+            self.x[:] = float(mode == MARTENSITE)
+        if p.mas:
+            self.y[p.first_x : p.first_x + p.wires] = self.x
+        self.evaluate()
+        if p.mas and not p.module:
+            self.u[0] = self.strain_between_plateaus(random)
+            self.evaluate()
+
+    def strain_between_plateaus(self, random):
+        """A strain of the single wire at which the MAS rates are neither nil nor immense."""
+        w, T, x = self.p.wire, self.y[self.p.first_T], self.x[0]
+        part = random.choice([-0.05, 1.05])
+        sigma = sigma_M(T, w) + part * (sigma_A(T, w) - sigma_M(T, w))
+        return sigma * (x / w.E_M + (1 - x) / w.E_A) + w.eps_T * x
+
+    def evaluate(self, y=None, u=None):
+        """dy/dt and what the flow finds on its way."""
+        self.dy, self.obs = np.zeros(len(self.y)), np.zeros((self.p.wires, O_SIZE))
+        y, u = self.y if y is None else y, self.u if u is None else u
+        flow(0.0, y, u, self.du, self.mode, self.x, self.p, self.dy, self.obs)
+        return self.dy, self.obs
+
+    def along(self, h):
+        """The flow's findings after a time `h` on a straight line through this point."""
+        dy, _ = self.evaluate()
+        return self.evaluate(self.y + h * dy, self.u + h * self.du)
+
+
+def admitted(point):
+    """Whether a transforming wire's fraction is one."""
+    moving = np.isin(point.mode, (TO_MARTENSITE, TO_AUSTENITE))
+    return not moving.any() or bool(((point.obs[:, O_X] > 0.02) & (point.obs[:, O_X] < 0.98)).all())
+
+
+__all__ = ['MODES', 'Point', 'active', 'admitted', 'make_model', 'neutral']

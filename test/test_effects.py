@@ -1,0 +1,245 @@
+"""One standard test that every effect passes, and what is special to a port."""
+
+import math
+
+import numpy as np
+import pytest
+from flows import MODES, Point, active, admitted, make_model, neutral
+
+from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
+from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
+from sma_sim.model.effects.library import FoundEffect
+from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
+from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
+from sma_sim.model.material import stress
+from sma_sim.model.parameters import BeamConstants, WireConstants, beam_constants, wire_constants
+from sma_sim.model.transformation import offsets
+from sma_sim.solver.kernels import native_effect
+
+NAMES = sorted(find_effects())
+COMMAND = Input(
+    np.array([0.0, 1.0, 8.0, 14.0, 20.0]),
+    np.column_stack([[0.0, 12.0, -10.0, 4.0, 0.0], np.full(5, 298.0)]),
+    (False, False),
+)
+PULL = Input(np.array([0.0, 4.0, 6.0, 8.0]), np.array([[0, 0.1, 298], [0.06, 0.4, 298], [0.03, 0, 298], [0.05, 0, 298.0]]),
+             (True, False, False))  # fmt: skip
+SAMPLES = {'module': np.arange(0.0, 20.0, 0.05), 'wire': np.arange(0.0, 8.0, 0.02)}
+SEEN = {'module': ('alpha_rad', 'U_y_m', 'T_1_K', 'F_2_N'), 'wire': ('stress_Pa', 'T_K')}
+
+
+def run(system, kind, effects, rtol=1e-5):
+    model = make_model(system, kind, effects, solver__rtol=rtol)
+    return simulate(model, COMMAND if system == 'module' else PULL, SAMPLES[system])
+
+
+def acts_on(name, system):
+    effect = find_effects()[name].effect
+    return system == 'module' or effect.port != 'structure_force'
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_declaration(name):
+    effect = find_effects()[name].effect
+    assert effect.name == name and effect.equation and effect.source and effect.description
+    assert any(p.neutral is not None for p in effect.parameters)
+    if effect.port in ('wire_strain', 'transformation_stress'):
+        assert effect.energy
+    for p in effect.parameters:
+        low, high = p.bounds
+        assert p.unit and p.description and low <= p.default <= high
+        assert p.neutral is None or low <= p.neutral <= high
+        assert p.realistic is not None and low <= p.realistic[0] < p.realistic[1] <= high
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('system', ['module', 'wire'])
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_neutral_is_the_bare_model_to_rounding(name, system, kind):
+    """At random states, in every mode: the same rates of the bare model's states."""
+    random = np.random.default_rng(3)
+    bare, rich = make_model(system, kind), make_model(system, kind, [neutral(name)])
+    for mode in MODES if kind == 'hybrid' else (3,):
+        for _ in range(5):
+            point = Point(bare, random, mode)
+            expected = point.evaluate()[0].copy()
+            other = Point(rich, np.random.default_rng(4), mode)
+            other.y[len(point.y) :] = 0.0
+            other.y[: len(point.y)], other.x[:], other.u[:], other.du[:] = point.y, point.x, point.u, point.du
+            shown = other.evaluate()[0][: len(point.y)]
+            assert shown == pytest.approx(expected, rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('system', ['module', 'wire'])
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_runs_in_every_system_and_changes_it(name, system, kind):
+    bare, still, rich = run(system, kind, []), run(system, kind, [neutral(name)]), run(system, kind, [active(name)])
+    assert rich.completed
+    changed = []
+    for column, tolerance in zip(SEEN[system], (2e-5, 2e-7, 5e-3, 2e-2) if system == 'module' else (1e5, 5e-3), strict=True):
+        assert np.isfinite(rich[column]).all()
+        assert still[column] == pytest.approx(bare[column], abs=tolerance)
+        changed.append(np.abs(rich[column] - bare[column]).max() > 3.0 * tolerance)
+    assert any(changed) == acts_on(name, system)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_native_kernel_is_the_python_one(name):
+    found = find_effects()[name]
+    effect = found.effect
+    structure = effect.port == 'structure_force'
+    parameters = make_model().config.parameters
+    constants = (beam_constants if structure else wire_constants)(parameters)
+    random = np.random.default_rng(5)
+    s = State(*random.uniform(0.1, 0.9, len(State._fields)))
+    p = type('P', (), {q.name: q.default for q in effect.parameters})
+    memory = random.uniform(0.1, 0.9, max(len(effect.states), 1))
+    m = type('M', (), dict(zip(effect.states, memory, strict=False)))
+    arrays = [np.array(s), np.array(constants), np.array([q.default for q in effect.parameters]), memory, np.zeros(8)]
+    outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
+    native = native_effect(found)
+    kernels, counts = (effect.kernel, effect.rate, effect.start), (outputs, len(effect.states), len(effect.states))
+    for address, kernel, count in zip(native.addresses, kernels, counts, strict=True):
+        if kernel is None:
+            assert address == 0
+            continue
+        call_kernel(address, *(array.ctypes.data for array in arrays))
+        given = (s, constants, p, m) if effect.states and kernel is not effect.start else (s, constants, p)
+        assert arrays[-1][:count] == pytest.approx(np.atleast_1d(kernel(*given)), rel=1e-12)
+
+
+STRESS_EFFECTS = [n for n in NAMES if find_effects()[n].effect.port in ('wire_strain', 'transformation_stress')]
+
+
+@pytest.mark.parametrize('name', STRESS_EFFECTS)
+@pytest.mark.parametrize('mode', [TO_MARTENSITE, TO_AUSTENITE])
+def test_transforming_wire_stays_on_its_stress(name, mode):
+    """sigma = sigma_A (or sigma_M) with what the effect adds; dx_M/dt is the derivative of x_M along the flow."""
+    random, h, count = np.random.default_rng(9), 1e-7, 0
+    declared = find_effects()[name].effect.parameters
+    for upper in (False, True):
+        values = [p.realistic[1] if upper and p.neutral is not None else p.default for p in declared]
+        model = make_model('wire', 'hybrid', [active(name, values)])
+        for _ in range(40):
+            point = Point(model, random, mode)
+            if not admitted(point):
+                continue
+            count += 1
+            level = O_S_A if mode == TO_MARTENSITE else O_S_M
+            assert point.obs[0, O_SIGMA] == pytest.approx(point.obs[0, level], abs=5.0)
+            assert point.obs[0, O_S_A] > point.obs[0, O_S_M]
+            dx = point.obs[0, O_DX]
+            slope = (point.along(h)[1][0, O_X] - point.along(-h)[1][0, O_X]) / (2 * h)
+            assert dx == pytest.approx(slope, rel=1e-4, abs=1e-4)
+    assert count > 20
+
+
+@pytest.mark.parametrize('name', STRESS_EFFECTS)
+def test_stress_falls_with_the_fraction(name):
+    """d(sigma - sigma_A - s)/dx_M < 0 over the realistic range: x_M is unique in modes 4 and 5."""
+    effect = find_effects()[name].effect
+    for end in (0, 1):
+        model = make_model('wire', 'hybrid', [active(name, [p.realistic[end] for p in effect.parameters])])
+        point = Point(model, np.random.default_rng(1))
+        gap = []
+        for x in np.linspace(0.0, 1.0, 51):
+            strain, s_A, s_M = offsets(0, 320.0, x, point.y, point.p)
+            gap.append([stress(0.05 - strain, x, point.p.wire) - s for s in (s_A, s_M)])
+        assert (np.diff(gap, axis=0) < 0.0).all()
+
+
+def fatigue():
+    """Strain that grows with all transformation so far: memory on the strain port, driven by |dx_M/dt|."""
+    return Effect(
+        name='fatigue', port='wire_strain', equation='e = a z, dz/dt = |dx_M/dt|', source='a test',
+        parameters=(Parameter('a', 2e-3, '-', (0.0, 0.1), 'strain per transformation', '', 0.0, (1e-5, 1e-2)),),
+        states=('z',), scale=(1.0,), kernel=fatigue_strain, rate=fatigue_rate, energy='does not enter',
+    )  # fmt: skip
+
+
+def fatigue_strain(s, w, p, m):
+    return p.a * m.z
+
+
+def fatigue_rate(s, w, p, m):
+    return (abs(s.dx),)
+
+
+@pytest.mark.parametrize('mode', [TO_MARTENSITE, TO_AUSTENITE])
+def test_memory_that_grows_with_transformation_enters_its_rate(mode):
+    one = active('fatigue', found={'fatigue': FoundEffect(fatigue(), (), ('sma_sim.', 'test_effects'))})
+    random, h, count = np.random.default_rng(2), 1e-7, 0
+    for _ in range(80):
+        point = Point(make_model('wire', 'hybrid', [one]), random, mode)
+        dx = point.obs[0, O_DX]
+        if not admitted(point) or (dx > 0.0) != (mode == TO_MARTENSITE):
+            continue  # the rate of the memory is linear in dx_M/dt for the sign that the mode allows
+        count += 1
+        slope = (point.along(h)[1][0, O_X] - point.along(-h)[1][0, O_X]) / (2 * h)
+        assert dx == pytest.approx(slope, rel=1e-5, abs=1e-5)
+    assert count > 10
+
+
+def test_memory_accumulates_over_a_run():
+    one = active('fatigue', found={'fatigue': FoundEffect(fatigue(), (), ('sma_sim.', 'test_effects'))})
+    tired, fresh = run('wire', 'hybrid', [one], 1e-7), run('wire', 'hybrid', [], 1e-7)
+    travelled = np.abs(np.diff(tired['x_M'])).sum()
+    assert travelled > 0.5
+    w = make_model('wire').compiled.wire
+    strain = np.interp(8.0 - 0.02, PULL.times, PULL.values[:, 0])
+    x, sigma = tired['x_M'][-1], tired['stress_Pa'][-1]
+    elastic = sigma * (x / w.E_M + (1 - x) / w.E_A)
+    assert strain - w.eps_T * x - elastic == pytest.approx(2e-3 * travelled, rel=1e-2)
+    assert np.abs(tired['x_M'] - fresh['x_M']).max() > 0.01
+
+
+def test_natural_convection_cools_and_gravity_bends():
+    hot, cooled = run('module', 'hybrid', []), run('module', 'hybrid', [active('natural_convection')])
+    assert cooled['T_1_K'].max() < hot['T_1_K'].max() - 1.0
+    heavy = simulate(make_model('module', 'hybrid', [active('gravity')]), COMMAND, np.array([0.0]))
+    assert heavy['U_y_m'][0] < -1e-5
+
+
+def test_sensor_lag_shows_the_past_only():
+    truth, shown = run('module', 'hybrid', [], 1e-7), run('module', 'hybrid', [active('sensor_lag', [0.2])], 1e-7)
+    assert shown['T_1_K'] == pytest.approx(truth['T_1_K'], abs=1e-2)
+    lagging, state = [], truth['alpha_rad'][0]
+    fine = simulate(make_model(solver__rtol=1e-7), COMMAND, np.arange(0.0, 19.9, 0.001))['alpha_rad']
+    for value in fine:  # the filter's equation, in small steps
+        lagging.append(state)
+        state += 0.001 / 0.2 * (value - state)
+    assert shown['alpha_rad'][:398] == pytest.approx(np.array(lagging[::50]), abs=2e-4)
+
+
+def test_driver_lag_is_a_first_order_filter_of_the_heating():
+    source = Input(np.array([0.0, 1.0]), np.array([[0.0, 0.2, 298.0], [0.0, 0.2, 298.0]]), (True, False, False))
+    tau = 0.3
+    lag = [active('driver_lag', [tau])]
+    model = make_model('wire', 'hybrid', lag, wire__lambda=0.0, initial__x_M_1=0.0, solver__rtol=1e-8)
+    end = simulate(model, source, np.array([1.0]))['T_K'][0]
+    w = model.compiled.wire
+    heat = 0.2 * (1.0 - tau * (1.0 - math.exp(-1.0 / tau)))
+    capacity = w.volume * (w.rho * w.c_V + 0.5 * (298.0 + end) * w.d * w.sigma_T**2)
+    assert end - 298.0 == pytest.approx(heat / capacity, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'port': 'wire_heating'}, 'expected one of actuation, wire_heat'),
+        ({'states': ('z',)}, 'states need a rate and one scale each'),
+        ({'port': 'sensing'}, 'expected one of misalignment, gain'),
+    ],
+)
+def test_wrong_declarations_are_refused(change, message):
+    words = {'name': 'x', 'port': 'wire_heat', 'equation': '', 'source': '', 'parameters': (), 'kernel': lambda s, w, p: 0.0}
+    with pytest.raises((UserError, ValueError), match=message):
+        Effect(**(words | change))
+
+
+def test_ports_and_channels_are_those_of_the_contract():
+    wire_ports = ('wire_heat', 'wire_strain', 'transformation_stress', 'wire_force')
+    assert ('actuation', *wire_ports, 'structure_force', 'sensing') == PORT_NAMES
+    assert CHANNELS == ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
+    assert WireConstants._fields[-4:] == ('section', 'area', 'volume', 'd') and 'k_ya' in BeamConstants._fields

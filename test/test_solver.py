@@ -1,0 +1,189 @@
+"""The stepper: order, event times, hard cases, reasons for an end."""
+
+import numpy as np
+import pytest
+from flows import active, make_model
+
+from sma_sim import Input, find_effects, simulate
+from sma_sim.model.automaton import EDGES, INNER
+from sma_sim.model.material import sigma_A
+from sma_sim.solver.rosenbrock import RODAS4P2
+from sma_sim.solver.simulate import pieces
+
+
+def module_input(times, J_eq, linear=False, T_E=298.0):
+    ambient = np.broadcast_to(T_E, len(times)).astype(float)
+    return Input(np.array(times, float), np.column_stack([np.array(J_eq, float), ambient]), (linear, False))
+
+
+def wire_input(times, strain, J=0.0, T_E=298.0):
+    columns = [np.broadcast_to(column, len(times)).astype(float) for column in (strain, J, T_E)]
+    return Input(np.array(times, float), np.column_stack(columns), (True, False, False))
+
+
+@pytest.mark.parametrize(
+    ('kind', 'x_M', 'strain', 'J'),
+    [('hybrid', 0.0, (0.0, 0.0), 0.3), ('mas', 0.0, (0.0, 0.0), 0.3), ('hybrid', 0.5, (0.04, 0.06), 0.0)],
+    ids=['heating', 'heating-mas', 'through-an-event'],
+)
+def test_measured_order(kind, x_M, strain, J):
+    """With steps of fixed length the error falls with their fourth power, events located or not."""
+    source = wire_input([0.0, 1.0], strain, J=J)
+    steps = np.array([0.08, 0.04, 0.02])
+
+    def end(rtol, step):
+        model = make_model('wire', kind, solver__rtol=rtol, initial__x_M_1=x_M)
+        return simulate(model, source, np.array([1.0]), max_step=step)['T_K'][0]
+
+    errors = np.abs([end(1e-1, step) - end(1e-11, np.inf) for step in steps])
+    orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
+    assert (np.abs(orders - RODAS4P2.order) < 0.3).all(), (errors, orders)
+
+
+def test_error_follows_the_tolerance():
+    source = module_input([0, 5, 20], [12, -8, 0])
+    times = np.arange(0.0, 20.0, 0.1)
+    exact = simulate(make_model(solver__rtol=1e-9), source, times)['alpha_rad']
+    runs = [simulate(make_model(solver__rtol=rtol), source, times) for rtol in (1e-3, 1e-5, 1e-7)]
+    errors = [np.abs(run['alpha_rad'] - exact).max() for run in runs]
+    assert errors[0] > 5 * errors[1] > 25 * errors[2]
+
+
+def test_dense_output_between_steps():
+    """Few steps, many samples: the samples are as exact as the steps (a cooling wire, in closed form)."""
+    warm = Input(np.array([0.0, 0.5, 3.0]), np.array([[0, 0.3, 298.0], [0, 0, 298], [0, 0, 298]]), (True, False, False))
+    model = make_model('wire', 'hybrid', initial__x_M_1=0.0)
+    times = np.arange(0.5, 3.0, 0.01)
+    run = simulate(model, warm, times)
+    w = model.compiled.wire
+    T = run['T_K']
+    # austenite at zero strain: (rho c_V + T d sigma_T^2) Om dT/dt = -lambda A_s (T - T_E), in closed form for t(T)
+    a, b = w.volume * w.rho * w.c_V, w.volume * w.d * w.sigma_T**2
+    t = -((a + b * 298.0) * np.log((T - 298.0) / (T[0] - 298.0)) + b * (T - T[0])) / (w.lambda_ * w.area)
+    slope = w.lambda_ * w.area * (T - 298.0) / (a + b * T)
+    assert np.abs((times - 0.5 - t) * slope).max() < 2e-3
+    assert run.steps < len(times) / 3
+
+
+def test_event_time_in_closed_form():
+    """A cold wire is drawn at constant rate: its stress reaches sigma_A(T_E) at eps = sigma_A/E_A."""
+    model = make_model('wire', 'hybrid', initial__x_M_1=0.0)
+    w = model.compiled.wire
+    run = simulate(model, wire_input([0.0, 10.0], [0.0, 0.02]), np.array([10.0]))
+    first = run.jumps[0]
+    assert (first.source, first.target, first.guard) == (1, 4, 'sigma > sigma_A')
+    assert first.t == pytest.approx(sigma_A(298.0, w) / w.E_A / 0.002, rel=1e-9)
+
+
+def test_event_times_converge_with_the_tolerance():
+    source = module_input([0, 5, 20], [12, -8, 0])
+
+    def jumps(rtol):
+        return np.array([jump.t for jump in simulate(make_model(solver__rtol=rtol), source, np.array([0.0])).jumps])
+
+    exact = jumps(1e-9)
+    errors = [np.abs(jumps(rtol) - exact).max() for rtol in (1e-4, 1e-5, 1e-6, 1e-7)]
+    order = np.polyfit(np.log([1e-4, 1e-5, 1e-6, 1e-7]), np.log(errors), 1)[0]
+    assert order > 0.6 and errors[-1] < 1e-5, (errors, order)
+
+
+def test_log_of_jumps_explains_the_modes():
+    source = module_input([0, 5, 20, 30], [12, -8, 4, 0])
+    times = np.arange(0.0, 30.0, 0.01)
+    run = simulate(make_model(), source, times)
+    assert [jump.j for jump in run.jumps] == list(range(len(run.jumps)))
+    assert (np.diff([jump.t for jump in run.jumps]) >= 0.0).all()
+    edges = {(edge.source, edge.target) for edge in EDGES}
+    for wire in (1, 2):
+        mode, own = INNER, [jump for jump in run.jumps if jump.wire == wire]
+        seen = run[f'mode_{wire}']
+        for before, after in zip([-1.0, *[j.t for j in own]], [*[j.t for j in own], 31.0], strict=True):
+            inside = (times > before) & (times < after)
+            assert (seen[inside] == mode).all()
+            if after < 31.0:
+                jump = next(j for j in own if j.t == after and j.source == mode)
+                assert (jump.source, jump.target) in edges
+                mode = jump.target
+
+
+def test_two_wires_switch_together():
+    """Both wires see the same: warmed and cooled from outside, they jump at one instant and the beam stays straight."""
+    hot = module_input([0, 20, 40, 60], [0, 0, 0, 0], T_E=np.array([298.0, 330.0, 298.0, 298.0]))
+    run = simulate(make_model(), hot, np.arange(0.0, 60.0, 0.1))
+    assert run.completed and len(run.jumps) >= 4
+    assert np.abs(run['alpha_rad']).max() < 1e-9
+    assert run['x_M_1'] == pytest.approx(run['x_M_2'], abs=1e-9)
+    assert run['x_M_1'].min() < 0.5 and run['x_M_1'].max() > 0.54
+
+
+def test_hours_without_power_take_few_steps():
+    run = simulate(make_model(), module_input([0, 10, 4 * 3600.0], [10, 0, 0]), np.array([4 * 3600.0]))
+    assert run.completed and run.steps < 600
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_microsecond_pulses(kind):
+    edges = np.concatenate([[k * 0.1, k * 0.1 + 1e-6] for k in range(50)])
+    run = simulate(make_model(model=kind), module_input([*edges, 6.0], [30.0, 0.0] * 50 + [0.0]), np.array([0.0, 6.0]))
+    assert run.completed and np.isfinite(run['alpha_rad']).all()
+    assert run.steps < 50 * 200
+
+
+def test_fast_switching_ends():
+    """A command that turns round at 200 Hz keeps the wires at their guards."""
+    times = np.arange(0.0, 4.0, 0.0025)
+    run = simulate(make_model(), module_input(times, np.where(np.arange(len(times)) % 2, 15.0, -15.0)), np.array([3.9]))
+    assert run.completed and np.isfinite(run['alpha_rad']).all()
+
+
+def test_ringing_across_a_guard_ends():
+    """A nearly undamped beam rings across the guards of both wires."""
+    model = make_model(beam__b_x=1e-3, beam__b_y=1e-3, plate__m_H=0.2)
+    run = simulate(model, module_input([0, 0.5, 1, 5], [30, -30, 20, 0]), np.arange(0.0, 5.0, 0.01))
+    assert run.completed and np.isfinite(run['U_y_m']).all()
+
+
+def test_step_limit_is_a_reason():
+    run = simulate(make_model(), module_input([0, 100], [10, 10]), np.arange(0.0, 100.0), max_steps=20)
+    assert not run.completed and run.reason == 'step limit reached' and len(run.time) < 100
+
+
+def test_infinite_state_is_a_reason():
+    run = simulate(make_model(), module_input([0, 1], [1e300, 0]), np.array([0.0, 1.0]))
+    assert not run.completed
+    assert run.reason.startswith(('step size underflow', 'a state is no longer finite')), run.reason
+
+
+def test_ramp_is_split_where_it_crosses_zero():
+    times, values, slopes = pieces(module_input([0, 4, 8], [2, -6, -6], linear=True))
+    assert times == pytest.approx([0, 1, 4, 8]) and values[1, 0] == 0.0
+    assert slopes[:, 0] == pytest.approx([-2, -2, 0, 0])
+
+
+def test_ramps_agree_with_many_steps():
+    ramp = simulate(make_model(), module_input([0, 10, 20], [0, 10, -10], linear=True), np.arange(0.0, 20.0, 0.5))
+    fine = np.linspace(0.0, 20.0, 8001)
+    stairs = module_input(fine, np.interp(fine + 0.00125, [0, 10, 20], [0, 10, -10]))
+    assert ramp['alpha_rad'] == pytest.approx(simulate(make_model(), stairs, ramp.time)['alpha_rad'], abs=2e-5)
+
+
+def test_time_dependent_effect_keeps_its_order(tmp_path):
+    """An effect that reads the time is integrated as exactly as the rest."""
+    (tmp_path / 'breath.py').write_text(
+        'import math\nfrom sma_sim import Effect, Parameter\n'
+        "EFFECT = Effect(name='breath', port='wire_heat', equation='Q = q sin(5 t)', source='a test',\n"
+        "    parameters=(Parameter('q', 0.05, 'W', (0.0, 1.0), 'amplitude', '', 0.0, (0.01, 0.1)),),\n"
+        '    kernel=lambda s, w, p: p.q * math.sin(5.0 * s.t))\n'
+    )
+    breath = active('breath', found=find_effects([tmp_path]))
+    source, times = module_input([0, 10], [5, 5]), np.arange(0.0, 10.0, 0.1)
+    coarse = simulate(make_model(effects=[breath]), source, times)
+    fine = simulate(make_model(effects=[breath], solver__rtol=1e-9), source, times)
+    assert coarse['T_1_K'] == pytest.approx(fine['T_1_K'], abs=5e-3)
+    assert np.degrees(coarse['alpha_rad']) == pytest.approx(np.degrees(fine['alpha_rad']), abs=1e-3)
+
+
+def test_start_that_no_mode_admits_is_moved_and_said():
+    run = simulate(make_model(initial__x_M_1=0.1), module_input([0, 1], [0, 0]), np.array([0.0]))
+    assert 'initial.x_M_1 = 0.1 is not admitted at rest' in run.notes[0]
+    assert run['x_M_1'][0] > 0.5
