@@ -4,21 +4,11 @@ import numpy as np
 import pytest
 from flows import active, make_model
 
-from sma_sim import Input, find_effects, simulate
+from sma_sim import Input, find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import EDGES, INNER
 from sma_sim.model.material import sigma_A
+from sma_sim.solver.inputs import pieces
 from sma_sim.solver.rosenbrock import RODAS4P2
-from sma_sim.solver.simulate import pieces
-
-
-def module_input(times, J_eq, linear=False, T_E=298.0):
-    ambient = np.broadcast_to(T_E, len(times)).astype(float)
-    return Input(np.array(times, float), np.column_stack([np.array(J_eq, float), ambient]), (linear, False))
-
-
-def wire_input(times, strain, J=0.0, T_E=298.0):
-    columns = [np.broadcast_to(column, len(times)).astype(float) for column in (strain, J, T_E)]
-    return Input(np.array(times, float), np.column_stack(columns), (True, False, False))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from sma_sim.cli.options import Progress, add_config_options, announce_compilati
 from sma_sim.evidence.tables import Vector, read_columns, write_columns, write_rows
 from sma_sim.model.errors import UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
-from sma_sim.solver.simulate import STOPPED, Input, Model, Trajectory, simulate
+from sma_sim.solver.inputs import Input, regular_times
+from sma_sim.solver.simulate import STOPPED, Model, Trajectory, simulate
 
 MOST_SAMPLES = 50_000_000
 JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
@@ -77,15 +78,14 @@ def run_model(model: Model, source: Input, arguments: argparse.Namespace) -> Tra
 
 def sample_times(source: Input, rate: float) -> Vector:
     """Times at `rate` from the first to the last of the input."""
-    first, last = source.times[0], source.times[-1]
-    count = np.floor((last - first) * rate + 1e-9) + 1
+    duration = source.times[-1] - source.times[0]
+    count = duration * rate
     if count > MOST_SAMPLES:
         raise UserError(
-            f'--rate {rate:g} over {last - first:g} s makes {count:.3g} samples; '
+            f'--rate {rate:g} over {duration:g} s makes {count:.3g} samples; '
             f'expected at most {MOST_SAMPLES:.0e}: lower --rate'
         )
-    times: Vector = np.minimum(first + np.arange(int(count)) / rate, last)
-    return times
+    return regular_times(source, rate)
 
 
 def inputs_at(source: Input, names: tuple[str, ...], times: Vector) -> dict[str, Vector]:

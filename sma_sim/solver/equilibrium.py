@@ -12,6 +12,7 @@ from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.stepper import Integers, Matrix, Vector, Work
 
 NEWTON_STEPS = 50
+CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
 def settle(
@@ -43,7 +44,7 @@ def settle(
             size = max(size, abs(step[j]) / w.increment[j])
         if not np.isfinite(size):
             return False
-        if size < 1e-8:
+        if size < CONVERGED:
             balance(y, u, still, mode, x_frozen, p, w, w.f)
             return True
     return False

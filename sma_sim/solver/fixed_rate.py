@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.solver.compile import package_compiler
+from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
 from sma_sim.solver.simulate import (
     MAX_JUMPS,
     STOPPED,
-    Input,
     Jump,
     Model,
     SimulationError,

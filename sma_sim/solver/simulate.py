@@ -19,6 +19,7 @@ from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.equilibrium import start
+from sma_sim.solver.inputs import Input, asked_times, pieces
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
@@ -45,18 +46,6 @@ Vector = NDArray[np.float64]
 
 class SimulationError(UserError):
     """A run that cannot be started, with the reason for a person to read."""
-
-
-@dataclass(frozen=True)
-class Input:
-    """A piecewise linear input. `values` (k, 2): module J_eq [W], T_E [K]; (k, 3): wire strain, J [W], T_E [K].
-
-    A column holds its value until the next time, or runs linearly to the next value where `linear` says so.
-    """
-
-    times: Vector
-    values: NDArray[np.float64]
-    linear: tuple[bool, ...]
 
 
 @dataclass(frozen=True)
@@ -181,61 +170,24 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
     return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
-def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
-    """Times, values and slopes of the stretches of an input, equal neighbours joined.
-
-    A linear column is split where it crosses zero: heating as a function of J_eq has a kink there.
-    """
-    times, values = with_zero_crossings(source)
-    slopes = np.zeros_like(values)
-    linear = np.array(source.linear)
-    if len(times) > 1:
-        slopes[:-1, linear] = (np.diff(values[:, linear], axis=0).T / np.diff(times)).T
-    keep = np.ones(len(times), dtype=bool)
-    if len(times) > 2:
-        still = (slopes[1:-1] == 0).all(axis=1) & (slopes[:-2] == 0).all(axis=1)
-        keep[1:-1] = ~(still & (values[1:-1] == values[:-2]).all(axis=1))
-    return times[keep], values[keep], slopes[keep]
-
-
-def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
-    """Times and values with a row where a linear column passes through zero."""
-    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
-    for column in np.flatnonzero(source.linear):
-        before, after = values[:-1, column], values[1:, column]
-        at = np.flatnonzero(before * after < 0.0)
-        if len(at) == 0:
-            continue
-        part = before[at] / (before[at] - after[at])
-        rows = values[at].copy()
-        for other in np.flatnonzero(source.linear):
-            rows[:, other] += part * (values[at + 1, other] - values[at, other])
-        rows[:, column] = 0.0
-        when = times[at] + part * (times[at + 1] - times[at])
-        inside = (when > times[at]) & (when < times[at + 1])
-        times = np.insert(times, at[inside] + 1, when[inside])
-        values = np.insert(values, at[inside] + 1, rows[inside], axis=0)
-    return times, values
-
-
 def simulate(
     model: Model,
     source: Input,
-    sample_times: Vector,
+    sample_times: Vector | float,
     max_step: float = np.inf,
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Run `model` under an input and sample it at `sample_times` (increasing, within the input's times).
+    """Run `model` under an input and sample it at times (increasing, within the input's), or at a rate [1/s].
 
     `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is.
-    Raises SimulationError when there is no start.
+    Raises UserError for samples outside the input, SimulationError when there is no start.
     """
     times, values, slopes = pieces(source)
     work = new_work(model)
     run = new_run(model, values[0], work)
     start_notes = notes_on_start(model, run)
-    asked = np.asarray(sample_times, float)
+    asked = asked_times(source, sample_times)
     samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
     jumps = np.zeros((MAX_JUMPS, 3))
     limits = Limits(max_step, max_steps)

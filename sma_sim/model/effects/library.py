@@ -66,8 +66,13 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
         if not folder.is_dir():
             raise EffectError(f'effects.paths: {folder} is not a folder')
         files = tuple(sorted(folder.rglob('*.py')))
+        package = package_for(files)
+        stems = tuple(file.stem for file in files)
+        for stem in stems:  # helper modules that an effect file imports; they may have changed
+            if is_below(folder, sys.modules.get(stem)):
+                del sys.modules[stem]
         for file in sorted(folder.glob('*.py')):
-            module = load_file(file)
+            module = load_file(file, package)
             effect = getattr(module, 'EFFECT', None)
             if effect is None:
                 continue
@@ -75,14 +80,19 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
                 raise EffectError(f'{file}: EFFECT must be an sma_sim.Effect, got {type(effect).__name__}')
             if effect.name in found:
                 raise EffectError(f'{file}: an effect named {effect.name!r} exists already; choose another name')
-            found[effect.name] = FoundEffect(effect, files, ('sma_sim.', USER_PACKAGE))
+            found[effect.name] = FoundEffect(effect, files, ('sma_sim.', USER_PACKAGE, *stems))
     return found
 
 
-def load_file(file: Path) -> ModuleType:
-    """Import one file of the user's. Raises EffectError with what is wrong in it."""
-    folder = hashlib.sha256(str(file.parent.resolve()).encode()).hexdigest()[:8]
-    name = f'{USER_PACKAGE}_{folder}.{file.stem}'
+def is_below(folder: Path, module: ModuleType | None) -> bool:
+    """Whether a module was imported from a file in the folder."""
+    file = getattr(module, '__file__', None)
+    return file is not None and folder.resolve() in Path(file).resolve().parents
+
+
+def load_file(file: Path, package: str) -> ModuleType:
+    """Import one file of the user's as a module of `package`. Raises EffectError with what is wrong in it."""
+    name = f'{package}.{file.stem}'
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -95,3 +105,19 @@ def load_file(file: Path) -> ModuleType:
     finally:
         sys.path.remove(str(file.parent))
     return module
+
+
+def package_for(files: Iterable[Path]) -> str:
+    """A package in memory for files of the user's, named by what is in them.
+
+    Native code that was kept refers to its module by name: the name must be there again in the next process, and be
+    another one after an edit.
+    """
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + b'\0' + file.read_bytes())
+    name = f'{USER_PACKAGE}_{digest.hexdigest()[:12]}'
+    if name not in sys.modules:
+        sys.modules[name] = ModuleType(name)
+        sys.modules[name].__path__ = []
+    return name

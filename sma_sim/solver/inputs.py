@@ -1,0 +1,112 @@
+"""Inputs of a run: commands, strains and ambient temperatures over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A piecewise linear input. `values` (k, 2): module J_eq [W], T_E [K]; (k, 3): wire strain, J [W], T_E [K].
+
+    A column holds its value until the next time, or runs linearly to the next value where `linear` says so.
+    """
+
+    times: Vector
+    values: NDArray[np.float64]
+    linear: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        times, values = np.asarray(self.times, float), np.asarray(self.values, float)
+        if times.ndim != 1 or values.shape != (len(times), len(self.linear)) or len(times) == 0:
+            raise UserError(
+                f'input: expected times (k,) and values (k, {len(self.linear)}), got {times.shape} and {values.shape}'
+            )
+        if not (np.isfinite(times).all() and np.isfinite(values).all()):
+            raise UserError('input: times and values must be finite numbers')
+        if (np.diff(times) <= 0.0).any():
+            at = int(np.argmax(np.diff(times) <= 0.0))
+            raise UserError(f'input: times must increase, got {times[at]:g} s and then {times[at + 1]:g} s')
+
+
+def module_input(
+    times: Sequence[float], J_eq: Sequence[float], T_E: float | Sequence[float] = 298.0, linear: bool = False
+) -> Input:
+    """A command J_eq [W] for the module: held from each time [s] to the next, or linear between them.
+
+    The last time is the end of the run. T_E [K], one number or one per time, is held.
+    """
+    columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (J_eq, T_E)]
+    return Input(np.asarray(times, float), np.column_stack(columns), (linear, False))
+
+
+def wire_input(
+    times: Sequence[float], strain: Sequence[float], J: float | Sequence[float] = 0.0, T_E: float | Sequence[float] = 298.0
+) -> Input:
+    """A strain [-], linear between the times [s], for a single wire; its heating J [W] and T_E [K] are held."""
+    columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (strain, J, T_E)]
+    return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
+
+
+def regular_times(source: Input, rate: float) -> Vector:
+    """Times at `rate` [1/s] from the first to the last of an input."""
+    first, last = source.times[0], source.times[-1]
+    count = int(np.floor((last - first) * rate + 1e-9)) + 1
+    times: Vector = np.minimum(first + np.arange(count) / rate, last)
+    return times
+
+
+def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
+    """Times, values and slopes of the stretches of an input, equal neighbours joined.
+
+    A linear column is split where it crosses zero: heating as a function of J_eq has a kink there.
+    """
+    times, values = with_zero_crossings(source)
+    slopes = np.zeros_like(values)
+    linear = np.array(source.linear)
+    if len(times) > 1:
+        slopes[:-1, linear] = (np.diff(values[:, linear], axis=0).T / np.diff(times)).T
+    keep = np.ones(len(times), dtype=bool)
+    if len(times) > 2:
+        still = (slopes[1:-1] == 0).all(axis=1) & (slopes[:-2] == 0).all(axis=1)
+        keep[1:-1] = ~(still & (values[1:-1] == values[:-2]).all(axis=1))
+    return times[keep], values[keep], slopes[keep]
+
+
+def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
+    """Times and values with a row where a linear column passes through zero."""
+    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
+    for column in np.flatnonzero(source.linear):
+        before, after = values[:-1, column], values[1:, column]
+        at = np.flatnonzero(before * after < 0.0)
+        if len(at) == 0:
+            continue
+        part = before[at] / (before[at] - after[at])
+        rows = values[at].copy()
+        for other in np.flatnonzero(source.linear):
+            rows[:, other] += part * (values[at + 1, other] - values[at, other])
+        rows[:, column] = 0.0
+        when = times[at] + part * (times[at + 1] - times[at])
+        inside = (when > times[at]) & (when < times[at + 1])
+        times = np.insert(times, at[inside] + 1, when[inside])
+        values = np.insert(values, at[inside] + 1, rows[inside], axis=0)
+    return times, values
+
+
+def asked_times(source: Input, samples: Vector | float) -> Vector:
+    """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
+    if isinstance(samples, float | int):
+        return regular_times(source, samples)
+    times = np.asarray(samples, float)
+    first, last = source.times[0], source.times[-1]
+    if times.ndim != 1 or not (np.diff(times) > 0.0).all() or len(times) and not first <= times[0] <= times[-1] <= last:
+        raise UserError(f'sample times must increase from {first:g} s at the earliest to {last:g} s at the latest')
+    return times
