@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from
-from sma_sim.evidence.tables import Vector, read_columns, write_columns, write_rows
+from sma_sim.evidence.tables import Vector, check_writable, read_columns, write_columns, write_rows
 from sma_sim.model.errors import UserError
-from sma_sim.solver.fixed_rate import simulate_fixed_rate
+from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, regular_times
 from sma_sim.solver.simulate import STOPPED, Model, Trajectory, simulate
 
@@ -39,8 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and write the samples."""
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
     config = config_from(arguments, *chosen)
-    if not 0.0 < arguments.rate <= 1e6:
-        raise UserError(f'--rate {arguments.rate:g}: expected more than 0 and at most 1e6 samples per second')
+    check_rates(arguments, config.system)
+    check_writable(arguments.out)
+    if arguments.jumps:
+        check_writable(arguments.jumps)
     read = read_wire_input if config.system == 'wire' else read_module_input
     source = read(arguments.input, config.parameters['environment.T_E'], arguments.interpolation == 'linear')
     announce_compilation()
@@ -63,14 +65,26 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def check_rates(arguments: argparse.Namespace, system: str) -> None:
+    """Raise UserError for rates that make no sense, alone or together."""
+    rate, steps = arguments.rate, arguments.integration_rate
+    if not 0.0 < rate <= 1e6:
+        raise UserError(f'--rate {rate:g}: expected more than 0 and at most 1e6 samples per second')
+    if steps is None:
+        return
+    if not 1.0 <= steps <= 1e5:
+        raise UserError(f'--integration-rate {steps:g}: expected 1 to 1e5 steps per second')
+    if arguments.interpolation == 'linear' or system == 'wire':
+        raise UserError('--integration-rate needs --interpolation hold and the module: the node holds its command')
+    steps_per_sample(steps, rate)
+
+
 def run_model(model: Model, source: Input, arguments: argparse.Namespace) -> Trajectory:
     """The adaptive run, or the one in fixed steps."""
     progress = Progress('simulating')
     try:
         if arguments.integration_rate is None:
             return simulate(model, source, sample_times(source, arguments.rate), progress=progress)
-        if not 1.0 <= arguments.integration_rate <= 1e5:
-            raise UserError(f'--integration-rate {arguments.integration_rate:g}: expected 1 to 1e5 steps per second')
         return simulate_fixed_rate(model, source, arguments.integration_rate, arguments.rate, progress)
     finally:
         progress.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -32,7 +33,9 @@ def read_columns(path: Path, required: Sequence[str], optional: Sequence[str] = 
         raise UserError(f'{path} has column {doubled[0]} more than once')
     places = [header.index(name) for name in wanted]
     try:
-        table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None)
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)  # of an empty table: said below
+            table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None)
     except (ValueError, OSError):
         table = None
     if table is None or not np.isfinite(table).all():
@@ -102,6 +105,15 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
         writer.writerows(rows)
 
     write_whole(path, fill)
+
+
+def check_writable(path: Path) -> None:
+    """Raise UserError, before any long work, where a file could not be written."""
+    if path.is_dir():
+        raise UserError(f'cannot write {path}: it is a folder')
+    if not os.access(path.parent, os.W_OK):
+        reason = 'no permission' if path.parent.exists() else f'there is no folder {path.parent}'
+        raise UserError(f'cannot write {path}: {reason}')
 
 
 def write_whole(path: Path, fill: Any) -> None:

@@ -15,10 +15,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 
-from sma_sim.model.config import Config, ConfigError
+from sma_sim.model.config import Config
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros import messages
-from sma_sim.solver.fixed_rate import FixedRateRun
+from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
@@ -156,14 +156,3 @@ class ModuleSimulation:
             if parameter.name == 'environment.T_E':
                 self._ambient = float(parameter.value)
         return SetParametersResult(successful=True)
-
-
-def steps_per_sample(integration_rate: float, publish_rate: float) -> int:
-    """Steps between two published samples. Raises ConfigError when the rates do not fit."""
-    every = round(integration_rate / publish_rate)
-    if every < 1 or abs(every * publish_rate - integration_rate) > 1e-9 * integration_rate:
-        raise ConfigError(
-            f'node.publish_rate = {publish_rate:g} Hz does not divide node.integration_rate = {integration_rate:g} Hz: '
-            'choose one that does, such as 100 Hz of 1000 Hz'
-        )
-    return every

@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numba
@@ -98,9 +98,20 @@ class Compiler:
             callee = namespace.get(name)
             if isinstance(callee, FunctionType) and (callee in more or callee.__module__.startswith(self._owned)):
                 namespace[name] = self.function(callee)
+            elif isinstance(callee, ModuleType) and callee.__name__.startswith(self._owned):
+                namespace[name] = self._compiled_module(callee, python.__code__.co_names)
         twin = FunctionType(python.__code__, namespace, python.__name__, python.__defaults__, python.__closure__)
         twin.__module__ = python.__module__
         twin.__qualname__ = python.__qualname__
+        return twin
+
+    def _compiled_module(self, module: ModuleType, used: tuple[str, ...]) -> ModuleType:
+        """A module whose functions that are `used` are compiled."""
+        twin = ModuleType(module.__name__)
+        twin.__dict__.update(module.__dict__)
+        for name in used:
+            if isinstance(getattr(module, name, None), FunctionType):
+                setattr(twin, name, self.function(getattr(module, name)))
         return twin
 
     def _jit(self, python: FunctionType) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.errors import UserError
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
@@ -96,6 +97,16 @@ def held_inputs(source: Input, rate: float) -> tuple[int, NDArray[np.float64]]:
     return int(first[0]), np.asarray(source.values, float)[row]
 
 
+def steps_per_sample(rate: float, sample_rate: float) -> int:
+    """Steps between two samples. Raises UserError when the rates do not fit."""
+    every = round(rate / sample_rate)
+    if every < 1 or abs(every * sample_rate - rate) > 1e-9 * rate:
+        raise UserError(
+            f'{sample_rate:g} samples per second do not divide {rate:g} steps per second: choose a rate that does'
+        )
+    return every
+
+
 def simulate_fixed_rate(
     model: Model, source: Input, rate: float, sample_rate: float, progress: Callable[[float], None] | None = None
 ) -> Trajectory:
@@ -103,11 +114,9 @@ def simulate_fixed_rate(
 
     Raises SimulationError when the input is not held, or when the sampling rate does not divide the rate.
     """
-    every = round(rate / sample_rate)
-    if any(source.linear) or every < 1 or abs(every * sample_rate - rate) > 1e-9 * rate:
-        raise SimulationError(
-            f'a fixed rate needs held inputs and a sampling rate that divides it: {rate:g} Hz and {sample_rate:g} Hz given'
-        )
+    every = steps_per_sample(rate, sample_rate)
+    if any(source.linear):
+        raise SimulationError('fixed steps need held inputs, not linear ones')
     k_0, inputs = held_inputs(source, rate)
     run = FixedRateRun(model, rate, inputs[0], k_0)
     samples = np.full((len(inputs) // every + 2, SAMPLE_SIZE), np.nan)

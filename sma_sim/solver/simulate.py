@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import O_SIZE, System
+from sma_sim.model.layout import O_EPS, O_SIZE, System
 from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table
@@ -127,6 +127,7 @@ class Model:
 
 
 STOPPED = 'Ctrl-C'
+SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
@@ -162,12 +163,24 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
     hybrid = p._replace(mas=False)
     if not package_compiler().function(start)(y, u, np.zeros_like(u), wanted, mode, x_frozen, hybrid, work):
         raise SimulationError('no static equilibrium of beam and wires was found; check beam.*, plate.*, wire.l0')
+    if p.module:
+        check_start(model, work.obs[:, O_EPS])
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = x_frozen
     control = np.zeros(C_SIZE)
     control[C_H] = 1e-3
     control[C_LAST_JUMP : C_LAST_JUMP + 2] = -1.0
     return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
+
+
+def check_start(model: Model, strains: Vector) -> None:
+    """Raise SimulationError when the wires are far too long or too short for the beam."""
+    worst = float(strains[np.argmax(np.abs(strains))])
+    if not SENSIBLE_STRAINS[0] < worst < SENSIBLE_STRAINS[1]:
+        l0, L = model.config.parameters['wire.l0'], model.config.parameters['beam.L']
+        raise SimulationError(
+            f'a wire is strained by {100.0 * worst:.0f} % at rest: check wire.l0 = {l0:g} m against beam.L = {L:g} m'
+        )
 
 
 def simulate(
