@@ -29,6 +29,11 @@ def test_closed_loop_reaches_its_targets(tmp_path):
     assert len(errors) == 2 and max(np.abs(errors)) < 0.1
 
 
+def test_draw_module(tmp_path):
+    run(EXAMPLES / 'draw_module.py', 'picture.png', folder=tmp_path)
+    assert (tmp_path / 'picture.png').stat().st_size > 10_000
+
+
 def test_own_effect_turns_the_plate_back(tmp_path, capsys):
     command = tmp_path / 'step.csv'
     command.write_text('time_s,J_eq_W\n0,0\n1,12\n20,0\n')

@@ -77,6 +77,18 @@ def test_event_times_converge_with_the_tolerance():
     assert order > 0.6 and errors[-1] < 1e-5, (errors, order)
 
 
+def test_guard_crossed_to_and_fro_within_a_step():
+    """Wire 2 transforms for 0.1 s only, near the end of a long quiet stretch: no tolerance may step over that."""
+    times = [0, 5.38237517, 9.58753958, 27.32753845, 29.37149281, 37.22498928, 40.15974847, 52.3999174, 55.14444864,
+             58.2390028, 61.51808289, 70]  # fmt: skip
+    J_eq = [-6.5048683, 9.73446432, 7.37845141, -11.19555755, 9.19046804, 9.93753326, -9.66522649, 3.80843996,
+            -9.09769135, -7.69521864, -0.17982734, 0]  # fmt: skip
+    source = module_input(times, J_eq)
+    runs = [simulate(make_model(solver__rtol=rtol), source, np.array([0.0])) for rtol in (1e-4, 1e-9)]
+    paths = [[(jump.wire, jump.source, jump.target) for jump in run.jumps] for run in runs]
+    assert paths[0] == paths[1]
+
+
 def test_log_of_jumps_explains_the_modes():
     source = module_input([0, 5, 20, 30], [12, -8, 4, 0])
     times = np.arange(0.0, 30.0, 0.01)

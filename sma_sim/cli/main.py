@@ -6,10 +6,10 @@ import argparse
 import sys
 import traceback
 
-from sma_sim.cli import effects, simulate
+from sma_sim.cli import effects, paper, plot, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (simulate, effects)
+VERBS = (simulate, plot, effects, paper)
 
 
 def main(arguments: list[str] | None = None) -> int:

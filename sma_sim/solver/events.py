@@ -27,18 +27,19 @@ def violated_edge(i: int, mode: Integers, p: System, obs: Matrix) -> int:
 
 
 def crossing(
-    edge: int, i: int, t: float, h: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> float:
-    """The fraction of the step at which the guard of `edge` is first violated, on the violated side.
+    edge: int, i: int, end: float, t: float, h: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector,
+    p: System, w: Work,
+) -> float:  # fmt: skip
+    """The fraction of the step, up to `end`, at which the guard of `edge` is first violated, on the violated side.
 
     Regula falsi (Illinois) on the dense output, in a bracket that always shrinks.
     """
     which = EDGE_TABLE[edge, 2]
-    low, high = 0.0, 1.0
+    low, high = 0.0, end
     g_low = guard(which, i, p, w.obs) - TOLERANCE[which]
     if g_low > 0.0:
         return 0.0
-    g_high = guard_at(1.0, which, i, t, h, y, segment, mode, x_frozen, p, w)
+    g_high = guard_at(end, which, i, t, h, y, segment, mode, x_frozen, p, w)
     side = 0
     for _ in range(BISECTIONS):
         if high - low < 1e-14 or (high - low) * h < 1e-13 * (1.0 + abs(t)):

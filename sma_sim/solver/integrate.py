@@ -60,6 +60,7 @@ class Limits(NamedTuple):
     max_steps: int
 
 
+LONG_STEP = 2e-3  # [s]; longer steps are looked at in their middle too
 AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
@@ -101,19 +102,41 @@ def first_jump(t: float, h: float, run: Run, segment: Segment, p: System, w: Wor
     """The fraction of the step just made at which the first jump is due, or 2 when there is none."""
     if p.mas:
         return 2.0
-    flow_at(t + h, w.y_new, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
+    first = 2.0
+    if h > LONG_STEP:  # a guard may be crossed to and fro within the step
+        prepare_dense(w)
+        first = first_jump_before(0.5, t, h, run, segment, p, w)
+    if first > 1.0:
+        first = first_jump_before(1.0, t, h, run, segment, p, w)
+    return first
+
+
+def first_jump_before(end: float, t: float, h: float, run: Run, segment: Segment, p: System, w: Work) -> float:
+    """The fraction of the step at which the first of the guards violated at fraction `end` was crossed, or 2."""
     first = 2.0
     for i in range(p.wires):
+        if i == 0 or first < 2.0:  # the search for a crossing looked elsewhere
+            look(end, t, h, run, segment, p, w)
         edge = violated_edge(i, run.mode, p, w.obs_jacobian)
         if edge >= 0:
             prepare_dense(w)
-            theta = crossing(edge, i, t, h, run.y, segment, run.mode, run.x_frozen, p, w)
+            theta = crossing(edge, i, end, t, h, run.y, segment, run.mode, run.x_frozen, p, w)
             earliest = (run.control[C_LAST_JUMP + i] + run.control[C_DWELL + i] - t) / h
             if theta <= earliest or t + theta * h <= run.control[C_LAST_JUMP + i]:
                 theta = 1.0 if earliest < 1.0 else 2.0
             first = min(first, theta)
-            flow_at(t + h, w.y_new, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
+    if first < 2.0 and end == 1.0:
+        look(end, t, h, run, segment, p, w)
     return first
+
+
+def look(theta: float, t: float, h: float, run: Run, segment: Segment, p: System, w: Work) -> None:
+    """What is found at a fraction of the step, into ``w.obs_jacobian``."""
+    if theta < 1.0:
+        dense(theta, run.y, w)
+        flow_at(t + theta * h, w.y_dense, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
+    else:
+        flow_at(t + h, w.y_new, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
 
 
 def run_segment(

@@ -1,0 +1,30 @@
+"""`sma-sim plot`: draw a run."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.tables import check_writable, read_columns, read_header
+from sma_sim.report.run_figure import KNOWN, draw_run
+from sma_sim.report.style import save
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser('plot', help='draw a run: pose, temperatures, forces, modes')
+    parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a module or a wire')
+    parser.add_argument('--out', type=Path, metavar='PICTURE', help='PNG, SVG or PDF to write (default: FILE with .png)')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the columns that are known."""
+    header = read_header(arguments.file)
+    columns = read_columns(arguments.file, ('time_s',), [name for name in KNOWN if name in header])
+    out = arguments.out or arguments.file.with_suffix('.png')
+    check_writable(out)
+    save(draw_run(columns, arguments.file.name), out)
+    print(out)
+    return 0

@@ -1,0 +1,76 @@
+"""The module itself: the bent beam with its plate and wires at a few instants of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from sma_sim.model.parameters import BeamConstants
+from sma_sim.report.style import BLUE, GREY, MODE_COLOURS, MODE_NAMES, ORANGE, new_figure, plain
+
+Vector = NDArray[np.float64]
+ANGLE_SCALE = 4.0  # angles and deflections are drawn larger than they are
+
+
+def beam_line(U_x: float, U_y: float, alpha: float, L: float) -> tuple[Vector, Vector]:
+    """The beam's axis (61,): the cubic that the cantilever takes with this tip [m]."""
+    s = np.linspace(0.0, 1.0, 61)
+    return s * (L + U_x), U_y * (3 * s**2 - 2 * s**3) + alpha * L * (s**3 - s**2)
+
+
+def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: BeamConstants) -> Figure:
+    """Above the module at some instants [s], below its angle and its command over time."""
+    figure = new_figure(9.0, 5.4)
+    grid = figure.add_gridspec(2, len(instants), height_ratios=(1.5, 1.0))
+    time = columns['time_s']
+    shown = set()
+    for k, instant in enumerate(instants):
+        axis = figure.add_subplot(grid[0, k])
+        shown |= draw_pose(axis, columns, int(np.searchsorted(time, instant)), beam)
+        axis.set_title(f't = {instant:g} s', fontsize=10)
+    axis = figure.add_subplot(grid[1, :])
+    plain(axis)
+    axis.plot(time, np.degrees(columns['alpha_rad']), color=BLUE)
+    axis.set_ylabel('alpha [deg]', color=BLUE)
+    axis.set_xlabel('time [s]')
+    axis.set_xlim(time[0], time[-1])
+    for instant in instants:
+        axis.axvline(instant, color=GREY, lw=0.8, ls=':')
+    command = axis.twinx()
+    command.plot(time, columns['J_eq_W'], color=ORANGE, drawstyle='steps-post')
+    command.set_ylabel('J_eq [W]', color=ORANGE)
+    command.spines['top'].set_visible(False)
+    patches = [Patch(color=MODE_COLOURS[n], label=MODE_NAMES[n]) for n in sorted(shown)]
+    figure.legend(
+        handles=patches, loc='outside upper center', ncols=len(patches), frameon=False, fontsize=8, title_fontsize=8,
+        title=f'wires by their active mode (deflections drawn {ANGLE_SCALE:g} times larger)',
+    )  # fmt: skip
+    return figure
+
+
+def draw_pose(axis: Any, columns: Mapping[str, Vector], k: int, beam: BeamConstants) -> set[int]:
+    """The module in sample `k`, upright; the modes that its wires are in."""
+    U_x, U_y, alpha = (float(columns[name][k]) for name in ('U_x_m', 'U_y_m', 'alpha_rad'))
+    U_y, alpha = ANGLE_SCALE * U_y, ANGLE_SCALE * alpha
+    along, across = beam_line(U_x, U_y, alpha, beam.L)
+    axis.plot(1e3 * across, 1e3 * along, color='#444444', lw=5, solid_capstyle='butt')
+    half = 0.5 * beam.W
+    modes = set()
+    for wire, side in ((1, 1.0), (2, -1.0)):  # a positive angle leans towards wire 1 (EB-B2a)
+        mode = int(columns[f'mode_{wire}'][k])
+        modes.add(mode)
+        end = (U_y + side * half * np.cos(alpha), beam.L + U_x - side * half * np.sin(alpha))
+        axis.plot([1e3 * side * half, 1e3 * end[0]], [0.0, 1e3 * end[1]], color=MODE_COLOURS[mode], lw=2.5)
+    plate = np.array([-1.4 * half, 1.4 * half])
+    axis.plot(1e3 * (U_y + plate * np.cos(alpha)), 1e3 * (beam.L + U_x - plate * np.sin(alpha)), color='black', lw=4)
+    axis.plot([-14, 14], [-1.5, -1.5], color='black', lw=4)
+    axis.set_aspect('equal')
+    axis.set_xlim(-28, 28)
+    axis.set_ylim(-5, 108)
+    axis.axis('off')
+    return modes

@@ -1,0 +1,82 @@
+"""One run as a figure: pose, temperatures, forces, mode bands and command over time, whatever of them there is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sma_sim.model.errors import UserError
+from sma_sim.report.style import BLUE, GREEN, GREY, ORANGE, RED, axes_of, draw_modes, new_figure
+
+Vector = NDArray[np.float64]
+FREEZING = 273.15
+
+
+class Panel(NamedTuple):
+    """What one panel shows: its axis label, and columns with label, colour, factor and offset."""
+
+    label: str
+    curves: Sequence[tuple[str, str, str, float, float]]
+
+
+PANELS = (
+    Panel('angle [deg]', (('alpha_rad', 'alpha', BLUE, 180.0 / np.pi, 0.0),)),
+    Panel('position [mm]', (('U_x_m', 'U_x', GREEN, 1e3, 0.0), ('U_y_m', 'U_y', BLUE, 1e3, 0.0))),
+    Panel(
+        'temperature [deg C]',
+        (
+            ('T_1_K', 'wire 1', RED, 1.0, -FREEZING), ('T_2_K', 'wire 2', BLUE, 1.0, -FREEZING),
+            ('T_K', 'wire', RED, 1.0, -FREEZING), ('T_E_K', 'ambient', GREY, 1.0, -FREEZING),
+        ),
+    ),
+    Panel('force [N]', (('F_1_N', 'bundle 1', RED, 1.0, 0.0), ('F_2_N', 'bundle 2', BLUE, 1.0, 0.0))),
+    Panel('stress [MPa]', (('stress_Pa', 'stress', BLUE, 1e-6, 0.0),)),
+    Panel(
+        'x_M [-]',
+        (
+            ('x_M_1', 'wire 1', RED, 1.0, 0.0), ('x_M_2', 'wire 2', BLUE, 1.0, 0.0),
+            ('x_M', 'wire', BLUE, 1.0, 0.0),
+        ),
+    ),
+    Panel('strain [%]', (('strain', 'strain', BLUE, 100.0, 0.0),)),
+    Panel('heating [W]', (('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0), ('J_W', 'J of one wire', ORANGE, 1.0, 0.0))),
+)  # fmt: skip
+MODES = {'mode_1': 'wire 1', 'mode_2': 'wire 2', 'mode': 'wire'}
+HELD = ('J_eq_W', 'J_W', 'T_E_K')
+KNOWN = [curve[0] for panel in PANELS for curve in panel.curves] + list(MODES)
+
+
+def draw_run(columns: Mapping[str, Vector], title: str = '') -> Figure:
+    """A figure of the columns (names of the file contract, (k,) each) over ``time_s``. Raises UserError."""
+    panels = [panel for panel in PANELS if any(name in columns for name, *_ in panel.curves if name != 'T_E_K')]
+    modes = {label: columns[name] for name, label in MODES.items() if name in columns}
+    if not panels and not modes:
+        raise UserError(f'nothing to draw: expected some of the columns {", ".join(KNOWN)}')
+    heights = [1.0] * len(panels) + [0.25 * len(modes)] * bool(modes)
+    figure = new_figure(9.0, 1.0 + 1.6 * sum(heights))
+    axes = axes_of(figure, len(heights), heights)
+    time = columns['time_s']
+    for axis, panel in zip(axes, panels, strict=False):
+        draw_panel(axis, panel, columns)
+    if modes:
+        draw_modes(axes[-1], time, modes)
+    axes[-1].set_xlabel('time [s]')
+    axes[-1].set_xlim(time[0], time[-1])
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def draw_panel(axis: Any, panel: Panel, columns: Mapping[str, Vector]) -> None:
+    """The curves of one panel."""
+    shown = [curve for curve in panel.curves if curve[0] in columns]
+    for name, label, colour, factor, offset in shown:
+        style = {'drawstyle': 'steps-post'} if name in HELD else {}
+        axis.plot(columns['time_s'], factor * columns[name] + offset, color=colour, label=label, lw=1.3, **style)
+    axis.set_ylabel(panel.label)
+    if len(shown) > 1:
+        axis.legend(loc='lower right', bbox_to_anchor=(1.0, 0.94), frameon=False, fontsize=8, ncols=len(shown))
