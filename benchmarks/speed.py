@@ -16,7 +16,7 @@ from common import SAMPLES, largest_errors, median_time, module, random_command,
 
 from sma_sim import simulate
 
-TOLERANCES = {'hybrid': (1e-4, 1e-5), 'mas': (2e-5, 1e-5)}
+TOLERANCES = {'hybrid': (1e-4, 1e-5), 'mas': (3e-5, 1e-5)}
 EXACT = 1e-9
 WITHOUT_STATES = (
     ('gravity', 'natural_convection', 'thermal_expansion'),

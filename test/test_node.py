@@ -165,3 +165,18 @@ def test_module_yaml_has_every_parameter_at_its_default():
     for name, parameter in DEFAULTS.items():
         assert given[name] == parameter.default or math.isnan(given[name]) and math.isnan(parameter.default), name
     assert set(given) - set(DEFAULTS) == {'system', 'model', 'effects.active', 'effects.paths'}
+
+
+def test_step_response_example(tmp_path):
+    """The README's first five minutes: node, step, file, picture."""
+    with ros_client.Simulation(topics=((JointState, 'joint_states'),)) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        words = [sys.executable, str(ROOT / 'examples' / 'step_response.py'), 'step.csv']
+        done = subprocess.run(words, cwd=tmp_path, env=one.environment, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert one.stop()[0] == 0
+    table = np.genfromtxt(tmp_path / 'step.csv', delimiter=',', names=True)
+    assert np.degrees(table['alpha_rad']).max() > 2.0 and table['T_1_K'].max() > 330.0
+    words = [sys.executable, '-m', 'sma_sim.cli.main', 'plot', 'step.csv']
+    assert subprocess.run(words, cwd=tmp_path, env=one.environment | {'PYTHONPATH': str(ROOT)}).returncode == 0
+    assert (tmp_path / 'step.png').stat().st_size > 10_000

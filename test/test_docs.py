@@ -1,0 +1,60 @@
+"""The code blocks of the documentation run as they stand; its links and its promises hold."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
+SHELLS = ('bash', 'console', 'sh')
+
+
+def blocks():
+    for page in PAGES:
+        for number, match in enumerate(BLOCK.finditer(page.read_text())):
+            yield pytest.param(page, match['mark'], match['language'], match['text'], id=f'{page.name}-{number}')
+
+
+def environment():
+    """The scripts of this Python first, and the package from its sources."""
+    scripts = str(Path(sys.executable).parent)
+    return os.environ | {'PATH': scripts + os.pathsep + os.environ['PATH'], 'PYTHONPATH': str(ROOT)}
+
+
+@pytest.mark.parametrize(('page', 'mark', 'language', 'text'), blocks())
+def test_block(page, mark, language, text, tmp_path):
+    if language in SHELLS:
+        assert mark, f'{page}: say <!-- run --> or <!-- not run: why --> before this block:\n{text}'
+        if not mark.startswith('run'):
+            return
+        command = ['bash', '-euo', 'pipefail', '-c', text]
+    elif language == 'python':
+        command = [sys.executable, '-c', text]
+    else:
+        return
+    (tmp_path / 'examples').symlink_to(ROOT / 'examples')
+    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for link in re.findall(r'\]\(([^)#]+)', page.read_text()):
+        assert link.startswith('http') or (page.parent / link).exists(), link
+
+
+def test_continuous_integration_runs_the_readmes_test_command():
+    command = re.search(r'## Set up and test.*?```bash\n(.*?)\n```', (ROOT / 'README.md').read_text(), re.S).group(1)
+    assert command in (ROOT / '.ci' / 'run').read_text().splitlines()
+
+
+def test_every_effect_is_in_the_documentation():
+    from sma_sim import find_effects
+
+    page = (ROOT / 'docs' / 'effects.md').read_text()
+    assert [name for name in find_effects() if f'`{name}`' not in page] == []
