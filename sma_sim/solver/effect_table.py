@@ -9,6 +9,7 @@ import numpy as np
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.library import ActiveEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
+from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.kernels import native_effect
 
@@ -69,3 +70,9 @@ def effect_table(
         out=np.zeros(16),
     )
     return table, scales
+
+
+def own_scratch(p: System) -> System:
+    """The system with scratch memory of its own: runs of one model in several threads must not share it."""
+    e = p.effects
+    return p._replace(effects=e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out)))

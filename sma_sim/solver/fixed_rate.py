@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
 from sma_sim.solver.compile import package_compiler
+from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
 from sma_sim.solver.simulate import (
@@ -47,7 +48,7 @@ class FixedRateRun:
         self.notes = notes_on_start(model, self.run)
         self.jumps = np.zeros((MAX_JUMPS, 3))
         self._still = np.zeros(len(self._work.u))
-        self._compiled = model.compiled
+        self._compiled = own_scratch(model.compiled)
         self._integrate = package_compiler().function(integrate_held)
         self._samples = np.full((1, SAMPLE_SIZE), np.nan)
         start = Segment(self.time, np.asarray(first_input, float), self._still, False)

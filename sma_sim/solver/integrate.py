@@ -124,6 +124,7 @@ def first_jump_before(end: float, t: float, h: float, run: Run, segment: Segment
             earliest = (run.control[C_LAST_JUMP + i] + run.control[C_DWELL + i] - t) / h
             if theta <= earliest or t + theta * h <= run.control[C_LAST_JUMP + i]:
                 theta = 1.0 if earliest < 1.0 else 2.0
+                run.count[N_CHATTER] += 1  # its flow would leave the mode at once
             first = min(first, theta)
     if first < 2.0 and end == 1.0:
         look(end, t, h, run, segment, p, w)

@@ -17,7 +17,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_EPS, O_SIZE, System
 from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
-from sma_sim.solver.effect_table import effect_table
+from sma_sim.solver.effect_table import effect_table, own_scratch
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.inputs import Input, asked_times, pieces
 from sma_sim.solver.integrate import (
@@ -151,7 +151,7 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
 
     Raises SimulationError when there is no equilibrium.
     """
-    p = model.compiled
+    p = own_scratch(model.compiled)
     y = np.zeros(len(model.scales))
     u = np.array(first_input, dtype=float)
     u[0 if p.module else 1] = 0.0
@@ -204,7 +204,7 @@ def simulate(
     samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
     jumps = np.zeros((MAX_JUMPS, 3))
     limits = Limits(max_step, max_steps)
-    compiled, integrate_pieces = model.compiled, package_compiler().function(integrate)
+    compiled, integrate_pieces = own_scratch(model.compiled), package_compiler().function(integrate)
     written, reason = 0, REASONS[COMPLETED]
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):

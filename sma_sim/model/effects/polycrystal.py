@@ -41,6 +41,6 @@ EFFECT = Effect(
     ),  # fmt: skip
     kernel=shifts,
     depends_on_x=True,
-    energy='the latent heat is computed at the shifted stress, so that the first law holds unchanged',
+    energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
     description='plateaus have a slope and round ends; confused with a different E_M and sigma_T',
 )

@@ -16,6 +16,6 @@ EFFECT = Effect(
         Parameter('T_ref', 298.0, 'K', (1.0, 2000.0), 'temperature at which l0 was measured', '', None, (273.0, 330.0)),
     ),
     kernel=lambda s, w, p: p.a * (s.T - p.T_ref),
-    energy='does not enter: thermoelastic heat is below 1e-3 of the latent heat',
+    energy='does not enter: its heat, Om sigma a dT/dt, is below 1 % of the latent heat',
     description='a hot wire is longer: works against the contraction; confused with sigma_T',
 )
