@@ -56,14 +56,14 @@ class Problem:
         return dy
 
     def write_rhs(self, t: float, y: Vector, dy: Vector) -> None:
-        """dy/dt into `dy`."""
+        """dy/dt into `dy` (a copy of y, since some solvers hand out a read-only one)."""
         self.calls += 1
-        self.compiled[0](t, y, dy, self.u, self.mode, self.x_frozen, self.obs)
+        self.compiled[0](t, np.array(y), dy, self.u, self.mode, self.x_frozen, self.obs)
 
     def guards(self, t: float, y: Vector, g: Vector) -> None:
         """Guards of the two wires' modes, positive when violated, into `g` (4,)."""
         dy = np.empty_like(y)
-        self.compiled[1](t, y, dy, self.u, self.mode, self.x_frozen, self.obs, g)
+        self.compiled[1](t, np.array(y), dy, self.u, self.mode, self.x_frozen, self.obs, g)
 
     def jump_at_once(self, t: float, y: Vector) -> None:
         """Take the jumps that are due where a stretch begins, which no event function would see."""

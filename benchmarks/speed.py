@@ -18,6 +18,7 @@ from sma_sim import simulate
 
 TOLERANCES = {'hybrid': (1e-4, 1e-5), 'mas': (3e-5, 1e-5)}
 EXACT = 1e-9
+TURNS = 9
 WITHOUT_STATES = (
     ('gravity', 'natural_convection', 'thermal_expansion'),
     ('gravity', 'natural_convection', 'polycrystal'),
@@ -47,7 +48,7 @@ def runs_at(model: str, rtol: float, count: int) -> dict[str, float]:
 
 
 def cost_of_effects(model: str, count: int) -> dict[str, float]:
-    """Time with effects over time without, per run of the same command; the median over commands."""
+    """Time with effects over time without, under the same command, by turns; the median over commands."""
     result = {}
     bare = module(model, 1e-5)
     for names in WITHOUT_STATES + WITH_STATES:
@@ -55,8 +56,13 @@ def cost_of_effects(model: str, count: int) -> dict[str, float]:
         ratios = []
         for seed in range(count):
             command = random_command(seed)
-            with_effects = median_time(lambda command=command, rich=rich: simulate(rich, command, SAMPLES))
-            ratios.append(with_effects / median_time(lambda command=command: simulate(bare, command, SAMPLES)))
+            times: list[list[float]] = [[], []]
+            for _ in range(TURNS):
+                for k, one in enumerate((rich, bare)):
+                    start = time.perf_counter()
+                    simulate(one, command, SAMPLES)
+                    times[k].append(time.perf_counter() - start)
+            ratios.append(np.median(times[0]) / np.median(times[1]))
         result[' + '.join(names)] = float(np.median(ratios))
     return result
 

@@ -26,7 +26,7 @@ def environment():
     return os.environ | {'PATH': scripts + os.pathsep + os.environ['PATH'], 'PYTHONPATH': str(ROOT)}
 
 
-@pytest.mark.parametrize(('page', 'mark', 'language', 'text'), blocks())
+@pytest.mark.parametrize(('page', 'mark', 'language', 'text'), list(blocks()))
 def test_block(page, mark, language, text, tmp_path):
     if language in SHELLS:
         assert mark, f'{page}: say <!-- run --> or <!-- not run: why --> before this block:\n{text}'
