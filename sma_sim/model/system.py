@@ -13,9 +13,12 @@ from sma_sim.model.effects.calls import add_rates, focus, share_state, true_chan
 from sma_sim.model.effects.ports import (
     ACTUATION,
     S_CHANNEL,
+    S_DX,
     S_F,
     S_J,
+    S_T,
     S_VALUE,
+    S_X,
     SENSING,
     STRUCTURE_FORCE,
     TRANSFORMATION_STRESS,
@@ -43,7 +46,7 @@ from sma_sim.model.layout import (
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
-from sma_sim.model.transformation import fraction_rate, phase_and_stress
+from sma_sim.model.transformation import fraction_rate, has_memory, phase_and_stress
 
 
 def flow(
@@ -58,6 +61,8 @@ def flow(
         obs[i, O_J] = heating(i, y, u, p, obs, dy)
         phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
     for i in range(p.wires):
+        if p.effects.port_start[STRUCTURE_FORCE] > p.effects.port_start[WIRE_HEAT]:
+            focus(i, y, p, obs)
         wire_rates(i, y, T_E, mode[i], p, dy, obs)
         obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
     if p.module:
@@ -124,7 +129,6 @@ def extra_heat(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     e = p.effects
     heat = 0.0
     if e.port_start[WIRE_HEAT + 1] > e.port_start[WIRE_HEAT]:
-        focus(i, y, p, obs)
         for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
             add_rates(k, i, e.wire, y, e, dy)
             call_effect(e.value[k], k, i, e.wire, y, e)
@@ -136,9 +140,8 @@ def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> fl
     """Force of one wire on the structure [N] (MAS4), and the rates of the memory of strain and stress effects."""
     e = p.effects
     force = p.wire.section * obs[i, O_SIGMA]
-    if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_STRAIN]:
-        focus(i, y, p, obs)
-        e.s[S_F] = force
+    if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_FORCE] or has_memory(e):
+        e.s[S_T], e.s[S_X], e.s[S_DX], e.s[S_F] = y[p.first_T + i], obs[i, O_X], obs[i, O_DX], force
         for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
             add_rates(k, i, e.wire, y, e, dy)
         for k in range(e.port_start[WIRE_FORCE], e.port_start[WIRE_FORCE + 1]):

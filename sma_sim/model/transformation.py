@@ -130,7 +130,6 @@ def fraction_rate(
     by_x, by_T, drift = -(w.eps_T + sigma * w.d) * by_eps, -w.sigma_T, 0.0
     e = p.effects
     if has_offsets(e):
-        focus(i, y, p, obs)
         strain = obs[i, O_STRAIN]
         shift = obs[i, O_S_A] - sigma_A(T, w) if mode == TO_MARTENSITE else obs[i, O_S_M] - sigma_M(T, w)
         by_T += added(i, T + T_STEP, x, strain, shift, by_eps, mode, y, p) / T_STEP
