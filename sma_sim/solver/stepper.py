@@ -69,7 +69,7 @@ def linearise(
     t: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work
 ) -> None:
     """The flow, its Jacobian (forward differences) and its time derivative at (t, y)."""
-    n = y.shape[0]
+    n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
     flow_at(t, y, segment, mode, x_frozen, p, w, w.f, w.obs)
     for j in range(n):
         kept = y[j]
@@ -93,7 +93,7 @@ def rosenbrock_step(
 
     Returns the error in units of the tolerance (root mean square over the states), inf when the step failed.
     """
-    n = y.shape[0]
+    n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
     for i in range(n):
         for j in range(n):
             w.matrix[i, j] = -w.jacobian[i, j]
@@ -109,10 +109,11 @@ def rosenbrock_step(
             flow_at(t + NODES[stage] * h, w.y_stage, segment, mode, x_frozen, p, w, w.f_stage, w.obs_jacobian)
             for i in range(n):
                 w.stages[stage, i] = w.f_stage[i]
-            for j in range(stage):
-                factor = C[stage, j] / h
-                for i in range(n):
-                    w.stages[stage, i] += factor * w.stages[j, i]
+            for i in range(n):
+                total = 0.0
+                for j in range(stage):
+                    total += C[stage, j] * w.stages[j, i]
+                w.stages[stage, i] += total / h
         if segment.moving:
             for i in range(n):
                 w.stages[stage, i] += h * D[stage] * w.f_t[i]
@@ -122,21 +123,21 @@ def rosenbrock_step(
 
 def stage_state(stage: int, y: Vector, w: Work) -> None:
     """The state at which a stage evaluates the flow, into ``w.y_stage``."""
-    n = y.shape[0]
+    n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
     if stage == STAGES - 1:
         for i in range(n):
             w.y_stage[i] += w.stages[stage - 1, i]
         return
     for i in range(n):
-        w.y_stage[i] = y[i]
-    for j in range(stage):
-        for i in range(n):
-            w.y_stage[i] += A[stage, j] * w.stages[j, i]
+        total = y[i]
+        for j in range(stage):
+            total += A[stage, j] * w.stages[j, i]
+        w.y_stage[i] = total
 
 
 def finish_step(w: Work) -> float:
     """The new state from the last stage, and the error norm."""
-    n = w.y_new.shape[0]
+    n = np.uint64(w.y_new.shape[0])
     total = 0.0
     for i in range(n):
         error = w.stages[STAGES - 1, i]
@@ -150,15 +151,15 @@ def finish_step(w: Work) -> float:
 def prepare_dense(w: Work) -> None:
     """Coefficients of the dense output of the step just made."""
     for m in range(2):
-        for i in range(w.k.shape[1]):
-            w.k[m, i] = 0.0
-        for j in range(STAGES - 1):
-            for i in range(w.k.shape[1]):
-                w.k[m, i] += H[m, j] * w.stages[j, i]
+        for i in range(np.uint64(w.k.shape[1])):
+            total = 0.0
+            for j in range(STAGES - 1):
+                total += H[m, j] * w.stages[j, i]
+            w.k[m, i] = total
 
 
 def dense(theta: float, y: Vector, w: Work) -> None:
     """The state at fraction theta of the step, into ``w.y_dense``."""
     rest = 1.0 - theta
-    for i in range(y.shape[0]):
+    for i in range(np.uint64(y.shape[0])):
         w.y_dense[i] = rest * y[i] + theta * (w.y_new[i] + rest * (w.k[0, i] + theta * w.k[1, i]))
