@@ -255,11 +255,11 @@ def test_step_limit():
     assert np.isfinite(run['alpha_rad']).all()
 
 
-def test_step_underflow(tmp_path):
+def test_rate_that_is_not_finite(tmp_path):
     broken = probe(tmp_path, "port='wire_heat', kernel=lambda s, w, p: math.nan if s.t > 1.0 else 0.0")
     run = simulate(make_model(effects=[broken]), module_input([0, 2], [5, 5]), np.linspace(0, 2, 201))
     assert not run.completed
-    assert run.reason.startswith('step size underflow')
+    assert run.reason.startswith('a rate is not a finite number here')
     assert run.end == pytest.approx(1.0, abs=0.011)
 
 

@@ -24,12 +24,13 @@ from sma_sim.solver.stepper import (
     rosenbrock_step,
 )  # fmt: skip
 
-COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE = range(4)
+COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE = range(5)
 REASONS = (
     'end of the input',
     'step limit reached',
     'step size underflow: the equations are too stiff or singular here',
     'a state is no longer finite',
+    'a rate is not a finite number here: look at the effects and the parameters',
 )
 RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 
@@ -201,7 +202,7 @@ def accepted_step(
             if not np.isfinite(run.y[i]):
                 return NOT_FINITE, h
         if h < MIN_STEP * (t - segment.t_0) + 1e-3 * MIN_STEP:
-            return STEP_UNDERFLOW, h
+            return STEP_UNDERFLOW if np.isfinite(error) else RATE_NOT_FINITE, h
 
 
 def sample_step(
