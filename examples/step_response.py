@@ -5,6 +5,7 @@ A plain rclpy node: start from here for a controller of your own. Then: sma-sim 
 
 import contextlib
 import csv
+import math
 import sys
 
 import rclpy
@@ -39,7 +40,7 @@ class StepResponse(Node):
         time = now - self.start
         J_eq = STEP if BEGIN <= time < END else 0.0
         self.command.publish(Float64(data=J_eq))
-        if self.temperatures[0] == self.temperatures[0]:
+        if not any(math.isnan(temperature) for temperature in self.temperatures):
             self.rows.append([f'{time:.4f}', J_eq, *message.position, *self.temperatures])
         if time > STOP:
             raise SystemExit

@@ -82,6 +82,8 @@ NODE_PARAMETERS = (
     Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second',
               source='docs/node.md'),
     Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic', source='docs/node.md'),
+    Parameter('real_time_factor', 1.0, '-', (0.0, 1000.0), 'simulated over wall time; 0: as fast as possible',
+              source='docs/node.md'),
     Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
               source='docs/node.md'),
     Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source='docs/node.md'),

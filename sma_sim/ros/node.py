@@ -18,11 +18,13 @@ from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros import messages
+from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
+from sma_sim.ros.schedule import Schedule, Speed
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
-LATENESS_TO_MAKE_UP = 0.1  # [s]; beyond it the schedule moves, so that an overrun is not answered with a burst
+IDLE = 0.01  # [s] between two looks for a wish while paused
 
 
 class Command:
@@ -50,13 +52,17 @@ class Command:
         self._J_eq = min(max(J_eq, -self._J_max), self._J_max)
         self._arrived = time.monotonic()
 
+    def clear(self) -> None:
+        """No command: heating off, until the next one."""
+        self._J_eq, self._arrived = 0.0, math.inf
+
     def now(self) -> float:
         """The command in force [W]; zero after `timeout` seconds without one."""
         if self._timeout > 0.0 and time.monotonic() - self._arrived > self._timeout:
             self._logger.warning(
                 f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
             )
-            self._J_eq, self._arrived = 0.0, math.inf
+            self.clear()
         return self._J_eq
 
 
@@ -67,11 +73,13 @@ class ModuleSimulation:
         self._node, self._rate = node, settings['integration_rate']
         self._every = steps_per_sample(self._rate, settings['publish_rate'])
         self._ambient = config.parameters['environment.T_E']
-        self.overruns = 0
-        self._run = FixedRateRun(Model(config), self._rate, np.array([0.0, self._ambient]))
+        self._model = Model(config)
+        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
         for note in self._run.notes:
             node.get_logger().info(note)
         self.command = Command(node, settings['J_max'], settings['command_timeout'])
+        self._schedule, self._speed = Schedule(self._rate, settings['real_time_factor']), Speed()
+        self._control, self._diagnostics = Control(node), Diagnostics(node)
         self._senses = any(one.found.effect.port == 'sensing' for one in config.effects)
         self._advertise()
         node.create_subscription(Float64, 'J_eq', self.command.receive, 10)
@@ -96,22 +104,60 @@ class ModuleSimulation:
 
     def spin(self, stop: threading.Event) -> None:
         """Step in time until `stop` is set. Raises SimulationError."""
-        self._epoch = self._node.get_clock().now().nanoseconds // 1000 * 1e-6  # whole microseconds: exact in a log
-        start = time.monotonic()
-        self._node.get_logger().info(f'simulated time 0 has the stamp {self._epoch:.9f}')
-        self._publish()
+        self._begin()
+        diagnose_at = time.monotonic() + DIAGNOSTICS_PERIOD
         while not stop.is_set():
-            wait = start + (self._run.k + 1) / self._rate - time.monotonic()
-            if wait > 0.0:
-                time.sleep(wait)
-            elif wait < -LATENESS_TO_MAKE_UP:
-                self.overruns += 1
-                start -= wait
-                self._node.get_logger().warning(
-                    f'{-wait:.2f} s behind the clock: simulated time stands still for as long',
-                    throttle_duration_sec=WARNING_PERIOD,
-                )
+            if self._control.take_wish() == 'reset':
+                self._reset()
+                self._control.fulfil()
+            elif self._control.paused:
+                self._idle()
+            else:
+                self._step_in_time()
+            if time.monotonic() >= diagnose_at:
+                diagnose_at += DIAGNOSTICS_PERIOD
+                self._diagnose()
+
+    def _begin(self) -> None:
+        # whole microseconds, so that the stamp is exact in a log
+        self._epoch = self._node.get_clock().now().nanoseconds // 1000 * 1e-6
+        self._node.get_logger().info(f'simulated time 0 has the stamp {self._epoch:.9f}')
+        self._schedule.restart()
+        self._publish()
+
+    def _reset(self) -> None:
+        self.command.clear()
+        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
+        self._begin()
+
+    def _idle(self) -> None:
+        if self._control.take_wish() == 'step':
             self._step()
+            self._control.fulfil()
+        else:
+            time.sleep(IDLE)
+        self._schedule.restart()
+
+    def _step_in_time(self) -> None:
+        moved = self._schedule.wait()
+        if moved > 0.0:
+            self._node.get_logger().warning(
+                f'{moved:.2f} s behind the clock: simulated time stands still for as long',
+                throttle_duration_sec=WARNING_PERIOD,
+            )
+        self._step()
+
+    def _diagnose(self) -> None:
+        factor = self._speed.since_last(self._run.time)
+        values = {
+            'simulated time [s]': f'{self._run.time:.3f}',
+            'real-time factor': f'{factor:.4f}',
+            'overruns': self._schedule.overruns,
+            'rejected commands': self.command.rejected,
+            'J_eq applied [W]': f'{self._applied:g}',
+        }
+        words = 'paused' if self._control.paused else 'running'
+        self._diagnostics.publish(words, warn=self._schedule.overruns > 0, values=values)
 
     def _step(self) -> None:
         J_eq = self.command.now()
