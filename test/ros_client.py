@@ -13,7 +13,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install "sma_sim[kilted]"')
 
 ROOT = Path(__file__).resolve().parents[1]
-FIRST_MESSAGE = 120.0  # [s]; the first start ever compiles
+FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 15.0  # [s]
 
 
