@@ -3,17 +3,15 @@
 import sys
 from pathlib import Path
 
-import numpy as np
-
 import sma_sim
 from sma_sim.report.module_figure import draw_module
 from sma_sim.report.style import save
+from sma_sim.solver.inputs import inputs_at
 
 command = sma_sim.module_input(times=[0, 2, 14, 26, 34], J_eq=[0, 14, -14, 0, 0])
 model = sma_sim.Model()
 run = sma_sim.simulate(model, command, 50)
-held = np.searchsorted(command.times, run.time, side='right') - 1
-columns = {'time_s': run.time, 'J_eq_W': command.values[held, 0], **run.columns}
+columns = inputs_at(command, run.time) | run.columns
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else 'module.png')
 save(draw_module(columns, [1.0, 4.0, 13.0, 17.0, 25.0], model.compiled.beam), picture)
 print(picture)

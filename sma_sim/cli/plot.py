@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.tables import check_writable, read_columns, read_header
-from sma_sim.report.run_figure import KNOWN, draw_run
+from sma_sim.model.errors import UserError
+from sma_sim.report.run_figure import HELD, KNOWN, draw_run
 from sma_sim.report.style import save
 
 
@@ -22,9 +23,15 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw the columns that are known."""
     header = read_header(arguments.file)
-    columns = read_columns(arguments.file, ('time_s',), [name for name in KNOWN if name in header])
+    known = [name for name in KNOWN if name in header]
+    measured = [name for name in known if name not in HELD]
+    columns = read_columns(arguments.file, ('time_s',), [name for name in known if name in HELD], measured)
     out = arguments.out or arguments.file.with_suffix('.png')
     check_writable(out)
-    save(draw_run(columns, arguments.file.name), out)
+    try:
+        figure = draw_run(columns, arguments.file.name)
+    except UserError as error:
+        raise UserError(f'{arguments.file}: {error}') from error
+    save(figure, out)
     print(out)
     return 0

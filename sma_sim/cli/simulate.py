@@ -13,7 +13,7 @@ from sma_sim.cli.options import Progress, add_config_options, announce_compilati
 from sma_sim.evidence.tables import Vector, check_writable, read_columns, write_columns, write_rows
 from sma_sim.model.errors import UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
-from sma_sim.solver.inputs import Input, regular_times
+from sma_sim.solver.inputs import Input, inputs_at, regular_times
 from sma_sim.solver.simulate import STOPPED, Model, Trajectory, simulate
 
 MOST_SAMPLES = 50_000_000
@@ -49,8 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
-    names = ('strain', 'J_W', 'T_E_K') if config.system == 'wire' else ('J_eq_W', 'T_E_K')
-    write_columns(arguments.out, inputs_at(source, names, trajectory.time) | trajectory.columns)
+    write_columns(arguments.out, inputs_at(source, trajectory.time) | trajectory.columns)
     if arguments.jumps:
         rows = [(repr(jump.t), jump.j, jump.wire, jump.guard, jump.source, jump.target) for jump in trajectory.jumps]
         write_rows(arguments.jumps, JUMP_COLUMNS, rows)
@@ -100,16 +99,6 @@ def sample_times(source: Input, rate: float) -> Vector:
             f'expected at most {MOST_SAMPLES:.0e}: lower --rate'
         )
     return regular_times(source, rate)
-
-
-def inputs_at(source: Input, names: tuple[str, ...], times: Vector) -> dict[str, Vector]:
-    """The time and the input in force at each sample."""
-    held = np.searchsorted(source.times, times, side='right') - 1
-    columns = {'time_s': times}
-    for k, name in enumerate(names):
-        values = source.values[:, k]
-        columns[name] = np.interp(times, source.times, values) if source.linear[k] else values[held]
-    return columns
 
 
 def read_module_input(path: Path, T_E: float, linear: bool) -> Input:

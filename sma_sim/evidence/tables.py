@@ -19,15 +19,20 @@ Vector = NDArray[np.float64]
 FORMAT = '%.17g'  # reads back to the same double
 
 
-def read_columns(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Vector]:
-    """The named columns of a CSV file, (k,) each; all of their cells must be finite numbers. Raises UserError."""
+def read_columns(
+    path: Path, required: Sequence[str], optional: Sequence[str] = (), with_gaps: Sequence[str] = ()
+) -> dict[str, Vector]:
+    """The named columns of a CSV file, (k,) each; all of their cells must be finite numbers. Raises UserError.
+
+    `with_gaps` are optional too, and may have cells that are empty or NaN: they are NaN in the result.
+    """
     header = read_header(path)
     missing = [name for name in required if name not in header]
     if missing:
         close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
         hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
         raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
-    wanted = [name for name in (*required, *optional) if name in header]
+    wanted = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in wanted if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
@@ -35,11 +40,15 @@ def read_columns(path: Path, required: Sequence[str], optional: Sequence[str] = 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', UserWarning)  # of an empty table: said below
-            table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None)
+            table = np.loadtxt(
+                path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None,
+                converters={place: number_or_gap for name, place in zip(wanted, places, strict=True) if name in with_gaps},
+            )  # fmt: skip
     except (ValueError, OSError):
         table = None
-    if table is None or not np.isfinite(table).all():
-        raise UserError(first_wrong_cell(path, wanted, places))
+    full = [k for k, name in enumerate(wanted) if name not in with_gaps]
+    if table is None or len(table) and not np.isfinite(table[:, full]).all():
+        raise UserError(first_wrong_cell(path, wanted, places, with_gaps))
     if len(table) == 0:
         raise UserError(f'{path} has a header but no rows')
     return {name: table[:, k].copy() for k, name in enumerate(wanted)}
@@ -59,8 +68,16 @@ def read_header(path: Path) -> list[str]:
     return [name.strip() for name in next(csv.reader([line]))]
 
 
-def first_wrong_cell(path: Path, names: Sequence[str], places: Sequence[int]) -> str:
-    """What to say of the first cell that is not a finite number."""
+def number_or_gap(cell: str) -> float:
+    """The finite number in a cell, NaN where it is empty or says so itself."""
+    number = float(cell) if cell.strip() else float('nan')
+    if np.isinf(number):
+        raise ValueError(cell)
+    return number
+
+
+def first_wrong_cell(path: Path, names: Sequence[str], places: Sequence[int], with_gaps: Sequence[str] = ()) -> str:
+    """What to say of the first cell that is not a finite number (nor a gap where one may be)."""
     try:
         with path.open(newline='', encoding='utf-8') as file:
             for number, row in enumerate(csv.reader(file), start=1):
@@ -68,7 +85,8 @@ def first_wrong_cell(path: Path, names: Sequence[str], places: Sequence[int]) ->
                     continue
                 for name, place in zip(names, places, strict=True):
                     cell = row[place].strip() if place < len(row) else ''
-                    if not is_finite_number(cell):
+                    gap = name in with_gaps and place < len(row) and cell.lower() in ('', 'nan')
+                    if not (gap or is_finite_number(cell)):
                         return f'{path}, row {number}, column {name}: expected a number, got {cell or "nothing"!r}'
     except (UnicodeDecodeError, csv.Error) as error:
         return f'{path} is not a CSV file: {error}'

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sma_sim.model.parameters import BeamConstants
-from sma_sim.report.style import BLUE, GREY, MODE_COLOURS, MODE_NAMES, ORANGE, new_figure, plain
+from sma_sim.report.style import BLUE, GREY, MODE_COLOURS, ORANGE, mode_legend, new_figure, plain
 
 Vector = NDArray[np.float64]
-ANGLE_SCALE = 4.0  # angles and deflections are drawn larger than they are
+ANGLE_SCALE = 3.0  # angles and deflections are drawn larger than they are
 
 
 def beam_line(U_x: float, U_y: float, alpha: float, L: float) -> tuple[Vector, Vector]:
@@ -25,32 +24,38 @@ def beam_line(U_x: float, U_y: float, alpha: float, L: float) -> tuple[Vector, V
 
 def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: BeamConstants) -> Figure:
     """Above the module at some instants [s], below its angle and its command over time."""
-    figure = new_figure(9.0, 5.4)
-    grid = figure.add_gridspec(2, len(instants), height_ratios=(1.5, 1.0))
+    figure = new_figure(9.0, 6.0)
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
+    above, below = parts
     time = columns['time_s']
-    shown = set()
-    for k, instant in enumerate(instants):
-        axis = figure.add_subplot(grid[0, k])
-        shown |= draw_pose(axis, columns, int(np.searchsorted(time, instant)), beam)
+    shown: set[int] = set()
+    poses = above.subplots(1, len(instants), squeeze=False)[0]
+    for axis, instant in zip(poses, instants, strict=True):
+        shown |= draw_pose(axis, columns, min(int(np.searchsorted(time, instant)), len(time) - 1), beam)
         axis.set_title(f't = {instant:g} s', fontsize=10)
-    axis = figure.add_subplot(grid[1, :])
+    draw_course(below.subplots(), columns, instants)
+    title = f'wires by active mode; deflections drawn {ANGLE_SCALE:g} times larger'
+    mode_legend(above, shown, 'outside upper center', title)
+    return figure
+
+
+def draw_course(axis: Any, columns: Mapping[str, Vector], instants: Sequence[float]) -> None:
+    """Angle and command over time, zero at the same height; the command is drawn lower so that it hides nothing."""
+    time, alpha, J_eq = columns['time_s'], np.degrees(columns['alpha_rad']), columns['J_eq_W']
     plain(axis)
-    axis.plot(time, np.degrees(columns['alpha_rad']), color=BLUE)
+    command = axis.twinx()
+    command.plot(time, J_eq, color=ORANGE, drawstyle='steps-post')
+    command.set_ylabel('J_eq [W]', color=ORANGE)
+    command.spines['top'].set_visible(False)
+    axis.plot(time, alpha, color=BLUE)
     axis.set_ylabel('alpha [deg]', color=BLUE)
     axis.set_xlabel('time [s]')
     axis.set_xlim(time[0], time[-1])
+    for one, values, room in ((axis, alpha, 1.15), (command, J_eq, 1.6)):
+        limit = room * (np.abs(values).max() or 1.0)
+        one.set_ylim(-limit, limit)
     for instant in instants:
         axis.axvline(instant, color=GREY, lw=0.8, ls=':')
-    command = axis.twinx()
-    command.plot(time, columns['J_eq_W'], color=ORANGE, drawstyle='steps-post')
-    command.set_ylabel('J_eq [W]', color=ORANGE)
-    command.spines['top'].set_visible(False)
-    patches = [Patch(color=MODE_COLOURS[n], label=MODE_NAMES[n]) for n in sorted(shown)]
-    figure.legend(
-        handles=patches, loc='outside upper center', ncols=len(patches), frameon=False, fontsize=8, title_fontsize=8,
-        title=f'wires by their active mode (deflections drawn {ANGLE_SCALE:g} times larger)',
-    )  # fmt: skip
-    return figure
 
 
 def draw_pose(axis: Any, columns: Mapping[str, Vector], k: int, beam: BeamConstants) -> set[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from sma_sim.report.style import BLUE, GREEN, GREY, ORANGE, RED, axes_of, draw_m
 
 Vector = NDArray[np.float64]
 FREEZING = 273.15
+PANEL_HEIGHT = 1.4  # [inch]
 
 
 class Panel(NamedTuple):
@@ -24,10 +25,11 @@ class Panel(NamedTuple):
 
 
 PANELS = (
-    Panel('angle [deg]', (('alpha_rad', 'alpha', BLUE, 180.0 / np.pi, 0.0),)),
-    Panel('position [mm]', (('U_x_m', 'U_x', GREEN, 1e3, 0.0), ('U_y_m', 'U_y', BLUE, 1e3, 0.0))),
+    Panel('alpha [deg]', (('alpha_rad', 'alpha', BLUE, 180.0 / np.pi, 0.0),)),
+    Panel('U_y [mm]', (('U_y_m', 'U_y', BLUE, 1e3, 0.0),)),
+    Panel('U_x [mm]', (('U_x_m', 'U_x', GREEN, 1e3, 0.0),)),
     Panel(
-        'temperature [deg C]',
+        'T [deg C]',
         (
             ('T_1_K', 'wire 1', RED, 1.0, -FREEZING), ('T_2_K', 'wire 2', BLUE, 1.0, -FREEZING),
             ('T_K', 'wire', RED, 1.0, -FREEZING), ('T_E_K', 'ambient', GREY, 1.0, -FREEZING),
@@ -43,7 +45,8 @@ PANELS = (
         ),
     ),
     Panel('strain [%]', (('strain', 'strain', BLUE, 100.0, 0.0),)),
-    Panel('heating [W]', (('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0), ('J_W', 'J of one wire', ORANGE, 1.0, 0.0))),
+    Panel('J_eq [W]', (('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0),)),
+    Panel('J [W]', (('J_W', 'J of one wire', ORANGE, 1.0, 0.0),)),
 )  # fmt: skip
 MODES = {'mode_1': 'wire 1', 'mode_2': 'wire 2', 'mode': 'wire'}
 HELD = ('J_eq_W', 'J_W', 'T_E_K')
@@ -51,32 +54,43 @@ KNOWN = [curve[0] for panel in PANELS for curve in panel.curves] + list(MODES)
 
 
 def draw_run(columns: Mapping[str, Vector], title: str = '') -> Figure:
-    """A figure of the columns (names of the file contract, (k,) each) over ``time_s``. Raises UserError."""
-    panels = [panel for panel in PANELS if any(name in columns for name, *_ in panel.curves if name != 'T_E_K')]
-    modes = {label: columns[name] for name, label in MODES.items() if name in columns}
+    """A figure of the columns (names of the file contract, (k,) each) over ``time_s``; NaN is a gap. Raises UserError."""
+    present = {name for name, column in columns.items() if np.isfinite(column).any()}
+    panels = [panel for panel in PANELS if present & {curve[0] for curve in panel.curves}]
+    modes = {label: columns[name] for name, label in MODES.items() if name in present}
+    time = columns['time_s']
     if not panels and not modes:
         raise UserError(f'nothing to draw: expected some of the columns {", ".join(KNOWN)}')
-    heights = [1.0] * len(panels) + [0.25 * len(modes)] * bool(modes)
-    figure = new_figure(9.0, 1.0 + 1.6 * sum(heights))
+    if len(time) < 2 or (np.diff(time) < 0.0).any() or time[-1] == time[0]:
+        raise UserError('column time_s: expected at least two rows, with times that increase')
+    heights = [1.0] * len(panels) + [0.3 * len(modes)] * bool(modes)
+    figure = new_figure(9.0, 1.2 + PANEL_HEIGHT * sum(heights))
     axes = axes_of(figure, len(heights), heights)
-    time = columns['time_s']
     for axis, panel in zip(axes, panels, strict=False):
-        draw_panel(axis, panel, columns)
+        draw_panel(axis, panel, columns, present)
     if modes:
         draw_modes(axes[-1], time, modes)
     axes[-1].set_xlabel('time [s]')
     axes[-1].set_xlim(time[0], time[-1])
+    figure.align_ylabels(axes)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
 
 
-def draw_panel(axis: Any, panel: Panel, columns: Mapping[str, Vector]) -> None:
-    """The curves of one panel."""
-    shown = [curve for curve in panel.curves if curve[0] in columns]
+def draw_panel(axis: Any, panel: Panel, columns: Mapping[str, Vector], present: Set[str]) -> None:
+    """The curves of one panel, their gaps joined."""
+    shown = [curve for curve in panel.curves if curve[0] in present]
     for name, label, colour, factor, offset in shown:
+        known = np.isfinite(columns[name])
         style = {'drawstyle': 'steps-post'} if name in HELD else {}
-        axis.plot(columns['time_s'], factor * columns[name] + offset, color=colour, label=label, lw=1.3, **style)
+        values = factor * columns[name][known] + offset
+        axis.plot(columns['time_s'][known], values, color=colour, label=label, lw=1.3, **style)
     axis.set_ylabel(panel.label)
-    if len(shown) > 1:
-        axis.legend(loc='lower right', bbox_to_anchor=(1.0, 0.94), frameon=False, fontsize=8, ncols=len(shown))
+    if len(panel.curves) > 1:
+        panel_legend(axis)
+
+
+def panel_legend(axis: Any) -> None:
+    """The names of the curves, above the panel on the right: nothing is drawn there."""
+    axis.legend(loc='lower right', bbox_to_anchor=(1.0, 0.94), frameon=False, fontsize=8, ncols=len(axis.lines))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ Vector = NDArray[np.float64]
 
 # Okabe and Ito's colours
 BLUE, ORANGE, GREEN, RED, GREY = '#0072B2', '#E69F00', '#009E73', '#D55E00', '#8c8c8c'
-MODE_COLOURS = {1: '#CC79A7', 2: '#0072B2', 3: '#e3e3e3', 4: '#56B4E9', 5: '#E69F00'}
+MODE_COLOURS = {1: '#CC79A7', 2: '#0072B2', 3: '#c4c4c4', 4: '#56B4E9', 5: '#E69F00'}
 MODE_NAMES = {
     1: '1 austenite',
     2: '2 martensite',
@@ -26,6 +27,7 @@ MODE_NAMES = {
     5: '5 to austenite',
 }
 DPI = 120
+Place = Literal['outside lower center', 'outside upper center']
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -51,20 +53,28 @@ def plain(axis: Any) -> None:
 
 
 def draw_modes(axis: Any, time: Vector, modes: dict[str, Vector]) -> None:
-    """Bands of the active mode, a row per wire."""
-    used = set()
-    for row, mode in enumerate(modes.values()):
-        edges = np.flatnonzero(np.diff(mode)) + 1
-        starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(mode) - 1]])
-        for first, last in zip(starts, ends, strict=True):
-            number = int(mode[first])
-            used.add(number)
-            axis.barh(row, time[last] - time[first], left=time[first], height=0.8, color=MODE_COLOURS.get(number, GREY))
+    """Bands of the active mode, a row per wire; a gap (NaN) goes on as the mode before it."""
+    used: set[int] = set()
+    for row, with_gaps in enumerate(modes.values()):
+        known = np.flatnonzero(np.isfinite(with_gaps))
+        mode, start = with_gaps[known].astype(int), time[known]
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
+        ends = np.concatenate([start[edges[1:]], time[-1:]])
+        used |= set(mode.tolist())
+        colours = [MODE_COLOURS.get(number, 'black') for number in mode[edges].tolist()]
+        axis.barh(row, ends - start[edges], left=start[edges], height=0.8, color=colours, linewidth=0)
     axis.set_yticks(range(len(modes)), list(modes))
     axis.invert_yaxis()
     axis.grid(visible=False)
-    patches = [Patch(color=MODE_COLOURS[n], label=MODE_NAMES[n]) for n in sorted(used) if n in MODE_NAMES]
-    axis.legend(handles=patches, ncols=3, loc='upper center', bbox_to_anchor=(0.5, -0.55), frameon=False, fontsize=8)
+    mode_legend(axis.figure, used, 'outside lower center')
+
+
+def mode_legend(figure: FigureBase, modes: Iterable[int], place: Place, title: str | None = None) -> None:
+    """One legend of the colours of `modes` beside the axes: inside, long names would cover a label."""
+    patches = [Patch(color=MODE_COLOURS[n], label=MODE_NAMES[n]) for n in sorted(modes) if n in MODE_NAMES]
+    figure.legend(
+        handles=patches, ncols=max(1, len(patches)), loc=place, frameon=False, fontsize=9, title=title, title_fontsize=9
+    )
 
 
 def save(figure: Figure, path: Path) -> None:

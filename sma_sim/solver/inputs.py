@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
+INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the number of columns: module, wire
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,16 @@ def wire_input(
     """A strain [-], linear between the times [s], for a single wire; its heating J [W] and T_E [K] are held."""
     columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (strain, J, T_E)]
     return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
+
+
+def inputs_at(source: Input, times: Vector) -> dict[str, Vector]:
+    """The times (k,) [s] and the input in force at each, by the names of the file contract, (k,) each."""
+    held = np.searchsorted(source.times, times, side='right') - 1
+    columns = {'time_s': times}
+    for k, name in enumerate(INPUT_NAMES[len(source.linear)]):
+        values = source.values[:, k]
+        columns[name] = np.interp(times, source.times, values) if source.linear[k] else values[held]
+    return columns
 
 
 def regular_times(source: Input, rate: float) -> Vector:
