@@ -1,7 +1,9 @@
 """The node over real DDS, as a plain rclpy client sees it."""
 
 import math
+import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -158,6 +160,17 @@ def test_wrong_parameters_stop_the_node(words, message):
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+def test_ctrl_c_ends_the_first_compilation(tmp_path):
+    environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path), 'PYTHONUNBUFFERED': '1'}
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'sma_sim.ros.main'], cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert any('compiling' in line for line in process.stderr)
+    process.send_signal(signal.SIGINT)
+    _, log = process.communicate(timeout=20)  # compiling would take longer
+    assert process.returncode == 0 and 'Traceback' not in log, log
 
 
 def test_module_yaml_has_every_parameter_at_its_default():

@@ -25,12 +25,20 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     from rclpy.signals import SignalHandlerOptions
 
-    stop = threading.Event()
+    stop, stepping = threading.Event(), threading.Event()
+
+    def end(*_: object) -> None:
+        stop.set()
+        if not stepping.is_set():  # compiling: do not wait for its end
+            raise KeyboardInterrupt
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, end)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        return run(stop)
+        return run(stop, stepping)
+    except KeyboardInterrupt:
+        return 0
     except UserError as error:
         print(f'{NAME}: {error}', file=sys.stderr)
         return 2
@@ -42,8 +50,8 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def run(stop: threading.Event) -> int:
-    """Make the node and step it until `stop` is set."""
+def run(stop: threading.Event, stepping: threading.Event) -> int:
+    """Make the node and step it until `stop` is set; `stepping` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
@@ -57,6 +65,7 @@ def run(stop: threading.Event) -> int:
     if not is_compiled():
         node.get_logger().info('compiling the equations: once, about half a minute ...')
     simulation = ModuleSimulation(node, config, settings)
+    stepping.set()
     effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
     node.get_logger().info(
         f'running: {config.model} model, effects {effects}, {settings["integration_rate"]:g} steps/s, '

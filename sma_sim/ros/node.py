@@ -127,6 +127,7 @@ class ModuleSimulation:
 
     def _reset(self) -> None:
         self.command.clear()
+        self._speed = Speed()
         self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
         self._begin()
 
