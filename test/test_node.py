@@ -151,6 +151,8 @@ def test_sensing_effect_shows_both_poses(tmp_path):
         (['-p', 'effects.active:=[gravitation]'], 'unknown effect gravitation'),
         (['-p', 'effects.paths:=[/nowhere]'], '/nowhere is not a folder'),
         (['-p', 'node.publish_rate:=300.0'], '300 samples per second do not divide 1000 steps per second'),
+        (['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
+        (['-p', 'wire.E_A'], 'wire.E_A'),
         (['-p', 'beam.L:=0.05'], 'check wire.l0 = 0.0957 m against beam.L = 0.05 m'),
     ],
 )
@@ -160,6 +162,18 @@ def test_wrong_parameters_stop_the_node(words, message):
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        ('/other_node:\n  ros__parameters:\n    model: mas\n', 'has nothing for this node'),
+        ('/**:\n  ros__parameters:\n    wire:\n      E_A:\n', 'No value at line 4'),
+    ],
+)
+def test_wrong_parameter_files_stop_the_node(tmp_path, content, message):
+    (tmp_path / 'robot.yaml').write_text(content)
+    test_wrong_parameters_stop_the_node(['--params-file', str(tmp_path / 'robot.yaml')], message)
 
 
 def test_ctrl_c_ends_the_first_compilation(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -14,6 +15,14 @@ NO_ROS = (
     f'{NAME}: rclpy, the Python client of ROS 2, is not installed here ({{reason}}).\n'
     "Install it with: pip install 'sma_sim[kilted]' (or sma_sim[jazzy]), or source a ROS 2 workspace."
 )
+
+
+WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError')  # what rclpy raises for them
+
+
+def one_line(error: Exception) -> str:
+    """The first part of rcl's message, without the places in its sources."""
+    return str(error).split(', at ')[0].replace('\n', ' ')
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,20 +38,21 @@ def main(arguments: list[str] | None = None) -> int:
 
     def end(*_: object) -> None:
         stop.set()
-        if not stepping.is_set():  # compiling: do not wait for its end
-            raise KeyboardInterrupt
+        if not stepping.is_set():  # compiling: do not wait for its end (an exception would get lost in LLVM)
+            os._exit(0)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         return run(stop, stepping)
-    except KeyboardInterrupt:
-        return 0
     except UserError as error:
         print(f'{NAME}: {error}', file=sys.stderr)
         return 2
-    except Exception:
+    except Exception as error:
+        if type(error).__name__ in WRONG_ARGUMENTS:
+            print(f'{NAME}: {one_line(error)}', file=sys.stderr)
+            return 2
         traceback.print_exc()
         print(f'{NAME}: this is a fault of sma_sim, please report it', file=sys.stderr)
         return 1

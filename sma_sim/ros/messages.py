@@ -18,9 +18,8 @@ FREEZING = 273.15  # 0 deg C [K]
 SENSED_FORCE, SENSED_TEMPERATURE = Y_SENSED + 3, Y_SENSED + 5
 
 
-def stamp_of(seconds: float) -> Time:
-    """A stamp from seconds since the epoch of the node's clock."""
-    nanoseconds = round(seconds * 1e9)
+def stamp_of(nanoseconds: int) -> Time:
+    """A stamp from nanoseconds since the epoch of the node's clock."""
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 

@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 
 from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros import messages
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
@@ -71,7 +72,10 @@ class ModuleSimulation:
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float]) -> None:
         self._node, self._rate = node, settings['integration_rate']
-        self._every = steps_per_sample(self._rate, settings['publish_rate'])
+        try:
+            self._every = steps_per_sample(self._rate, settings['publish_rate'])
+        except UserError as error:
+            raise UserError(f'node.publish_rate and node.integration_rate: {error}') from error
         self._ambient = config.parameters['environment.T_E']
         self._model = Model(config)
         self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
@@ -119,9 +123,9 @@ class ModuleSimulation:
                 self._diagnose()
 
     def _begin(self) -> None:
-        # whole microseconds, so that the stamp is exact in a log
-        self._epoch = self._node.get_clock().now().nanoseconds // 1000 * 1e-6
-        self._node.get_logger().info(f'simulated time 0 has the stamp {self._epoch:.9f}')
+        self._epoch = self._node.get_clock().now().nanoseconds
+        seconds, nanoseconds = divmod(self._epoch, 10**9)
+        self._node.get_logger().info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
         self._schedule.restart()
         self._publish()
 
@@ -174,7 +178,7 @@ class ModuleSimulation:
 
     def _publish(self) -> None:
         row = self._run.sample
-        stamp = messages.stamp_of(self._epoch + self._run.time)
+        stamp = messages.stamp_of(self._epoch + round(self._run.k * 1e9 / self._rate))
         self._joints.publish(messages.joint_state(stamp, row, sensed=True))
         if self._true_joints is not None:
             self._true_joints.publish(messages.joint_state(stamp, row, sensed=False))

@@ -47,6 +47,10 @@ def configure(node: Node) -> tuple[Config, Mapping[str, float]]:
     Raises UserError.
     """
     given = given_to(node)
+    source, _ = params_file()
+    if source.startswith('in ') and not given:
+        raise ConfigError(f'the parameter file has nothing for this node ({source}): expected /**: or '
+                          f'{node.get_fully_qualified_name()}: above ros__parameters')  # fmt: skip
     config = checked(given)
     if config.system != 'module':
         raise ConfigError(f'system = {config.system} ({given["system"].where}): the node simulates a module; '
