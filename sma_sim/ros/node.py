@@ -33,7 +33,7 @@ class Command:
 
     def __init__(self, node: Node, J_max: float, timeout: float) -> None:
         self._logger, self._J_max, self._timeout = node.get_logger(), J_max, timeout
-        self._J_eq, self._arrived = 0.0, math.inf
+        self.clear()
         self.rejected = 0
 
     def receive(self, message: Float64) -> None:
@@ -51,15 +51,17 @@ class Command:
                 f'J_eq = {J_eq:g} W clipped to node.J_max = {self._J_max:g} W', throttle_duration_sec=WARNING_PERIOD
             )
         self._J_eq = min(max(J_eq, -self._J_max), self._J_max)
-        self._arrived = time.monotonic()
+        self._fresh = True
 
     def clear(self) -> None:
         """No command: heating off, until the next one."""
-        self._J_eq, self._arrived = 0.0, math.inf
+        self._J_eq, self._arrived, self._fresh = 0.0, math.inf, False
 
-    def now(self) -> float:
-        """The command in force [W]; zero after `timeout` seconds without one."""
-        if self._timeout > 0.0 and time.monotonic() - self._arrived > self._timeout:
+    def at(self, t: float) -> float:
+        """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
+        if self._fresh:
+            self._arrived, self._fresh = t, False
+        if self._timeout > 0.0 and t - self._arrived > self._timeout:
             self._logger.warning(
                 f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
             )
@@ -165,7 +167,7 @@ class ModuleSimulation:
         self._diagnostics.publish(words, warn=self._schedule.overruns > 0, values=values)
 
     def _step(self) -> None:
-        J_eq = self.command.now()
+        J_eq = self.command.at(self._run.time)
         if J_eq != self._applied:
             self._applied = J_eq
             self._applied_topic.publish(Float64(data=J_eq))
