@@ -29,6 +29,12 @@ def test_module(case, kind):
     assert np.abs(run['U_y_m'] - expected['U_y_m']).max() < 2e-7
     for name in ('T_1_K', 'T_2_K'):
         assert np.abs(run[name] - expected[name]).max() < 5e-3
+    for wire in (1, 2):
+        if kind == 'mas':
+            assert np.abs(run[f'x_M_{wire}'] - expected[f'x_M_{wire}']).max() < 2e-5
+        else:
+            moving = np.abs(np.gradient(run[f'x_M_{wire}'], run.time)) > 1e-5
+            assert np.mean(run[f'mode_{wire}'][moving] == expected[f'mode_{wire}'][moving]) > 0.995
 
 
 @pytest.mark.parametrize('case', ['slow', 'fast_selfheating', 'powered'])
