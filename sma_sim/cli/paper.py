@@ -11,13 +11,16 @@ from typing import Any
 
 from sma_sim.cli.options import announce_compilation
 from sma_sim.model.errors import UserError
-from sma_sim.report.paper import write_paper
+from sma_sim.report.paper import FIGURES, PAGE, write_paper
+
+MOST_RUNS = 100_000
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser('paper', help="make the paper's figures and numbers again")
-    parser.add_argument('--out', type=Path, default=Path('paper'), metavar='FOLDER', help='new folder (default: paper)')
+    parser.add_argument('--out', type=Path, default=Path('paper'), metavar='FOLDER', help='folder to write (default: paper)')
+    parser.add_argument('--overwrite', action='store_true', help='replace FOLDER if an earlier run of this command wrote it')
     parser.add_argument('--runs', type=int, default=30, help='random runs (default 30, as in the paper)')
     parser.add_argument('--seed', type=int, default=1, help='of the random commands (default 1)')
     parser.set_defaults(run=run)
@@ -25,23 +28,55 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the folder under a temporary name, then rename it."""
-    out = arguments.out
-    if arguments.runs < 1:
-        raise UserError(f'--runs {arguments.runs}: expected at least 1')
-    if out.exists():
-        raise UserError(f'{out} exists already: choose another folder with --out, or remove it')
-    if not out.absolute().parent.is_dir():
-        raise UserError(f'cannot write {out}: there is no folder {out.absolute().parent}')
+    if not 1 <= arguments.runs <= MOST_RUNS:
+        raise UserError(f'--runs {arguments.runs}: expected at least 1 and at most {MOST_RUNS}')
+    if arguments.seed < 0:
+        raise UserError(f'--seed {arguments.seed}: expected 0 or more')
+    out = arguments.out.resolve()
+    check_place(out, arguments.overwrite)
     announce_compilation()
     try:
-        temporary = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.absolute().parent))
+        temporary = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
     try:
         write_paper(temporary, arguments.runs, arguments.seed, lambda words: print(words, file=sys.stderr, flush=True))
         temporary.chmod(0o755)
-        temporary.rename(out)
+        check_place(out, arguments.overwrite)  # once more: the runs took a while
+        put_in_place(temporary, out)
+    except OSError as error:
+        raise UserError(f'cannot write {out}: {error.strerror}') from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-    print(out / 'paper.md')
+    print(arguments.out / PAGE)
     return 0
+
+
+def check_place(out: Path, overwrite: bool) -> None:
+    """Raise UserError where the folder cannot be written, or where it would replace what is not ours."""
+    if not out.parent.is_dir():
+        raise UserError(f'cannot write {out}: there is no folder {out.parent}')
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise UserError(f'cannot write {out}: it is a file, expected a folder')
+    try:
+        others = {file.name for file in out.iterdir()} - {PAGE, *FIGURES}
+        empty = not any(out.iterdir())
+    except OSError as error:
+        raise UserError(f'cannot read {out}: {error.strerror}') from error
+    if others:
+        raise UserError(f'{out} holds other files ({min(others)}) and is left alone: choose another folder with --out')
+    if not empty and not overwrite:
+        raise UserError(f'{out} exists already: give --overwrite to replace it, or another folder with --out')
+
+
+def put_in_place(temporary: Path, out: Path) -> None:
+    """Rename the new folder to `out`; what was there goes only once the new one is complete."""
+    if out.exists():
+        old = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))
+        out.rename(old)
+        temporary.rename(out)
+        shutil.rmtree(old, ignore_errors=True)
+    else:
+        temporary.rename(out)

@@ -2,196 +2,198 @@
 
 from __future__ import annotations
 
+import os
 import platform
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from sma_sim.model.config import Config, default_parameters
-from sma_sim.model.material import sigma_A, sigma_M
-from sma_sim.report.run_figure import draw_run
-from sma_sim.report.style import BLUE, RED, new_figure, plain, save
-from sma_sim.solver.inputs import Input, module_input, wire_input
-from sma_sim.solver.simulate import Model, Trajectory, simulate
+from sma_sim.report.experiments import (
+    BATH,
+    CHANNELS,
+    DURATION,
+    EXACT_RTOL,
+    KINDS,
+    LARGEST,
+    LONGEST,
+    LOOP_RATE,
+    LOOP_STRAIN,
+    RATE,
+    REPEATS,
+    SHORTEST,
+    SINE_AMPLITUDE,
+    SINE_PERIOD,
+    TEMPERATURES,
+    Campaign,
+    Loop,
+    Sine,
+    Timing,
+    Vector,
+    loop,
+    random_campaign,
+    slow_sine,
+)
+from sma_sim.report.run_figure import draw_run, panel_legend
+from sma_sim.report.style import BLUE, GREY, RED, new_figure, plain, save
+from sma_sim.solver.inputs import inputs_at
 
-Vector = NDArray[np.float64]
-
-TEMPERATURES = (292.0, 315.0, 338.0)
-LOOP_STRAIN, LOOP_RATE = (0.0, 0.075, 0.02, 0.05, 0.0), 1e-4  # [-], [1/s]
-DURATION, LARGEST, SHORTEST, LONGEST = 100.0, 15.0, 2.0, 18.0  # [s], [W], [s], [s]
-SINE_PERIOD, SINE_AMPLITUDE = 1000.0, 12.0  # [s], [W]
-SPEED_RTOL = {'hybrid': 1e-4, 'mas': 3e-5}  # about 1e-4 deg from the converged solution
-EXACT_RTOL = 1e-9
-REPEATS = 5
-PAPER_HYBRID, PAPER_MAS = 1.75, 8.66  # [s] per run
+PAPER_SECONDS = {'hybrid': 1.75, 'mas': 8.66}  # per run, section IV.B
 TEMPLATE = Path(__file__).with_name('templates') / 'paper.md'
-NAMES = {'hybrid': 'hybrid', 'mas': 'MAS'}
-Say = Callable[[str], None]
+PAGE, FIGURES = 'paper.md', ('loops.png', 'random.png', 'hysteresis.png')
+LINES: dict[str, dict[str, Any]] = {
+    'hybrid': {'color': BLUE, 'ls': '-', 'label': 'hybrid'},
+    'mas': {'color': RED, 'ls': (0, (4, 2)), 'label': 'MAS'},
+}
+UNITS = {
+    'alpha_rad': ('alpha [deg]', 180.0 / np.pi), 'U_x_m': ('U_x [um]', 1e6), 'U_y_m': ('U_y [um]', 1e6),
+    'T_1_K': ('T of wire 1 [K]', 1.0), 'T_2_K': ('T of wire 2 [K]', 1.0),
+}  # fmt: skip
 
 
-class Campaign(NamedTuple):
-    """The random runs, one entry per run: times [s], errors, largest differences of the models."""
-
-    seconds: dict[str, Vector]
-    own_error: dict[str, Vector]  # of alpha against the converged solution [deg]
-    difference: dict[str, Vector]  # hybrid against MAS
-    example: tuple[Input, Trajectory, Trajectory]
-
-
-def module(kind: str, rtol: float) -> Model:
-    """The paper's module."""
-    return Model(Config(default_parameters() | {'solver.rtol': rtol}, 'module', kind))
-
-
-def loop(kind: str, T_E: float) -> Trajectory:
-    """A stress-strain loop, slow, in a bath that keeps the wire at T_E."""
-    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(LOOP_STRAIN))) / LOOP_RATE])
-    parameters = default_parameters() | {'wire.lambda': 1e6, 'initial.x_M_1': 0.0}
-    return simulate(Model(Config(parameters, 'wire', kind)), wire_input(list(times), LOOP_STRAIN, T_E=T_E), 1.0)
+def write_paper(folder: Path, runs: int, seed: int, say: Callable[[str], None]) -> Path:
+    """Figures and page into `folder`, which exists; the page's path. `say` is told what is being done."""
+    say('stress-strain loops')
+    loops = [loop(T_E) for T_E in TEMPERATURES]
+    campaign = random_campaign(runs, seed, say)
+    say('slow sine')
+    sine = slow_sine()
+    say('figures')
+    for name, figure in zip(FIGURES, (draw_loops(loops), draw_example(campaign), draw_sine(sine)), strict=True):
+        save(figure, folder / name)
+    page = folder / PAGE
+    page.write_text(page_text(loops, campaign, sine, runs, seed), encoding='utf-8')
+    return page
 
 
-def draw_loops() -> tuple[Figure, list[str]]:
-    """Loops at the three temperatures, and a table row for each."""
-    figure = new_figure(9.0, 3.4)
-    rows = []
-    for axis, T_E in zip(figure.subplots(1, 3, sharey=True), TEMPERATURES, strict=True):
+def draw_loops(loops: list[Loop]) -> Figure:
+    """Both models over each other at each temperature, with the closed-form plateaus."""
+    figure = new_figure(9.0, 3.6)
+    for axis, one in zip(figure.subplots(1, len(loops), sharey=True), loops, strict=True):
         plain(axis)
-        runs = {kind: loop(kind, T_E) for kind in ('hybrid', 'mas')}
-        for (kind, run), style in zip(runs.items(), (BLUE, RED), strict=True):
-            strain = np.interp(run.time, *loop_path())
-            line = '-' if kind == 'hybrid' else '--'
-            axis.plot(100 * strain, 1e-6 * run['stress_Pa'], color=style, ls=line, label=NAMES[kind])
-        axis.set_title(f'T_E = {T_E:g} K', fontsize=10)
+        for stress, name, place in zip(one.closed_form, ('sigma_A', 'sigma_M'), ('bottom', 'top'), strict=True):
+            axis.axhline(1e-6 * stress, color=GREY, lw=0.8, ls=':')
+            offset = 2.0 if place == 'bottom' else -2.0
+            axis.text(4.2, 1e-6 * stress + offset, f'{name} = {1e-6 * stress:.2f} MPa', va=place, ha='center', fontsize=8)
+        for kind in KINDS:
+            axis.plot(100 * one.strain, 1e-6 * one.stress[kind], lw=1.4, **LINES[kind])
+        axis.set_title(f'T_E = {one.T_E:g} K', fontsize=10)
         axis.set_xlabel('strain [%]')
-        difference = np.sqrt(np.mean((runs['hybrid']['stress_Pa'] - runs['mas']['stress_Pa']) ** 2))
-        w = Model(Config(system='wire')).compiled.wire
-        rows.append(
-            f'| {T_E:g} | {1e-6 * sigma_A(T_E, w):.2f} | {1e-6 * sigma_M(T_E, w):.2f} | {1e-6 * difference:.3f} |'
-        )
     figure.axes[0].set_ylabel('stress [MPa]')
-    figure.axes[0].legend(frameon=False, fontsize=8)
-    return figure, rows
-
-
-def loop_path() -> tuple[Vector, Vector]:
-    """Times and strains of the loop."""
-    strain = np.array(LOOP_STRAIN)
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(strain))) / LOOP_RATE]), strain
-
-
-def random_steps(random: np.random.Generator) -> Input:
-    """A sequence of steps with random amplitudes and durations."""
-    times = [0.0]
-    while times[-1] < DURATION:
-        times.append(times[-1] + random.uniform(SHORTEST, LONGEST))
-    times[-1] = DURATION
-    J_eq = random.uniform(-LARGEST, LARGEST, len(times))
-    J_eq[-1] = J_eq[-2]  # the end of the run, not another step
-    return module_input(times, list(J_eq))
-
-
-def fastest(model: Model, source: Input) -> float:
-    """Median time of a run without samples between its ends [s]."""
-    durations = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        simulate(model, source, np.array([0.0, DURATION]))
-        durations.append(time.perf_counter() - start)
-    return float(np.median(durations))
-
-
-def compare_models(runs: int, seed: int, say: Say) -> Campaign:
-    """The random runs with both models; all numbers."""
-    random = np.random.default_rng(seed)
-    seconds: dict[str, list[float]] = {'hybrid': [], 'mas': []}
-    errors: dict[str, list[float]] = {'hybrid': [], 'mas': []}
-    difference: dict[str, list[float]] = {'alpha': [], 'alpha rms': [], 'U_y': [], 'T': []}
-    example = None
-    for number in range(runs):
-        source = random_steps(random)
-        pair = {}
-        for kind, rtol in SPEED_RTOL.items():
-            pair[kind] = simulate(module(kind, EXACT_RTOL), source, 20.0)
-            quick = simulate(module(kind, rtol), source, 20.0)
-            errors[kind].append(float(np.degrees(np.abs(quick['alpha_rad'] - pair[kind]['alpha_rad']).max())))
-            seconds[kind].append(fastest(module(kind, rtol), source))
-        gap = np.degrees(pair['hybrid']['alpha_rad'] - pair['mas']['alpha_rad'])
-        difference['alpha'].append(float(np.abs(gap).max()))
-        difference['alpha rms'].append(float(np.sqrt(np.mean(gap**2))))
-        difference['U_y'].append(float(np.abs(pair['hybrid']['U_y_m'] - pair['mas']['U_y_m']).max()))
-        difference['T'].append(float(np.abs(pair['hybrid']['T_1_K'] - pair['mas']['T_1_K']).max()))
-        example = example or (source, pair['hybrid'], pair['mas'])
-        say(f'random run {number + 1} of {runs}')
-    assert example is not None
-    arrays = [{name: np.array(values) for name, values in group.items()} for group in (seconds, errors, difference)]
-    return Campaign(arrays[0], arrays[1], arrays[2], example)
+    figure.axes[0].set_ylim(0.0, 180.0)
+    figure.axes[0].legend(frameon=False, fontsize=9, loc='upper left')
+    return figure
 
 
 def draw_example(campaign: Campaign) -> Figure:
     """One random run: both models over each other, modes of the hybrid one, the command."""
-    source, hybrid, mas = campaign.example
-    held = np.searchsorted(source.times, hybrid.time, side='right') - 1
-    columns = {'time_s': hybrid.time, 'J_eq_W': source.values[held, 0]}
+    source, pair = campaign.example
+    hybrid, mas = pair['hybrid'], pair['mas']
+    columns = {'time_s': hybrid.time, 'J_eq_W': inputs_at(source, hybrid.time)['J_eq_W']}
     columns |= {name: hybrid[name] for name in ('alpha_rad', 'T_1_K', 'T_2_K', 'mode_1', 'mode_2')}
     figure = draw_run(columns)
-    figure.axes[0].plot(mas.time, np.degrees(mas['alpha_rad']), color=RED, ls='--', lw=1.3, label='MAS')
-    figure.axes[0].lines[0].set_label('hybrid')
-    figure.axes[0].legend(loc='lower right', bbox_to_anchor=(1.0, 0.94), frameon=False, fontsize=8, ncols=2)
+    angle = figure.axes[0]
+    angle.lines[0].set_label('hybrid')
+    angle.plot(mas.time, np.degrees(mas['alpha_rad']), lw=1.3, **LINES['mas'])
+    panel_legend(angle)
     return figure
 
 
-def draw_hysteresis() -> tuple[Figure, float]:
-    """alpha over J_eq for the slow sine (its second period), and the loop's width at J_eq = 0 [deg]."""
-    t = np.linspace(0.0, 2 * SINE_PERIOD, 4001)
-    source = module_input(list(t), list(SINE_AMPLITUDE * np.sin(2 * np.pi * t / SINE_PERIOD)), linear=True)
-    run = simulate(module('hybrid', 1e-5), source, 2.0)
-    second = run.time >= SINE_PERIOD
-    J_eq, alpha = np.interp(run.time, t, source.values[:, 0])[second], np.degrees(run['alpha_rad'][second])
+def draw_sine(sine: Sine) -> Figure:
+    """alpha over J_eq, with the sense in which the loop is run through."""
     figure = new_figure(5.5, 4.2)
     axis = figure.subplots()
     plain(axis)
-    axis.plot(J_eq, alpha, color=BLUE)
+    for kind in KINDS:
+        axis.plot(sine.J_eq, np.degrees(sine.alpha[kind]), lw=1.4, **LINES[kind])
+    alpha = np.degrees(sine.alpha['hybrid'])
+    for part in (0.08, 0.42, 0.58, 0.92):
+        k = int(part * len(alpha))
+        tail, head = ((sine.J_eq[at], alpha[at]) for at in (k, k + 15))
+        axis.annotate('', head, tail, arrowprops={'arrowstyle': '-|>', 'color': BLUE, 'mutation_scale': 16})
     axis.set_xlabel('J_eq [W]')
     axis.set_ylabel('alpha [deg]')
-    crossings = np.flatnonzero(np.abs(J_eq) < 0.02 * SINE_AMPLITUDE)
-    return figure, float(alpha[crossings].max() - alpha[crossings].min())
+    axis.legend(frameon=False, fontsize=9)
+    return figure
 
 
-def write_paper(folder: Path, runs: int, seed: int, say: Say) -> Path:
-    """Figures and page into `folder`, which exists; the page's path."""
-    say('stress-strain loops')
-    loops, loop_rows = draw_loops()
-    save(loops, folder / 'loops.png')
-    campaign = compare_models(runs, seed, say)
-    save(draw_example(campaign), folder / 'random.png')
-    say('slow sine')
-    hysteresis, width = draw_hysteresis()
-    save(hysteresis, folder / 'hysteresis.png')
-    page = folder / 'paper.md'
-    page.write_text(page_text(loop_rows, campaign, runs, seed, width))
-    return page
-
-
-def page_text(loop_rows: list[str], campaign: Campaign, runs: int, seed: int, width: float) -> str:
+def page_text(loops: list[Loop], campaign: Campaign, sine: Sine, runs: int, seed: int) -> str:
     """The Markdown page."""
-    hybrid, mas = (1e3 * campaign.seconds[kind] for kind in ('hybrid', 'mas'))
-    gap = campaign.difference
-    return TEMPLATE.read_text().format(
-        runs=runs, seed=seed, machine=f'{platform.machine()}, Python {platform.python_version()}',
-        path=' -> '.join(f'{100 * strain:g} %' for strain in LOOP_STRAIN), rate=LOOP_RATE, loops='\n'.join(loop_rows),
-        duration=DURATION, largest=LARGEST, shortest=SHORTEST, longest=LONGEST,
-        paper_hybrid=PAPER_HYBRID, paper_mas=PAPER_MAS, paper_saved=100 * (1 - PAPER_HYBRID / PAPER_MAS),
-        hybrid_mean=hybrid.mean(), mas_mean=mas.mean(), saved=100 * (1 - hybrid.mean() / mas.mean()),
-        hybrid_span=span(hybrid), mas_span=span(mas), hybrid_rtol=SPEED_RTOL['hybrid'], mas_rtol=SPEED_RTOL['mas'],
-        exact=EXACT_RTOL, hybrid_error=campaign.own_error['hybrid'].max(), mas_error=campaign.own_error['mas'].max(),
-        alpha=gap['alpha'].max(), alpha_rms=np.sqrt(np.mean(gap['alpha rms'] ** 2)), U_y=1e6 * gap['U_y'].max(),
-        T=gap['T'].max(), sine=SINE_AMPLITUDE, period=SINE_PERIOD, width=width,
+    alpha = np.degrees(campaign.difference['alpha_rad'])
+    equal_error, equal_tolerance = campaign.timings
+    inside = [one.plateaus['hybrid'][0] - one.plateaus['mas'][0] for one in loops]
+    inside += [one.plateaus['mas'][1] - one.plateaus['hybrid'][1] for one in loops]
+    falling = len(sine.J_eq) // 2  # where J_eq falls through 0
+    width = {kind: np.degrees(2.0 * abs(sine.alpha[kind][falling])) for kind in KINDS}
+    return TEMPLATE.read_text(encoding='utf-8').format(
+        runs=runs, seed=seed, machine=machine(),
+        path=' -> '.join(f'{100 * strain:g} %' for strain in LOOP_STRAIN), rate=LOOP_RATE, bath=BATH,
+        loops='\n'.join(loop_row(one) for one in loops), inside_low=1e-6 * min(inside), inside_high=1e-6 * max(inside),
+        duration=DURATION, largest=LARGEST, shortest=SHORTEST, longest=LONGEST, sample_rate=RATE,
+        differences='\n'.join(difference_row(campaign, name) for name in CHANNELS),
+        alpha=np.abs(alpha).max(), alpha_part=100.0 * np.abs(alpha).max() / swing(campaign), exact=EXACT_RTOL,
+        repeats=REPEATS, times='\n'.join([paper_row(), *timing_rows(equal_error), *timing_rows(equal_tolerance)]),
+        paper_saved=saved(PAPER_SECONDS['hybrid'], PAPER_SECONDS['mas']), saved=mean_saved(equal_error),
+        saved_default=mean_saved(equal_tolerance),
+        sine=SINE_AMPLITUDE, period=SINE_PERIOD, width=width['hybrid'], mas_width=width['mas'],
+        sine_gap=np.degrees(np.abs(sine.alpha['hybrid'] - sine.alpha['mas']).max()),
     )  # fmt: skip
+
+
+def machine() -> str:
+    """What the times depend on."""
+    return f'{os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}'
+
+
+def loop_row(one: Loop) -> str:
+    """Closed-form and simulated plateaus of a temperature [MPa]."""
+    numbers = [*one.closed_form, *one.plateaus['hybrid'], *one.plateaus['mas']]
+    return f'| {one.T_E:g} | ' + ' | '.join(f'{1e-6 * number:.2f}' for number in numbers) + ' |'
+
+
+def difference_row(campaign: Campaign, name: str) -> str:
+    """Mean, RMS and largest difference of the models in a channel, over all samples of all runs."""
+    label, factor = UNITS[name]
+    gap = np.abs(factor * campaign.difference[name])
+    return f'| {label} | {gap.mean():.2g} | {np.sqrt(np.mean(gap**2)):.2g} | {gap.max():.2g} |'
+
+
+def swing(campaign: Campaign) -> float:
+    """From the smallest to the largest alpha of the first run [deg]."""
+    return float(np.degrees(np.ptp(campaign.example[1]['hybrid']['alpha_rad'])))
+
+
+def paper_row() -> str:
+    """The paper's times."""
+    hybrid, mas = (PAPER_SECONDS[kind] for kind in KINDS)
+    return f'| paper (MATLAB, ode15s), mean | {hybrid} s | {mas} s | {saved(hybrid, mas):.0f} % |'
+
+
+def timing_rows(timing: Timing) -> list[str]:
+    """Tolerance, error and times of both models."""
+    hybrid, mas = (1e3 * timing.seconds[kind] for kind in KINDS)
+    errors = ' | '.join(f'{timing.error[kind].max():.1e} deg' for kind in KINDS)
+    steps = ' | '.join(f'{timing.steps[kind].mean():.0f}' for kind in KINDS)
+    tolerances = ' | '.join(f'{timing.rtol[kind]:g}' for kind in KINDS)
+    return [
+        f'| sma_sim, relative tolerance | {tolerances} | |',
+        f'| ... its largest error of alpha | {errors} | |',
+        f'| ... mean number of steps | {steps} | |',
+        f'| ... mean time of a run | {hybrid.mean():.2f} ms | {mas.mean():.2f} ms | {mean_saved(timing):.0f} % |',
+        f'| ... fastest to slowest run | {span(hybrid)} ms | {span(mas)} ms | |',
+    ]
+
+
+def saved(hybrid: float, mas: float) -> float:
+    """Part of the MAS model's time that the hybrid one saves [%]."""
+    return 100.0 * (1.0 - hybrid / mas)
+
+
+def mean_saved(timing: Timing) -> float:
+    """The same for the mean times over all runs."""
+    return saved(*(float(timing.seconds[kind].mean()) for kind in KINDS))
 
 
 def span(values: Vector) -> str:
