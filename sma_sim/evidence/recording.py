@@ -1,0 +1,53 @@
+"""What was measured: one recording of a robot or of a wire, and the recordings of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.solver.inputs import Input
+
+Vector = NDArray[np.float64]
+
+# Columns of the file contract that hold measured channels.
+CHANNEL_COLUMNS: Mapping[str, str] = {
+    'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N', 'T_1': 'T_1_K', 'T_2': 'T_2_K',
+    'stress': 'stress_Pa', 'T': 'T_K',
+}  # fmt: skip
+assert tuple(CHANNEL_COLUMNS) == CHANNELS
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run: when what was measured, under which input.
+
+    `time` (k,) [s] increases; `channels` holds (k,) by the names of CHANNELS, SI units, NaN where a sample is
+    missing (a channel that was never measured is absent). `source` covers `time`; `exact_commands` says that its
+    rows are the instants at which the input changed; otherwise they were only sampled, and each change happened
+    somewhere between its row and the row before. `notes` tell what was repaired on the way from the file.
+    """
+
+    name: str
+    system: str
+    time: Vector
+    channels: Mapping[str, Vector]
+    source: Input
+    exact_commands: bool = True
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Recordings of one robot or wire, and the standard deviation of the noise of each channel (SI units)."""
+
+    recordings: tuple[Recording, ...]
+    noise_std: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def system(self) -> str:
+        """`module` or `wire`."""
+        return self.recordings[0].system
