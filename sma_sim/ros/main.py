@@ -84,7 +84,10 @@ def run(stop: threading.Event, stepping: threading.Event) -> int:
 
     def serve() -> None:
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
+            try:
+                executor.spin_once(timeout_sec=0.1)
+            except Exception as error:  # a message that cannot be read must not end the listening
+                node.get_logger().error(f'a message or request was lost: {one_line(error)}')
 
     server = threading.Thread(target=serve, daemon=True)
     server.start()

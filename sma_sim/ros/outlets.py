@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Temperature
@@ -20,7 +20,6 @@ from sma_sim.ros.markers import frame_of, markers
 from sma_sim.ros.recorder import Recorder
 
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 SAMPLES: Mapping[str, Any] = {
     'joint_states': JointState,
     'wire_states': JointState,
@@ -51,7 +50,7 @@ class Outlets:
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
         self.recorded = [(self._publishers[name].topic_name, type_name(kind)) for name, kind in kinds.items()]
-        self._clock = node.create_publisher(Clock, '/clock', CLOCK) if clock else None
+        self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
         self.recorder: Recorder | None = None
 
     def send(self, name: str, log_time: int, message: Any) -> None:
