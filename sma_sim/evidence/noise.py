@@ -2,7 +2,7 @@
 
 Differences of order m take away whatever moves like a polynomial of degree m - 1 within m + 1 samples and leave the
 noise: for white noise of standard deviation s they have the variance s^2 binom(2 m, m) (von Neumann's successive
-differences for m = 1). Their scale is taken from the smaller 70 % of them, so that kinks, steps and outliers do not
+differences for m = 1). Their scale is taken from the smaller 80 % of them, so that kinks, steps and outliers do not
 count, and corrected by what a normal distribution has in that part.
 """
 
@@ -11,16 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb, sqrt
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from sma_sim.evidence.recording import Recording
 
 Vector = NDArray[np.float64]
-ORDER = 5
-PART = 0.7  # of the differences: the smaller ones
+ORDER = 3
+PART = 0.8  # of the differences: the smaller ones
 FEWEST = 20  # samples
 BLOCK, BLOCKS = 50_000, 20  # a longer record is looked at in so many places of so many samples
 HELD_PART = 0.3  # more equal neighbours than this: held samples or a coarse step
@@ -29,7 +29,7 @@ COARSE = 0.5  # below this many steps of the resolution the differences do not s
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation `std` of the noise of one channel, the smallest step of its numbers, and on how many samples it rests.
+    """The standard deviation `std` of the noise of one channel, the smallest `step` of its numbers, the samples behind it.
 
     SI units; `step` is 0 where the numbers have no visible resolution. `held` says that each value is repeated: the
     sensor is slower than the recording.
@@ -57,7 +57,7 @@ def estimate_noise(time: Vector, values: Vector) -> Noise | None:
         return None
     step = resolution(values)
     keep = values[1:] != values[:-1]
-    held = 1.0 - keep.mean() > HELD_PART and is_held(values, step)
+    held = bool(1.0 - keep.mean() > HELD_PART and is_held(values))
     if held:
         kept = np.concatenate([[True], keep])
         time, values = time[kept], values[kept]
@@ -92,7 +92,7 @@ def resolution(values: Vector) -> float:
     return float(np.quantile(steps, 0.1))
 
 
-def is_held(values: Vector, step: float) -> bool:
+def is_held(values: Vector) -> bool:
     """Whether equal neighbours come from a sensor that is slower than the recording, not from a coarse resolution."""
     changes = np.flatnonzero(values[1:] != values[:-1])
     if len(changes) < FEWEST:
@@ -117,8 +117,8 @@ def difference_scale(time: Vector, values: Vector) -> float | None:
         return None
     count = int(PART * len(differences))
     smaller = np.partition(np.abs(differences), count)[:count]
-    limit = norm.ppf(0.5 + 0.5 * PART)
-    share = 1.0 - 2.0 * limit * norm.pdf(limit) / PART  # variance of a normal variable within +-limit
+    limit = NormalDist().inv_cdf(0.5 + 0.5 * PART)
+    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / PART  # variance of a normal variable within +-limit
     return float(sqrt(np.mean(smaller**2) / share / comb(2 * ORDER, ORDER)))
 
 
