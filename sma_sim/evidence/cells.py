@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-PIECE = 1 << 22  # characters
+PIECE = 1 << 20  # characters
 LONGEST_LINE = 1_000_000  # characters
 GAPS = ('', 'nan')
 

@@ -3,7 +3,7 @@
 Differences of order m take away whatever moves like a polynomial of degree m - 1 within m + 1 samples and leave the
 noise: for white noise of standard deviation s they have the variance s^2 binom(2 m, m) (von Neumann's successive
 differences for m = 1). Their scale is taken from the smaller 80 % of them, so that kinks, steps and outliers do not
-count, and corrected by what a normal distribution has in that part.
+count, and corrected by what a normal distribution has in that part; then again without those beyond five of it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from sma_sim.evidence.recording import Recording
 Vector = NDArray[np.float64]
 ORDER = 3
 PART = 0.8  # of the differences: the smaller ones
+FAR = 5.0  # standard deviations: what is beyond is no noise
 FEWEST = 20  # samples
-BLOCK, BLOCKS = 50_000, 20  # a longer record is looked at in so many places of so many samples
+BLOCK, BLOCKS = 20_000, 10  # a longer record is looked at in so many places of so many samples
 HELD_PART = 0.3  # more equal neighbours than this: held samples or a coarse step
+COMMON = 0.98  # of the samples show the resolution
 COARSE = 0.5  # below this many steps of the resolution the differences do not see the noise
 
 
@@ -81,12 +83,14 @@ def representative(time: Vector, values: Vector) -> tuple[Vector, Vector]:
 def resolution(values: Vector) -> float:
     """The step on whose multiples all values lie, 0 where they have none that could matter.
 
-    A step matters when the values take few different numbers: less than one new number for every four samples.
+    A step matters when the values take few different numbers: less than one new number for every four samples. Numbers
+    that are seldom taken may lie off the grid (some loggers interpolate).
     """
-    distinct = np.unique(values)
-    steps = np.diff(distinct)
-    size = np.abs(distinct).max()
-    steps = steps[steps > 1e-12 * size]  # two spellings of one number
+    distinct, counts = np.unique(values, return_counts=True)
+    order = np.argsort(counts)[::-1]
+    common = np.cumsum(counts[order]) - counts[order] < COMMON * len(values)
+    steps = np.diff(np.sort(distinct[order[common]]) if common.sum() > 1 else distinct)
+    steps = steps[steps > 1e-12 * np.abs(distinct).max()]  # two spellings of one number
     if len(steps) == 0 or 4 * len(steps) > len(values):
         return 0.0
     return float(np.quantile(steps, 0.1))
@@ -115,11 +119,18 @@ def difference_scale(time: Vector, values: Vector) -> float | None:
         differences = differences[~near]
     if len(differences) < FEWEST - ORDER:
         return None
-    count = int(PART * len(differences))
-    smaller = np.partition(np.abs(differences), count)[:count]
+    sizes = np.abs(differences)
+    rough = scale_of_smaller(sizes)
+    return scale_of_smaller(sizes[sizes <= FAR * rough]) / sqrt(comb(2 * ORDER, ORDER))
+
+
+def scale_of_smaller(sizes: Vector) -> float:
+    """Standard deviation of a normal variable from the smaller ones of its absolute values (k,)."""
+    count = max(int(PART * len(sizes)), 1)
+    smaller = np.partition(sizes, count - 1)[:count]
     limit = NormalDist().inv_cdf(0.5 + 0.5 * PART)
-    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / PART  # variance of a normal variable within +-limit
-    return float(sqrt(np.mean(smaller**2) / share / comb(2 * ORDER, ORDER)))
+    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / PART  # variance within +-limit
+    return float(sqrt(np.mean(smaller**2) / share))
 
 
 def noise_of(recordings: Sequence[Recording]) -> dict[str, Noise]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.noise import Vector, estimate_noise
-from sma_sim.evidence.sessions import is_regular
+from sma_sim.evidence.sessions import are_regular
 
 Mask = NDArray[np.bool_]
 SIDE = 4  # neighbours on either side
@@ -76,37 +76,33 @@ def gap_notes(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
     """Samples that are missing in each channel's own grid; channels with the same gaps share a note."""
     same: dict[tuple[int, int, float, float], list[str]] = {}
     for name, values in channels.items():
-        times = time[np.isfinite(values)]
-        if not is_regular_but_for_gaps(times):
-            continue
+        times = known_times(time, values)
         steps = np.diff(times)
-        missing = np.rint(steps / np.median(steps)).astype(int) - 1
-        gaps = missing > 0
-        if gaps.any():
-            longest = int(np.argmax(steps))
-            key = (int(missing[gaps].sum()), int(gaps.sum()), float(steps[longest]), float(times[longest]))
-            same.setdefault(key, []).append(name)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        at = np.flatnonzero(steps > 1.5 * usual)
+        if len(at) == 0 or 2 * len(at) > len(steps) or not are_regular(steps[steps <= 1.5 * usual]):
+            continue
+        missing = int(np.rint(steps[at] / usual - 1.0).sum())
+        longest = int(np.argmax(steps))
+        key = (missing, len(at), float(steps[longest]), float(times[longest]))
+        same.setdefault(key, []).append(name)
     return [
         f'{", ".join(names)}: {missing} samples missing in {gaps} gaps, the longest of {longest:.3g} s from {start:.6g} s on'
         for (missing, gaps, longest, start), names in same.items()
     ]
 
 
-def is_regular_but_for_gaps(times: Vector) -> bool:
-    """Whether the steps are whole multiples of the usual one."""
-    if len(times) < 3:
-        return False
-    steps = np.diff(times)
-    usual = float(np.median(steps))
-    short = steps[steps < 1.5 * usual]
-    return len(short) >= 0.5 * len(steps) and is_regular(np.concatenate([[0.0], np.cumsum(short)]))
+def known_times(time: Vector, values: Vector) -> Vector:
+    """The times at which there is a value."""
+    known = np.isfinite(values)
+    return time if known.all() else time[known]
 
 
 def rate_note(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
     """One note where channels have different rates."""
     rates: dict[str, float] = {}
     for name, values in channels.items():
-        times = time[np.isfinite(values)]
+        times = known_times(time, values)
         if len(times) > 2:
             rates[name] = 1.0 / float(np.median(np.diff(times)))
     if not rates or max(rates.values()) < 1.1 * min(rates.values()):

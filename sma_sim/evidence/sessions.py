@@ -71,13 +71,12 @@ def is_shuffled(path: Path, time: Vector, sampled: Mask) -> bool:
     return bool(repeated == 0.0 and steps.max() <= 1.5 * np.median(steps))
 
 
-def is_regular(time: Vector) -> bool:
-    """Whether most steps of increasing times are about equal."""
-    steps = np.diff(time)
+def are_regular(steps: Vector) -> bool:
+    """Whether most steps (k,) [s] are about equal."""
     if len(steps) < 2:
         return False
-    near = np.abs(steps - np.median(steps)) <= IRREGULAR * np.median(steps)
-    return bool(near.mean() >= REGULAR_PART)
+    usual = np.median(steps)
+    return float(np.mean((steps >= (1.0 - IRREGULAR) * usual) & (steps <= (1.0 + IRREGULAR) * usual))) >= REGULAR_PART
 
 
 def wrong_stamps(time: Vector) -> Mask:
@@ -162,7 +161,7 @@ def switching_is_exact(time: Vector, command: Vector, sampled: Mask) -> bool:
         return True
     extra = ~sampled[changed]
     grid = np.diff(time)
-    if is_regular(time):
+    if are_regular(grid):
         inner = changed < len(time) - 1
         around = np.full(len(changed), np.inf)
         around[inner] = time[changed[inner] + 1] - time[changed[inner] - 1]
