@@ -108,6 +108,9 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
     if not exact:
         notes.append('the command was sampled with the measurement: each change is uncertain within its interval')
     merge_equal_times(columns, notes)
+    if len(columns['time_s']) < FEWEST:
+        only = columns['time_s'][0]
+        raise UserError(f'{place.path}, column time_s: expected times that increase, got {only:g} in every row')
     check_duration(place.path, columns['time_s'])
     if abs(columns['time_s'][0]) > EPOCH:
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')

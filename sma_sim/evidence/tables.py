@@ -51,7 +51,10 @@ def read_header(path: Path) -> list[str]:
         raise UserError(f'{path} is not a CSV file: {error}') from error
     if not line.strip():
         raise UserError(f'{path} is empty: expected a header and at least one row')
-    return [name.strip() for name in next(csv.reader([line]))]
+    try:
+        return [name.strip() for name in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
 
 
 def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:

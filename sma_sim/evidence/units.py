@@ -13,7 +13,7 @@ from sma_sim.model.errors import UserError
 
 LONGEST_RUN = 1e7  # [s]
 COLDEST, HOTTEST = 150.0, 2000.0  # [K]
-LARGEST = {'U': 0.5, 'strain': 0.5, 'J': 1e4}  # [m], [-], [W]
+LARGEST = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]
 OFFSET_PART = 0.02  # of the largest heating: a power meter's offset
 LEAST_STRESS, MOST_STRESS = 1e4, 1e11  # [Pa]
 KELVIN = 'offset: 273.15'
