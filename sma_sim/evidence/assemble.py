@@ -35,11 +35,15 @@ class NothingMeasuredError(UserError):
 
 @dataclass(frozen=True)
 class Place:
-    """Which file is read, as which system, and the ambient temperature [K] where the file does not tell."""
+    """Which file is read, as which system, and the ambient temperature [K] where the file does not tell.
+
+    `stamped` says that the command has stamps of its own, as in a bag.
+    """
 
     path: Path
     system: str
     T_E: float
+    stamped: bool = False
 
 
 def recordings_of(place: Place, name: str, columns: dict[str, Vector], notes: list[str]) -> tuple[Recording, ...]:
@@ -104,7 +108,7 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
     fill_inputs(place, columns, notes)
     sampled = sampled_rows(place.system, columns)
     command = columns[COMMAND[place.system]]
-    exact = switching_is_exact(columns['time_s'], command, sampled)
+    exact = place.stamped or switching_is_exact(columns['time_s'], command, sampled)
     if not exact:
         notes.append('the command was sampled with the measurement: each change is uncertain within its interval')
     merge_equal_times(columns, notes)
@@ -132,15 +136,18 @@ def fill_inputs(place: Place, columns: dict[str, Vector], notes: list[str]) -> N
     first = 0
     for name in INPUT_COLUMNS[place.system][1:]:
         values = columns[name]
+        how = 'interpolated' if name == 'strain' else 'the value before holds'
         values[np.isinf(values)] = np.nan
-        columns[name], filled, unknown = held(values)
+        empty = int(np.isnan(values).sum())
+        if name in ('strain', 'T_E_K'):
+            take_out_spikes(name, columns['time_s'], values, how, notes)
+        columns[name], unknown = held(values)
         if name == 'strain':
             columns[name] = between(columns['time_s'], values)
-        if name == 'T_E_K':
-            columns[name][:unknown], unknown = columns[name][min(unknown, rows - 1)], 0
-        if filled:
-            how = 'interpolated' if name == 'strain' else 'the value before holds'
-            notes.append(f'{name}: {filled} rows without a value: {how}')
+        if name == 'T_E_K' and unknown:
+            columns[name][:unknown], unknown = columns[name][unknown], 0
+        if empty > unknown:
+            notes.append(f'{name}: {empty - unknown} rows without a value: {how}')
         first = max(first, unknown)
     leave_out_start(place, columns, first, notes)
     for name in INPUT_COLUMNS[place.system][1:]:
@@ -148,6 +155,14 @@ def fill_inputs(place: Place, columns: dict[str, Vector], notes: list[str]) -> N
     if 'J_W' in columns and (columns['J_W'] < 0.0).any():
         notes.append(f'J_W: slightly negative values, {columns["J_W"].min():.3g} W at the least: taken as 0')
         columns['J_W'] = np.maximum(columns['J_W'], 0.0)
+
+
+def take_out_spikes(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
+    """NaN for outliers in the values (k,), changed in place."""
+    wrong = outliers(time, values)
+    if wrong.any():
+        notes.append(f'{name}: {int(wrong.sum())} outliers, the first at {time[np.argmax(wrong)]:.6g} s: {how}')
+        values[wrong] = np.nan
 
 
 def between(time: Vector, values: Vector) -> Vector:
@@ -212,11 +227,7 @@ def measured(place: Place, columns: dict[str, Vector], notes: list[str]) -> tupl
         if not np.isfinite(values).any():
             continue
         channels[channel] = values = values[sampled] if not sampled.all() else values
-        wrong = outliers(time, values)
-        if wrong.any():
-            first = time[np.argmax(wrong)]
-            notes.append(f'{name}: {int(wrong.sum())} outliers, the first at {first:.6g} s: taken as missing')
-            values[wrong] = np.nan
+        take_out_spikes(name, time, values, 'taken as missing', notes)
         check_unit(place.path, name, values)
     notes += gap_notes(time, channels) + rate_note(time, channels)
     missing = [channel for channel in CHANNELS_OF[place.system] if channel not in channels]

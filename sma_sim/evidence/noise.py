@@ -89,7 +89,7 @@ def resolution(values: Vector) -> float:
     distinct, counts = np.unique(values, return_counts=True)
     order = np.argsort(counts)[::-1]
     common = np.cumsum(counts[order]) - counts[order] < COMMON * len(values)
-    steps = np.diff(np.sort(distinct[order[common]]) if common.sum() > 1 else distinct)
+    steps = np.diff(np.sort(distinct[order[common]]) if common.sum() > 1 else distinct[counts > 1])
     steps = steps[steps > 1e-12 * np.abs(distinct).max()]  # two spellings of one number
     if len(steps) == 0 or 4 * len(steps) > len(values):
         return 0.0

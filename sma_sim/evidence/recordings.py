@@ -14,7 +14,7 @@ from sma_sim.evidence.assemble import NothingMeasuredError, Place, recordings_of
 from sma_sim.evidence.mapping import ColumnMap, read_mapping
 from sma_sim.evidence.noise import noise_of
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, Campaign, Recording, Vector
-from sma_sim.evidence.sources import COLUMNS_OF, checked_noise, read_noise_file, read_source, recordings_in
+from sma_sim.evidence.sources import COLUMNS_OF, checked_noise, is_bag, read_noise_file, read_source, recordings_in
 from sma_sim.model.errors import UserError
 
 INVISIBLE = 1e-4  # of what a channel spans: noise below it does not matter beside any model
@@ -60,12 +60,13 @@ def read_campaign(
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:
     """The recordings of one file: one, or `name#1`, `name#2` where time starts again. Raises UserError."""
-    return recordings_at(Place(path, system, T_E), mapping_for(system, mapping))
+    return recordings_at(Place(Path(path), system, T_E), mapping_for(system, mapping))
 
 
 def recordings_at(place: Place, mapping: ColumnMap) -> tuple[Recording, ...]:
     """The recordings of one file."""
     columns, notes = read_source(place.path, place.system, mapping)
+    place = replace(place, stamped=is_bag(place.path))
     name = place.path.stem if place.path.is_file() else place.path.name
     return recordings_of(place, name, columns, notes)
 
@@ -90,7 +91,7 @@ def files_of(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]
     if not paths:
         raise UserError('expected at least one recording: CSV files, bags, or folders of them')
     files: dict[Path, tuple[Path, bool]] = {}
-    for path in paths:
+    for path in map(Path, paths):
         for file in recordings_in(path):
             if file.resolve() in files:
                 notes.append(f'{file} was given twice: read once')

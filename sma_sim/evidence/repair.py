@@ -62,14 +62,14 @@ def spikes(values: Vector, floor: float) -> Mask:
     return found
 
 
-def held(values: Vector) -> tuple[Vector, int, int]:
-    """Gaps (NaN) filled with the value before; how many were filled, and how many rows before the first value are left."""
+def held(values: Vector) -> tuple[Vector, int]:
+    """Gaps (NaN) filled with the value before, and how many rows before the first value are left."""
     known = np.isfinite(values)
     if known.all():
-        return values, 0, 0
+        return values, 0
     first = int(np.argmax(known)) if known.any() else len(values)
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
-    return values[last], int((~known[first:]).sum()), first
+    return values[last], first
 
 
 def gap_notes(time: Vector, channels: Mapping[str, Vector]) -> list[str]:

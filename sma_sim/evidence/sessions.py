@@ -13,7 +13,7 @@ from sma_sim.model.errors import UserError
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp] | slice
-NEAR = 20  # sampling intervals: a clock that jumps back by no more was set anew, by more it is another session
+NEAR = 10  # sampling intervals: a clock that jumps back by no more was set anew, by more it is another session
 IRREGULAR = 0.25  # of the interval
 REGULAR_PART = 0.95
 SHUFFLED_PART = 0.02  # of the rows step back
