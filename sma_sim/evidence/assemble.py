@@ -25,6 +25,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
 COMMAND = {'module': 'J_eq_W', 'wire': 'J_W'}
+INFINITE = 1e100  # no unit makes so much of anything
 EPOCH = 1e6  # [s] a first time beyond this is a date
 FEWEST = 2  # samples of a session
 
@@ -50,6 +51,7 @@ def recordings_of(place: Place, name: str, columns: dict[str, Vector], notes: li
     """The sessions of a file, `columns` (k,) by the names of the file contract (emptied on the way). Raises UserError."""
     check_needed(place, columns)
     columns_at_known_times(place, columns, notes)
+    take_out_infinities(columns, notes)
     sampled = sampled_rows(place.system, columns)
     if not sampled.any():
         measurable = ', '.join(CHANNEL_COLUMNS[channel] for channel in CHANNELS_OF[place.system])
@@ -78,7 +80,7 @@ def check_needed(place: Place, columns: Mapping[str, Vector]) -> None:
 
 def columns_at_known_times(place: Place, columns: dict[str, Vector], notes: list[str]) -> None:
     """Leave out the rows without a finite time."""
-    known = np.isfinite(columns['time_s'])
+    known = np.abs(columns['time_s']) < INFINITE
     if known.all():
         return
     if not known.any():
@@ -86,6 +88,15 @@ def columns_at_known_times(place: Place, columns: dict[str, Vector], notes: list
     notes.append(f'{int((~known).sum())} rows without a time: dropped')
     for name in columns:
         columns[name] = columns[name][known]
+
+
+def take_out_infinities(columns: dict[str, Vector], notes: list[str]) -> None:
+    """NaN for what no sensor could mean, in place."""
+    for name, values in columns.items():
+        infinite = np.abs(values) >= INFINITE
+        if infinite.any():
+            notes.append(f'{name}: {int(infinite.sum())} infinite values: taken as missing')
+            values[infinite] = np.nan
 
 
 def sampled_rows(system: str, columns: Mapping[str, Vector]) -> NDArray[np.bool_]:
@@ -137,7 +148,6 @@ def fill_inputs(place: Place, columns: dict[str, Vector], notes: list[str]) -> N
     for name in INPUT_COLUMNS[place.system][1:]:
         values = columns[name]
         how = 'interpolated' if name == 'strain' else 'the value before holds'
-        values[np.isinf(values)] = np.nan
         empty = int(np.isnan(values).sum())
         if name in ('strain', 'T_E_K'):
             take_out_spikes(name, columns['time_s'], values, how, notes)
@@ -213,12 +223,6 @@ def source_of(place: Place, columns: Mapping[str, Vector]) -> Input:
 def measured(place: Place, columns: dict[str, Vector], notes: list[str]) -> tuple[Vector, dict[str, Vector]]:
     """Times and channels of the rows that hold a measurement, outliers taken out."""
     names = {CHANNEL_COLUMNS[channel]: channel for channel in CHANNELS_OF[place.system]}
-    for name in names:
-        if name in columns:
-            infinite = np.isinf(columns[name])
-            if infinite.any():
-                notes.append(f'{name}: {int(infinite.sum())} infinite values: taken as missing')
-                columns[name][infinite] = np.nan
     sampled = sampled_rows(place.system, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
     channels: dict[str, Vector] = {}

@@ -105,4 +105,7 @@ def converted(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vector
     if entry.column is None:
         return np.full(rows, entry.value)
     values = columns[entry.column]
-    return values if entry.scale == 1.0 and entry.offset == 0.0 else entry.scale * values + entry.offset
+    if entry.scale == 1.0 and entry.offset == 0.0:
+        return values
+    with np.errstate(over='ignore', invalid='ignore'):  # infinite numbers are dealt with, and said, by the reader
+        return entry.scale * values + entry.offset
