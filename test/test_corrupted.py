@@ -343,6 +343,55 @@ def test_two_recordings_mixed(tmp_path):
     refused(write(tmp_path, text_of(HEADER, rows)), 'are two mixed in this file?')
 
 
+def lose_rows(rows, random):
+    same = np.concatenate([[False], np.diff(TRUTH['J_eq_W']) == 0.0, [True]])
+    return [row for k, row in enumerate(rows) if random.random() > 0.1 or not same[min(k, COUNT)] or len(rows) != COUNT]
+
+
+def repeat_rows(rows, random):
+    return [row for row in rows for _ in range(1 + (random.random() < 0.02))]
+
+
+def lose_cells(rows, random):
+    return [row[:3] + [cell if random.random() > 0.03 else '' for cell in row[3:]] for row in rows]
+
+
+def add_spikes(rows, random):
+    hit = random.choice(np.arange(30, len(rows) - 30, 30), 4, replace=False)
+    rows = [list(row) for row in rows]
+    for k in hit:
+        rows[k][5] = f'{random.choice([-1, 1]) * random.uniform(2.0, 900.0):.6g}'
+    return rows
+
+
+def move_rows(rows, random):
+    rows = list(rows)
+    for _ in range(5):
+        rows.insert(int(random.integers(0, len(rows))), rows.pop(int(random.integers(0, len(rows)))))
+    return rows
+
+
+def shuffle_rows(rows, random):
+    return [rows[k] for k in random.permutation(len(rows))]
+
+
+def lose_times(rows, random):
+    return [['', *row[1:]] if random.random() < 0.01 else row for row in rows]
+
+
+DAMAGES = (lose_rows, repeat_rows, lose_cells, add_spikes, move_rows, lose_times, shuffle_rows)
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_several_damages(tmp_path, seed):
+    """Two or three at once, in the order of DAMAGES: what is left is right, or the file is refused."""
+    random = np.random.default_rng(seed)
+    rows = [list(row) for row in ROWS]
+    for k in np.sort(random.choice(len(DAMAGES), 2 + seed % 2, replace=False)):
+        rows = DAMAGES[k](rows, random)
+    check_truth(read(write(tmp_path, text_of(HEADER, rows))), kept=0.75)
+
+
 @pytest.mark.parametrize('seed', range(60))
 def test_some_bytes_changed(tmp_path, seed):
     """A changed digit cannot be seen; but nothing else than a message or recordings in order comes of any change."""
