@@ -215,6 +215,16 @@ def test_wrong_units(tmp_path, column, scale, offset, looks):
     refused(write(tmp_path, text_of(header, rows)), f'column {column}', looks, 'a map (--map) can convert')
 
 
+def test_milliseconds_are_suspected(tmp_path):
+    header, rows = cells_of(TRUTH | {'time_s': TRUTH['time_s'] * 1e3})
+    assert 'a sample every 20 s: is time_s in seconds?' in notes_of(read(write(tmp_path, text_of(header, rows))))
+
+
+def test_nothing_measured_after_the_first_command(tmp_path):
+    rows = [[str(k), '' if k < 8 else '1', '298', '0.01' if k < 8 else ''] for k in range(10)]
+    refused(write(tmp_path, text_of([*HEADER[:3], 'alpha_rad'], rows)), 'measured rows after the first command')
+
+
 @pytest.mark.parametrize(('sign', 'word'), [(';', 'semicolons'), ('\t', 'tabs'), ('|', 'bars')])
 @pytest.mark.parametrize('decimal', ['.', ','])
 def test_wrong_separators(tmp_path, sign, word, decimal):

@@ -20,7 +20,7 @@ from sma_sim.evidence.sessions import (
     ordered_sessions,
     switching_is_exact,
 )
-from sma_sim.evidence.units import check_duration, check_unit
+from sma_sim.evidence.units import check_duration, check_unit, slow_sampling
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
@@ -132,6 +132,10 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
         columns['time_s'] = columns['time_s'] - columns['time_s'][0]
     source = source_of(place, columns)
     time, channels = measured(place, columns, notes)
+    if len(time) < FEWEST or not channels:
+        raise UserError(f'{place.path}: expected at least {FEWEST} measured rows after the first command, got {len(time)}')
+    if place.system == 'module':
+        notes += slow_sampling(time)
     return Recording(name, place.system, time, channels, source, exact, tuple(notes))
 
 

@@ -12,6 +12,7 @@ from sma_sim.evidence.cells import Vector
 from sma_sim.model.errors import UserError
 
 LONGEST_RUN = 1e7  # [s]
+SLOW_STEP = 2.0  # [s] wires heat and cool faster
 COLDEST, HOTTEST = 150.0, 2000.0  # [K]
 LARGEST = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]
 OFFSET_PART = 0.02  # of the largest heating: a power meter's offset
@@ -94,6 +95,12 @@ def check_unit(path: Path, name: str, values: Vector) -> None:
             f'{path}, column {name}: expected {complaint.expected}, got {complaint.number:g}, which looks like '
             f'{complaint.looks}; a map (--map) can convert: {name}: {{column: {name}, {complaint.mend}}}'
         )
+
+
+def slow_sampling(time: Vector) -> list[str]:
+    """A note where a module is sampled so slowly that its time may be in milliseconds."""
+    step = float(np.median(np.diff(time)))
+    return [f'a sample every {step:g} s: is time_s in seconds?'] if step > SLOW_STEP else []
 
 
 def check_duration(path: Path, time: Vector) -> None:
