@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import Descent, Progress, descend, feasible, start_point
+from sma_sim.evidence.descent import ROUGHLY, Descent, Progress, descend, feasible, start_point
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
 from sma_sim.evidence.parallel import some_executor
@@ -33,7 +33,7 @@ Answer = TypeVar('Answer')
 RTOL = 1e-5  # of the simulations of a fit
 THINNED = 1000  # samples per run of the first descents
 MOST_FIRST, MOST_LAST = 25, 15  # iterations
-SPREAD = 0.4  # of further starts, in standard deviations of the priors
+SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
 SAME = 2.0  # a descent that ends within this of the best's cost has found the same
 MODELS = ('hybrid', 'mas')
@@ -96,6 +96,7 @@ class Found:
     """The best descent of one model, on all samples, and where the other starts led."""
 
     problem: Problem
+    thinned: Problem
     held: tuple[Held, ...]
     best: Descent
     others: tuple[OtherStart, ...]
@@ -157,7 +158,7 @@ def search(
     thinned = prepared(campaign, config, options, every)
     starts = starting_points(thinned, options, pool)
     jobs = [
-        partial(descend, thinned, z, pool, MOST_FIRST, stop, progress, f'{config.model}, start {k + 1}')
+        partial(descend, thinned, z, pool, MOST_FIRST, stop, progress, f'{config.model}, start {k + 1}', ROUGHLY)
         for k, z in enumerate(starts)
     ]
     descents = together(jobs, stop)
@@ -169,7 +170,7 @@ def search(
     )  # fmt: skip
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, best.z, pool, MOST_LAST, stop, progress, label)], stop)[0]
-    return Found(problem, choose_free(config, options.free)[1], last, others)
+    return Found(problem, thinned, choose_free(config, options.free)[1], last, others)
 
 
 def starting_points(problem: Problem, options: Options, pool: Executor) -> list[Vector]:
@@ -200,7 +201,7 @@ def validation(found: Found, pool: Executor, stop: Event) -> float:
     """The error on runs left out in turn, NaN where there is one run only."""
     if stop.is_set():
         return float('nan')
-    return together([lambda: cross_validated_error(found.problem, found.best.z, pool, stop)], stop)[0]
+    return together([lambda: cross_validated_error(found.thinned, found.best.z, pool, stop)], stop)[0]
 
 
 def result(

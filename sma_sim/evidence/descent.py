@@ -22,7 +22,10 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 DAMPING, MOST_DAMPING = 1e-3, 1e9
-ENOUGH, ENOUGH_RELATIVE = 1e-3, 1e-8  # predicted decrease of half the sum of squares at which a descent ends
+# Predicted decrease of half the sum of squares, per square of the error over noise, at which a descent ends: 0.01
+# moves no estimate by more than 0.14 of its standard deviation.
+ROUGHLY, FINELY = 0.3, 0.01
+LEAST_COST = 1e-9  # per sample; below it only the solver's error is fitted
 
 
 @dataclass(frozen=True)
@@ -103,23 +106,23 @@ def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
     return total
 
 
-def normal_parts(problem: Problem, z: Vector, executor: Executor, central: bool = False) -> list[Normal]:
+def normal_parts(problem: Problem, z: Vector, executor: Executor) -> list[Normal]:
     """The normal equations of every run at z."""
-    return [folded(linear, problem.robust) for linear in linearise(problem, z, executor, central)]
+    return [folded(linear, problem.robust) for linear in linearise(problem, z, executor)]
 
 
 def descend(
     problem: Problem, z: Vector, executor: Executor, most: int, stop: Event, progress: Progress | None = None,
-    label: str = '', central: bool = False,
+    label: str = '', enough: float = FINELY,
 ) -> Descent:  # fmt: skip
     """Go down from z until the next step would gain nothing, for `most` iterations at the most.
 
     Raises SimulationError when the model cannot be run at the start.
     """
     low, high = problem.limits()
-    damping, cost = DAMPING, np.inf
+    half, damping, cost = 0.5 * sum(run.samples for run in problem.runs), DAMPING, np.inf
     for iteration in range(most):
-        parts = normal_parts(problem, z, executor, central)
+        parts = normal_parts(problem, z, executor)
         cost, gradient, hessian = summed(parts, z)
         if progress is not None:
             progress(label, iteration, cost)
@@ -130,7 +133,7 @@ def descend(
                 damping *= 10.0
                 continue
             expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
-            if expected <= ENOUGH + ENOUGH_RELATIVE * cost or damping > MOST_DAMPING:
+            if expected <= enough * max(cost / half, LEAST_COST) or damping > MOST_DAMPING:
                 return Descent(z, cost, iteration, damping <= MOST_DAMPING)
             if stop.is_set():
                 return Descent(z, cost, iteration, False)

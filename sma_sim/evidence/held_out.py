@@ -9,9 +9,8 @@ from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError
 
-from sma_sim.evidence.descent import bounded_step, descend, normal_parts, start_point, summed
+from sma_sim.evidence.descent import ROUGHLY, descend, start_point
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
@@ -20,6 +19,8 @@ from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
 MOST = 12  # iterations for the start of a run
+MOST_REFIT = 5  # iterations of a fit without some of the runs, which begins at the fit with them
+FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -84,22 +85,30 @@ def held_out(
         return foretell(config, runs, delay, pool, Event())
 
 
-def cross_validated_error(problem: Problem, z: Vector, executor: Executor, stop: Event) -> float:
-    """Mean error over noise of runs left out in turn; NaN for a single run.
+def folds(count: int) -> list[list[int]]:
+    """Indices of the runs that are left out in turn: each run once, in FOLDS groups at the most."""
+    groups = min(count, FOLDS)
+    return [list(range(k, count, groups)) for k in range(groups)]
 
-    What a fit without a run would have found is one Gauss-Newton step from the fit with it, over the other runs.
-    """
+
+def cross_validated_error(problem: Problem, z: Vector, executor: Executor, stop: Event) -> float:
+    """Mean error over noise of runs left out in turn (refitted from z without them); NaN for a single run."""
     if len(problem.runs) < 2:
         return float('nan')
-    parts, (low, high), errors = normal_parts(problem, z, executor), problem.limits(), []
-    for k, run in enumerate(problem.runs):
-        _, gradient, hessian = summed([*parts[:k], *parts[k + 1 :]], z)
-        try:
-            without = z + bounded_step(gradient, hessian, 0.0, low - z, high - z)
-        except LinAlgError:
-            without = z
-        fit = foretell(problem.fitted(without), (run,), problem.delay_at(without), executor, stop)[0]
-        errors.append(fit.error)
+    places = problem.places()
+
+    def one(left_out: list[int]) -> list[float]:
+        kept = [k for k in range(len(problem.runs)) if k not in left_out]
+        runs = tuple(problem.runs[k] for k in kept)
+        fewer = replace(problem, runs=runs)
+        shared = len(problem.shared)
+        at = np.concatenate([z[:shared], *(z[places[k][shared:]] for k in kept)])
+        found = descend(fewer, at, executor, MOST_REFIT, stop, enough=ROUGHLY).z
+        out = tuple(problem.runs[k] for k in left_out)
+        return [fit.error for fit in foretell(fewer.fitted(found), out, fewer.delay_at(found), executor, stop)]
+
+    with ThreadPoolExecutor(FOLDS) as threads:
+        errors = [error for part in threads.map(one, folds(len(problem.runs))) for error in part]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

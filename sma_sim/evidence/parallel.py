@@ -42,8 +42,8 @@ def workers_of(executor: Executor) -> int:
     client = getattr(executor, '_client', None)
     if client is not None:
         return max(1, sum(client.nthreads().values()))
-    most: int | None = getattr(executor, '_max_workers', None)
-    return most or os.cpu_count() or 1
+    most = getattr(executor, '_max_workers', None)
+    return most if isinstance(most, int) else os.cpu_count() or 1
 
 
 @contextmanager

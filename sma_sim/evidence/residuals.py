@@ -145,7 +145,7 @@ def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
     """Per wire, x_M at rest on sigma_A and on sigma_M, the least and the most that a resting wire can have."""
     work = new_work(model)
     least = new_run(model, first_input, work, np.full(model.wires, np.nan)).x_frozen
-    return least, new_run(model, first_input, work, np.ones(model.wires)).x_frozen
+    return least, new_run(model, first_input, work, np.full(model.wires, np.inf)).x_frozen
 
 
 def started(config: Config, source: Input, start: Sequence[float]) -> Config:
