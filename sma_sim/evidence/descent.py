@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky
 from scipy.optimize import lsq_linear
 
-from sma_sim.evidence.problem import ROBUST, Linear, Problem, linearise, residuals_at
+from sma_sim.evidence.problem import ROBUST, Linear, Problem, better_steps, linearise, residuals_at
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-DAMPING, MOST_DAMPING = 1e-3, 1e9
+DAMPING, MOST_DAMPING = 1e-3, 1e6
+NEAR = 0.1  # relative gain of a step below which differences become central: valleys are narrow
 # Predicted decrease of half the sum of squares, per square of the error over noise, at which a descent ends: 0.01
 # moves no estimate by more than 0.14 of its standard deviation.
 ROUGHLY, FINELY = 0.3, 0.01
@@ -106,9 +107,9 @@ def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
     return total
 
 
-def normal_parts(problem: Problem, z: Vector, executor: Executor) -> list[Normal]:
+def normal_parts(problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False) -> list[Normal]:
     """The normal equations of every run at z."""
-    return [folded(linear, problem.robust) for linear in linearise(problem, z, executor)]
+    return [folded(linear, problem.robust) for linear in linearise(problem, z, executor, steps, central)]
 
 
 def descend(
@@ -120,32 +121,49 @@ def descend(
     Raises SimulationError when the model cannot be run at the start.
     """
     low, high = problem.limits()
-    half, damping, cost = 0.5 * sum(run.samples for run in problem.runs), DAMPING, np.inf
+    half, damping = 0.5 * sum(run.samples for run in problem.runs), DAMPING
+    steps, central = None, False
     for iteration in range(most):
-        parts = normal_parts(problem, z, executor)
+        parts = normal_parts(problem, z, executor, steps, central)
         cost, gradient, hessian = summed(parts, z)
+        steps = better_steps(problem, hessian)
         if progress is not None:
             progress(label, iteration, cost)
-        while True:
-            try:
-                step = bounded_step(gradient, hessian, damping, low - z, high - z)
-            except LinAlgError:
-                damping *= 10.0
-                continue
-            expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
-            if expected <= enough * max(cost / half, LEAST_COST) or damping > MOST_DAMPING:
-                return Descent(z, cost, iteration, damping <= MOST_DAMPING)
-            if stop.is_set():
-                return Descent(z, cost, iteration, False)
-            gained = cost - cost_at(problem, z + step, executor)
-            if gained > 0.1 * expected:
-                break
-            damping = max(10.0 * damping, 1e-3)
-        z = z + step
-        cost -= gained
-        damping = damping / 10.0 if gained > 0.5 * expected else damping
-        damping = 0.0 if damping < 1e-8 else damping
-    return Descent(z, cost, most, False)
+        least = enough * max(cost / half, LEAST_COST)
+        if stop.is_set():
+            return Descent(z, cost, iteration, False)
+        step, gained, damping = accepted(problem, z, executor, (cost, gradient, hessian), damping, least)
+        if gained <= 0.0 and (central or damping <= MOST_DAMPING):
+            return Descent(z, cost, iteration, damping <= MOST_DAMPING)
+        near = gained < NEAR * cost
+        damping = DAMPING if near and not central else damping
+        z, central = z + step, central or near
+    return Descent(z, cost - gained, most, False)
+
+
+def accepted(
+    problem: Problem, z: Vector, executor: Executor, model: tuple[float, Vector, Matrix], damping: float, least: float
+) -> tuple[Vector, float, float]:
+    """The first step that gains, damped more after each that does not: step, gain, damping for the next.
+
+    No step and no gain when one is foretold to gain no more than `least`, or (beyond MOST_DAMPING) when none does.
+    """
+    low, high = problem.limits()
+    cost, gradient, hessian = model
+    while damping <= MOST_DAMPING:
+        try:
+            step = bounded_step(gradient, hessian, damping, low - z, high - z)
+        except LinAlgError:
+            damping *= 10.0
+            continue
+        expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
+        if expected <= least:
+            break
+        gained = cost - cost_at(problem, z + step, executor)
+        if gained > 0.1 * expected:
+            return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
+        damping *= 10.0
+    return np.zeros_like(z), 0.0, damping
 
 
 def start_point(problem: Problem, guess: Vector | None = None) -> Vector:

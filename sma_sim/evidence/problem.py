@@ -17,7 +17,9 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-STEP = 0.02  # difference steps in standard deviations of the priors (docs/calibration.md measures the noise)
+# Difference steps, in standard deviations of the priors: such that residuals change by CHANGE (root mean square; the
+# solver's own error is some 1e-3 of it), so that a column is wrong by as little as its size allows.
+FIRST_STEP, LEAST_STEP, MOST_STEP, CHANGE = 0.02, 1e-4, 0.04, 0.06
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
@@ -133,14 +135,20 @@ def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix
     return [future.result()[0] for future in [executor.submit(perform, task) for task in tasks]]
 
 
-def linearise(problem: Problem, z: Vector, executor: Executor, central: bool = False, step: float = STEP) -> list[Linear]:
-    """Every run linearised at z by one-sided (or central) differences; bounds are kept. Raises SimulationError."""
+def linearise(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> list[Linear]:
+    """Every run linearised at z by one-sided (or central) differences; bounds are kept. Raises SimulationError.
+
+    `steps` (n,) are those of the differences (None: FIRST_STEP).
+    """
     low, high = problem.limits()
+    steps = np.full(len(z), FIRST_STEP) if steps is None else steps
     pieces = max(1, -(-2 * workers_of(executor) // len(problem.runs)))
     submitted = []
     for run, place in zip(problem.runs, problem.places(), strict=True):
         part = z[place]
-        moves = difference_points(part, low[place], high[place], step, central)
+        moves = difference_points(part, low[place], high[place], steps[place], central)
         points = [(Parcel(problem.fitted(at)), problem.nuisance(at)) for at in [part, *(at for _, at in moves)]]
         chunks = [points[k::pieces] for k in range(pieces)]
         futures = [executor.submit(perform, Task(run, tuple(chunk))) for chunk in chunks if chunk]
@@ -160,14 +168,14 @@ def gathered(futures: Sequence[Future[list[Matrix | None]]], count: int) -> list
 
 
 def difference_points(
-    part: Vector, low: Vector, high: Vector, step: float, central: bool
+    part: Vector, low: Vector, high: Vector, steps: Vector, central: bool
 ) -> list[tuple[int, Vector]]:
     """Which unknown is moved, and to where."""
     moves = []
     for j in range(len(part)):
-        for sign in (1.0, -1.0) if central else (1.0,) if part[j] + step <= high[j] else (-1.0,):
+        for sign in (1.0, -1.0) if central else (1.0,) if part[j] + steps[j] <= high[j] else (-1.0,):
             at = part.copy()
-            at[j] = min(max(part[j] + sign * step, low[j]), high[j])
+            at[j] = min(max(part[j] + sign * steps[j], low[j]), high[j])
             if at[j] != part[j]:
                 moves.append((j, at))
     return moves
@@ -192,3 +200,11 @@ def assembled(
         elif sides:
             jacobian[j] = (sides[0][1] - base) / sides[0][0]
     return Linear(place, base, jacobian)
+
+
+def better_steps(problem: Problem, hessian: Matrix) -> Vector:
+    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation."""
+    samples = max(1, sum(run.samples for run in problem.runs))
+    change = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / samples)
+    steps: Vector = np.clip(CHANGE / change, LEAST_STEP, MOST_STEP)
+    return steps

@@ -70,7 +70,7 @@ class Uncertainty:
 
 def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
-    linear = linearise(problem.at_tolerance(RTOL), z, executor, central=True, step=STEP)
+    linear = linearise(problem.at_tolerance(RTOL), z, executor, np.full(len(z), STEP), central=True)
     times = correlation_times(problem, linear)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)
