@@ -140,7 +140,7 @@ def descend(
     Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
     central when a step gains little, because valleys are narrow.
     """
-    half = 0.5 * sum(run.samples for run in problem.runs)
+    half = 0.5 * problem.samples
     steps, central, damping = None, effort.near, effort.damping
     for iteration in range(effort.most):
         parts = normal_parts(problem, z, executor, steps, central)

@@ -91,6 +91,15 @@ class Problem:
         """The delay [s]."""
         return self.delay if self.delay is not None else DELAY.value(float(z[len(self.free)]))
 
+    def weighted(self, factor: float) -> Problem:
+        """The same with all weights multiplied."""
+        return replace(self, runs=tuple(replace(run, weight=factor * run.weight) for run in self.runs))
+
+    @property
+    def samples(self) -> int:
+        """Measured values that count."""
+        return sum(run.samples for run in self.runs)
+
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
         return replace(self, config=replace(self.config, parameters={**self.config.parameters, 'solver.rtol': rtol}))
@@ -204,7 +213,6 @@ def assembled(
 
 def better_steps(problem: Problem, hessian: Matrix) -> Vector:
     """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation."""
-    samples = max(1, sum(run.samples for run in problem.runs))
-    change = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / samples)
+    change = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
     steps: Vector = np.clip(CHANGE / change, LEAST_STEP, MOST_STEP)
     return steps
