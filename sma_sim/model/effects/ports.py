@@ -29,7 +29,9 @@ class State(NamedTuple):
     Per wire: T, x, eps, deps (its rate), l, v, and the same of the other wire; J [W], the heating of one wire, on
     its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
     structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on its way through the
-    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1.
+    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1. `strain` is what the effects before it have
+    added on wire_strain. Actuation may read x and sigma, and wire_heat dx (in modes 4 and 5 it must be linear there
+    for each sign): the flow is put in the order that this needs.
     """
 
     t: float
@@ -55,6 +57,7 @@ class State(NamedTuple):
     dalpha: float
     value: float
     channel: float
+    strain: float
 
 
 (
@@ -75,7 +78,7 @@ class State(NamedTuple):
     S_X_OTHER,
     S_POSE,
 ) = range(16)
-S_POSE_RATE, S_VALUE, S_CHANNEL, S_SIZE = 18, 21, 22, 23
+S_POSE_RATE, S_VALUE, S_CHANNEL, S_STRAIN, S_SIZE = 18, 21, 22, 23, 24
 
 
 class EffectTable(NamedTuple):
@@ -85,7 +88,8 @@ class EffectTable(NamedTuple):
     `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
     of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
-    gives the instance of a sensing effect on a channel, -1 where it does not act.
+    gives the instance of a sensing effect on a channel, -1 where it does not act. `depends_on_x`: on strain and stress
+    ports, and on actuation; `depends_on_eps`: on strain and stress ports; `depends_on_dx`: on wire_heat.
     """
 
     port_start: NDArray[np.int64]
@@ -97,6 +101,8 @@ class EffectTable(NamedTuple):
     scale: NDArray[np.float64]
     slot: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
+    depends_on_eps: NDArray[np.int64]
+    depends_on_dx: NDArray[np.int64]
     parameter_start: NDArray[np.int64]
     parameters: NDArray[np.float64]
     s: NDArray[np.float64]
