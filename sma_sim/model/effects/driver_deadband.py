@@ -19,7 +19,7 @@ def passed(s: State, w: WireConstants, p: Any) -> float:
     if p.J_d < SMALLEST or s.J <= 0.0:
         return s.J
     width: float = ROUNDING * p.J_d
-    beyond = (s.J - p.J_d) / width
+    beyond: float = (s.J - p.J_d) / width
     return width * (max(beyond, 0.0) + math.log1p(math.exp(-abs(beyond))))
 
 

@@ -23,6 +23,6 @@ EFFECT = Effect(
     kernel=lambda s, w, p, m: p.eps_r * (1.0 - math.exp(-m.z / p.z_r)),
     energy='its work, Om sigma de/dt, leaves the balance: below eps_r/(z_r eps_T) of the latent heat',
     description='counts from the start of each run: a wire that is trained already has a small eps_r',
-    signature='drift from cycle to cycle that never recovers and stops when nothing transforms; stroke and force fall',
+    signature='drift from cycle to cycle that never recovers and stops when nothing transforms; hidden on the plateaus',
     confused_with=('wire.l0', 'beam_creep', 'ambient_heating', 'pretension_mismatch'),
 )

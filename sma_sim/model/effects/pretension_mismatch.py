@@ -17,6 +17,9 @@ EFFECT = Effect(
     kernel=lambda s, w, p: p.delta * (0.5 - s.wire),
     energy='does not enter: the strain is constant',
     description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
-    signature='bent towards wire 2 (delta > 0) at rest if phase fractions are equal; stroke to one side ends early',
-    confused_with=('initial.x_M_1', 'initial.x_M_2', 'gravity', 'sensor_bias', 'wire.l0'),
+    signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',
+    confused_with=(
+        'initial.x_M_1', 'initial.x_M_2', 'gravity', 'sensor_bias', 'wire.l0', 'power_gain_mismatch', 'slack',
+        'functional_fatigue',
+    ),  # fmt: skip
 )
