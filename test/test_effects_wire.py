@@ -73,12 +73,9 @@ def test_scaled_latent_heat(system, mode):
             into, size = power(state, i, p)
             heat = abs(L * dx) + size
             assert energy_rate(state, i, p) - into == pytest.approx((k - 1.0) * L * dx, abs=1e-11 * heat)
-            if mode != 0:  # dx = (a + b Q)/(c + g k L), linear in k in the denominator
-                one = bare.obs[i, O_DX]
+            if mode in (4, 5):  # dx = (a + b Q)/(c + g k L), linear in k in the denominator
                 none = evaluate(make_model(system, kind, [active('latent_heat_scale', k=0.0)]), *state[:5]).obs[i, O_DX]
-                assert 1.0 / (dx or np.inf) - 1.0 / (none or np.inf) == pytest.approx(
-                    k * (1.0 / (one or np.inf) - 1.0 / (none or np.inf)), rel=1e-6
-                )
+                assert 1 / dx - 1 / none == pytest.approx(k * (1 / bare.obs[i, O_DX] - 1 / none), rel=1e-6)
 
 
 def test_heat_that_depends_on_the_rate_is_met_at_its_sign():
@@ -171,8 +168,8 @@ def test_r_phase_bends_the_stresses_at_its_temperature():
 
 @KINDS
 def test_fatigue_follows_the_transformation_so_far(kind):
-    eps_r, z_r = 0.01, 2.0
-    run = cycled(kind, [active('functional_fatigue', eps_r=eps_r, z_r=z_r)])
+    eps_r, sigma_r, z_r = 0.01, 2e7, 2.0
+    run = cycled(kind, [active('functional_fatigue', eps_r=eps_r, sigma_r=sigma_r, z_r=z_r)])
     w = make_model('wire').compiled.wire
     strain = np.interp(TIMES, CYCLES.times, CYCLES.values[:, 0])
     x, sigma = run['x_M'], run['stress_Pa']
@@ -180,6 +177,11 @@ def test_fatigue_follows_the_transformation_so_far(kind):
     z = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
     assert left == pytest.approx(eps_r * (1.0 - np.exp(-z / z_r)), abs=2e-5)
     assert left[-1] > 3e-3 and (np.diff(left) > -1e-9).all()
+    if kind == 'hybrid':
+        sunk = sigma - np.where(run['mode'] == 4, sigma_A(run['T_K'], w), sigma_M(run['T_K'], w))
+        moving = run['mode'] > 3
+        assert sunk[moving] == pytest.approx(-sigma_r * (1.0 - np.exp(-z / z_r))[moving], abs=4e4)
+        assert moving.sum() > 200
 
 
 @pytest.mark.parametrize('mode', [1, 2, 3, 4, 5, 0])

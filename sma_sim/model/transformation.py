@@ -39,6 +39,8 @@ def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, fl
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[WIRE_STRAIN + 1]):
         call_effect(e.value[k], k, i, e.wire, y, e)
         strain += e.out[0]
+        shift_A += e.out[1]
+        shift_M += e.out[2]
         e.s[S_STRAIN] = strain
     for k in range(e.port_start[TRANSFORMATION_STRESS], e.port_start[TRANSFORMATION_STRESS + 1]):
         call_effect(e.value[k], k, i, e.wire, y, e)

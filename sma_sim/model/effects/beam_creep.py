@@ -28,5 +28,5 @@ EFFECT = Effect(
     energy='the relaxing spring and its damper dissipate; nothing of it reaches the wires',
     description='the beam is relaxed at the start',
     signature='the pose creeps on after a step and back after it, while forces and temperatures hardly change',
-    confused_with=('ambient_heating', 'beam.E', 'functional_fatigue'),
+    confused_with=('ambient_heating', 'beam.E', 'gravity'),
 )

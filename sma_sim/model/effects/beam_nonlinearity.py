@@ -45,5 +45,5 @@ EFFECT = Effect(
     energy='elastic: the force of a potential, none is lost',
     description='b is the material or the joint; c couples the pull of the wires with bending',
     signature='large angles fall short of (b > 0) or exceed the model, small ones agree; odd in alpha, no hysteresis',
-    confused_with=('beam.E', 'wire.eps_T', 'sensor_gain'),
+    confused_with=('beam.E', 'plate.W', 'sensor_gain'),
 )

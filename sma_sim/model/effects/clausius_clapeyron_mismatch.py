@@ -35,5 +35,5 @@ EFFECT = Effect(
     energy='latent heat at the shifted stress: first law with U unchanged',
     description='the height of the hysteresis is dsigma at T0 and changes with temperature',
     signature='loops get higher (delta > 0) or lower with temperature, their middle stays on one line',
-    confused_with=('wire.dsigma', 'wire.sigma_T', 'r_phase'),
+    confused_with=('wire.dsigma',),
 )

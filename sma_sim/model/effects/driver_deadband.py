@@ -35,5 +35,5 @@ EFFECT = Effect(
     kernel=passed,
     description='the same loss at every command above the threshold',
     signature='small commands do nothing, large ones lack a constant power',
-    confused_with=('wire.lambda', 'wire.c_V', 'joint_friction', 'slack'),
+    confused_with=('wire.lambda', 'natural_convection', 'r_phase'),
 )

@@ -20,5 +20,5 @@ EFFECT = Effect(
     energy='the force of a potential, none is lost',
     description='the same force at every angle',
     signature='bent to one side at rest; the same offset of force in all poses',
-    confused_with=('sensor_bias', 'pretension_mismatch'),
+    confused_with=('sensor_bias', 'power_gain_mismatch', 'beam_creep'),
 )

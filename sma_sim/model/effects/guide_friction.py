@@ -21,5 +21,5 @@ EFFECT = Effect(
     energy='dissipates F (exp(mu) - 1) |v| or less; the heat goes into the guide, not into the wire',
     description='the structure feels less of a wire that pulls, more of one that is drawn out',
     signature='hysteresis of the pose that does not depend on temperature but on force; seen at each reversal',
-    confused_with=('joint_friction', 'wire.dsigma'),
+    confused_with=('joint_friction', 'beam.b_alpha', 'wire.dsigma', 'latent_heat_scale'),
 )

@@ -22,5 +22,5 @@ EFFECT = Effect(
     energy='dissipates M_c |dalpha/dt|; the heat goes into the joint, not into the wires',
     description='the same moment at every angle, always against the motion',
     signature='alpha lags behind at every reversal by the same angle, fast or slow; small commands move nothing',
-    confused_with=('guide_friction', 'beam.b_alpha', 'wire.dsigma', 'driver_deadband'),
+    confused_with=('guide_friction', 'beam.b_alpha', 'wire.dsigma'),
 )

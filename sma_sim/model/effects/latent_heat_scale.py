@@ -17,5 +17,5 @@ EFFECT = Effect(
     energy='(k - 1) L_x dx_M/dt is exchanged with a store that U leaves out; nil over a loop where L_x is constant',
     description='a polycrystal transforms in part, with more or less heat than its slope sigma_T says',
     signature='transformation takes more time (k > 1) or less when heat is scarce; nothing at rest',
-    confused_with=('wire.c_V', 'wire.eps_T', 'wire.sigma_T', 'resistance_feedback'),
+    confused_with=('wire.c_V', 'driver_lag', 'sensor_lag', 'guide_friction'),
 )

@@ -19,5 +19,7 @@ EFFECT = Effect(
     energy='heat to the air, cools a wire above T_E always',
     description='free convection on top of the constant lambda',
     signature='cooling is faster when hot; the time to cool depends on how hot the wire was',
-    confused_with=('wire.lambda', 'radiation'),
+    confused_with=(
+        'wire.lambda', 'radiation', 'thermal_crosstalk', 'resistance_feedback', 'polycrystal', 'driver_deadband',
+    ),  # fmt: skip
 )

@@ -18,7 +18,8 @@ PORT_NAMES = (
     'structure_force',
     'sensing',
 )
-PORT_OUTPUTS = (1, 1, 1, 2, 1, 3, 1)  # numbers that a kernel returns
+PORT_OUTPUTS = (1, 1, 3, 2, 1, 3, 1)  # numbers that a kernel returns
+PORT_MAY_RETURN_ONE = (False, False, True, False, False, False, False)  # the others are zero then
 
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
 

@@ -19,5 +19,5 @@ EFFECT = Effect(
     systems=('module',),
     description='a gain that both have in common is absorbed by c_V, lambda and latent heat',
     signature='one side reaches further and faster than the other under mirrored commands; agrees at rest',
-    confused_with=('sensor_bias', 'pretension_mismatch'),
+    confused_with=('gravity', 'sensor_bias'),
 )

@@ -33,5 +33,5 @@ EFFECT = Effect(
     energy='latent heat at the shifted stress: first law with U unchanged; heat of austenite to R-phase is left out',
     description='the strain of the R-phase itself, below 1 %, is left out',
     signature='a kink of the transformation stresses over temperature at T_R: cold wires are stiffer to draw than expected',
-    confused_with=('wire.sigma_T', 'wire.sigma_MW0', 'clausius_clapeyron_mismatch'),
+    confused_with=('wire.sigma_T', 'wire.sigma_MW0', 'driver_deadband', 'thermal_crosstalk'),
 )

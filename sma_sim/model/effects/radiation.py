@@ -20,5 +20,5 @@ EFFECT = Effect(
     energy='heat to the room, cools a wire above T_E always',
     description='one or two per cent of the convection of thin wires',
     signature='a hot wire cools a little faster; the share grows with about T^3',
-    confused_with=('wire.lambda', 'natural_convection'),
+    confused_with=('wire.lambda', 'natural_convection', 'thermal_crosstalk'),
 )

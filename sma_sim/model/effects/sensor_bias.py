@@ -32,7 +32,5 @@ EFFECT = Effect(
     kernel=shifted,
     description='the motion itself is as modelled',
     signature='a constant error of the shown channel, at rest too; forces and temperatures agree',
-    confused_with=(
-        'gravity', 'pretension_mismatch', 'power_gain_mismatch', 'sensor_misalignment', 'initial.x_M_1', 'initial.x_M_2',
-    ),  # fmt: skip
+    confused_with=('gravity', 'sensor_misalignment', 'power_gain_mismatch', 'sensor_gain', 'wire.sigma_MW0'),
 )

@@ -32,5 +32,5 @@ EFFECT = Effect(
     kernel=scaled,
     description='gains of U_y and alpha that are equal look like a softer beam',
     signature='an error in proportion to the shown value, at every temperature and speed; forces and temperatures agree',
-    confused_with=('beam.E', 'plate.W', 'wire.eps_T', 'beam_nonlinearity'),
+    confused_with=('beam.E', 'plate.W', 'beam_nonlinearity', 'sensor_bias', 'wire.sigma_MW0'),
 )

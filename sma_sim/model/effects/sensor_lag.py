@@ -23,5 +23,5 @@ EFFECT = Effect(
     kernel=lambda s, w, p, m: m.shown if p.tau > FASTEST else s.value,
     description='the motion itself is as modelled',
     signature='the shown pose follows late and rounds off fast motion, at switching on and off alike; temperatures agree',
-    confused_with=('delay', 'driver_lag'),
+    confused_with=('delay', 'driver_lag', 'latent_heat_scale', 'beam.b_y'),
 )

@@ -31,5 +31,5 @@ EFFECT = Effect(
     energy='the work of pushing is kept from the structure; in U the wire stays straight, so exact while x_M is frozen',
     description='only for wires that get slack: little pretension, or T_E so low that sigma_M is below zero',
     signature='dead stroke: the plate does not move until the slack is taken up; forces never below zero',
-    confused_with=('pretension_mismatch', 'wire.l0', 'driver_deadband'),
+    confused_with=('pretension_mismatch', 'wire.l0'),
 )

@@ -20,5 +20,5 @@ EFFECT = Effect(
     energy='heat from the hotter to the colder bundle; their sum is unchanged',
     description='quasi-steady: the air between the bundles stores nothing',
     signature='the unpowered wire warms while the other is hot: less stroke, more at long heating',
-    confused_with=('ambient_heating', 'wire.lambda'),
+    confused_with=('wire.sigma_T', 'plate.W', 'natural_convection', 'radiation', 'polycrystal', 'r_phase'),
 )
