@@ -55,15 +55,13 @@ def flow(
     T_E = u[1] if p.module else u[2]
     if p.effects.port_start[-1] > 0:
         share_state(t, y, T_E, p)
-    kinematics(y, u, du, p, obs)
-    late = heating_depends_on_phase(p)
-    for i in range(p.wires):
-        if not late:
-            obs[i, O_J] = heating(i, y, u, p, obs, dy)
-        phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
-    if late:
         for i in range(p.wires):
-            obs[i, O_J] = heating(i, y, u, p, obs, dy)
+            obs[i, O_J] = commanded_heating(i, u, p)
+    kinematics(y, u, du, p, obs)
+    for i in range(p.wires):
+        phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
+    for i in range(p.wires):
+        obs[i, O_J] = heating(i, y, u, p, obs, dy)
     for i in range(p.wires):
         if p.effects.port_start[STRUCTURE_FORCE] > p.effects.port_start[WIRE_HEAT]:
             focus(i, y, p, obs)
@@ -95,14 +93,6 @@ def commanded_heating(i: int, u: Vector, p: System) -> float:
         return u[1]
     side = u[0] if i == 0 else -u[0]
     return max(side, 0.0) / p.wire.n
-
-
-def heating_depends_on_phase(p: System) -> bool:
-    """Whether the actuation chain reads the phase or the stress of a wire, which must then be known first."""
-    for k in range(p.effects.port_start[ACTUATION], p.effects.port_start[ACTUATION + 1]):
-        if p.effects.depends_on_x[k] != 0:
-            return True
-    return False
 
 
 def heating(i: int, y: Vector, u: Vector, p: System, obs: Vector, dy: Vector) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.effects.library import ActiveEffect
-from sma_sim.model.effects.ports import ACTUATION, CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
+from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.kernels import native_effect
@@ -37,11 +37,6 @@ def state_scales(effect: Effect, module: bool) -> list[float]:
     return list(effect.scale) * instances
 
 
-def depends_on_x(effect: Effect) -> bool:
-    """Whether what the effect adds depends on the phase of the wire: declared, or read on the actuation port."""
-    return effect.depends_on_x or (effect.port == PORT_NAMES[ACTUATION] and effect.reads('x', 'x_other', 'sigma'))
-
-
 def effect_table(
     active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
 ) -> tuple[EffectTable, list[float]]:
@@ -67,7 +62,7 @@ def effect_table(
         state_start=np.array(state_start, dtype=np.int64),
         scale=np.array(scales, dtype=float),
         slot=np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
-        depends_on_x=np.array([depends_on_x(effect) for effect in effects], dtype=np.int64),
+        depends_on_x=np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
         depends_on_eps=np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
         depends_on_dx=np.array([effect.reads('dx') for effect in effects], dtype=np.int64),
         parameter_start=np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),

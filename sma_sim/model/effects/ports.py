@@ -31,8 +31,10 @@ class State(NamedTuple):
     its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
     structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on its way through the
     chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1. `strain` is what the effects before it have
-    added on wire_strain. Actuation may read x and sigma, and wire_heat dx (in modes 4 and 5 it must be linear there
-    for each sign): the flow is put in the order that this needs.
+    added on wire_strain.
+
+    Order: strain and stress ports (there J is the command, before the actuation chain), actuation, wire_heat,
+    wire_force, structure_force, sensing. Heat may depend on dx, in proportion to it for each sign.
     """
 
     t: float
@@ -89,8 +91,8 @@ class EffectTable(NamedTuple):
     `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
     of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
-    gives the instance of a sensing effect on a channel, -1 where it does not act. `depends_on_x`: on strain and stress
-    ports, and on actuation; `depends_on_eps`: on strain and stress ports; `depends_on_dx`: on wire_heat.
+    gives the instance of a sensing effect on a channel, -1 where it does not act. What effects add on strain and stress
+    ports may depend on x and eps (`depends_on_x`, `depends_on_eps`), on wire_heat on dx (`depends_on_dx`).
     """
 
     port_start: NDArray[np.int64]
