@@ -55,13 +55,11 @@ def flow(
     T_E = u[1] if p.module else u[2]
     if p.effects.port_start[-1] > 0:
         share_state(t, y, T_E, p)
-        for i in range(p.wires):
-            obs[i, O_J] = commanded_heating(i, u, p)
     kinematics(y, u, du, p, obs)
     for i in range(p.wires):
         phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
     for i in range(p.wires):
-        obs[i, O_J] = heating(i, y, u, p, obs, dy)
+        obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
         if p.effects.port_start[STRUCTURE_FORCE] > p.effects.port_start[WIRE_HEAT]:
             focus(i, y, p, obs)
@@ -74,7 +72,9 @@ def flow(
 
 
 def kinematics(y: Vector, u: Vector, du: Vector, p: System, obs: Vector) -> None:
-    """Length, strain and their rates of each wire: from the pose (module) or from the input (wire)."""
+    """Commanded heating, length, strain and their rates of each wire: from the pose (module) or the input (wire)."""
+    for i in range(p.wires):
+        obs[i, O_J] = commanded_heating(i, u, p)
     if not p.module:
         obs[0, O_EPS], obs[0, O_DEPS] = u[0], du[0]
         obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + u[0]), p.wire.l0 * du[0]
@@ -95,9 +95,9 @@ def commanded_heating(i: int, u: Vector, p: System) -> float:
     return max(side, 0.0) / p.wire.n
 
 
-def heating(i: int, y: Vector, u: Vector, p: System, obs: Vector, dy: Vector) -> float:
+def heating(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     """Heating of one wire [W] after the actuation chain."""
-    J = commanded_heating(i, u, p)
+    J = obs[i, O_J]
     e = p.effects
     if e.port_start[ACTUATION + 1] > e.port_start[ACTUATION]:
         focus(i, y, p, obs)
