@@ -1,6 +1,7 @@
 """One standard test that every effect passes, and what is special to a port."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ PULL = Input(
     (True, False, False),
 )
 SAMPLES = {'module': np.arange(0.0, 20.0, 0.05), 'wire': np.arange(0.0, 10.0, 0.02)}
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'effects.md'
 # Where an effect shows: wires that run out of martensite, wires that would push.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
@@ -72,6 +74,8 @@ def test_declaration(name):
     effect = find_effects()[name].effect
     assert effect.name == name and effect.equation and effect.source and effect.description
     assert any(p.neutral is not None for p in effect.parameters)
+    row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f'| `{name}` |'))
+    assert f'| {effect.port} |' in row and row.endswith(f'| {effect.signature} | {", ".join(effect.confused_with)} |')
     assert effect.signature and effect.confused_with and set(effect.systems) <= {'module', 'wire'}
     assert effect.energy or effect.port in ('actuation', 'sensing')
     for p in effect.parameters:

@@ -33,5 +33,5 @@ EFFECT = Effect(
     energy='elastic: the spring stores Om c sigma^2/2, which is not in U of the wire',
     description='exactly equal shifts of 1/E_A and 1/E_M: no measurement at the ends tells them apart',
     signature='every change of force costs stroke; both moduli appear smaller, the plateaus stay',
-    confused_with=('wire.E_A', 'wire.E_M', 'pretension_mismatch', 'thermal_expansion'),
+    confused_with=('wire.E_A', 'wire.E_M', 'pretension_mismatch', 'thermal_expansion', 'functional_fatigue'),
 )

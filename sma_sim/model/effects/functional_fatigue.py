@@ -34,5 +34,8 @@ EFFECT = Effect(
     energy='latent heat at the shifted stress; Om sigma de/dt is left out, below eps_r/(z_r eps_T) of it',
     description='counts from the start of each run: a wire that is trained already has small eps_r and sigma_r',
     signature='drift from cycle to cycle that stops when nothing transforms; the strain is hidden on the plateaus',
-    confused_with=('wire.sigma_MW0', 'ambient_heating', 'pretension_mismatch'),
+    confused_with=(
+        'wire.sigma_MW0', 'ambient_heating', 'pretension_mismatch',
+        'attachment_compliance', 'thermal_expansion',
+    ),  # fmt: skip
 )

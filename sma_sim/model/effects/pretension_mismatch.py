@@ -19,7 +19,7 @@ EFFECT = Effect(
     description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
     signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',
     confused_with=(
-        'initial.x_M_1', 'initial.x_M_2', 'wire.l0', 'attachment_compliance', 'thermal_expansion', 'slack',
-        'functional_fatigue',
+        'initial.x_M_1', 'initial.x_M_2', 'wire.l0', 'wire.E_A', 'attachment_compliance',
+        'thermal_expansion', 'slack', 'functional_fatigue',
     ),  # fmt: skip
 )
