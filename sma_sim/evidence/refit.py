@@ -1,0 +1,149 @@
+"""Refits: a candidate effect fitted together with the model's own parameters, from what the screening found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.candidates import is_plausible
+from sma_sim.evidence.descent import FIRST, Effort, descend, normal_parts, summed
+from sma_sim.evidence.free_parameters import FreeParameter, declared_parameters, free_parameter
+from sma_sim.evidence.held_out import cross_validated_error
+from sma_sim.evidence.problem import Problem
+from sma_sim.evidence.screening import Screened
+from sma_sim.model.config import Config
+from sma_sim.model.effects.library import ActiveEffect, FoundEffect
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+JOIN = Effort(most=12, damping=10.0, enough=0.3, gain=1e-3, near=False)  # with a new effect, from the fit without
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model at the optimum of its (thinned) training runs; `validated` is its error on runs left out in turn."""
+
+    problem: Problem
+    z: Vector
+    cost: float
+    validated: float = float('nan')
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the active effects, in the order in which they came."""
+        return tuple(one.found.effect.name for one in self.problem.config.effects)
+
+    @property
+    def error(self) -> float:
+        """sqrt of the mean square of the residuals over noise, prior left out."""
+        data = self.cost - 0.5 * float(self.z @ self.z)
+        return float(np.sqrt(2.0 * max(data, 0.0) / self.problem.samples))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The free parameters by name (SI)."""
+        return self.problem.values(self.z)
+
+    def values_of(self, effect: str) -> dict[str, float]:
+        """The fitted parameters of one effect, by their short names."""
+        prefix = f'effects.{effect}.'
+        return {name.removeprefix(prefix): value for name, value in self.values.items() if name.startswith(prefix)}
+
+
+def joined(base: Fitted, screened: Screened) -> tuple[Problem, Vector]:
+    """The problem with one more effect, and where to start: the fit without it and what the screening found."""
+    found = screened.candidate.found
+    effect, problem = found.effect, base.problem
+    neutral = tuple(p.default if p.neutral is None else float(p.neutral) for p in effect.parameters)
+    config = replace(problem.config, effects=(*problem.config.effects, ActiveEffect(found, neutral)))
+    declared = declared_parameters(config)
+    new, start = [], []
+    for p, resting in zip(effect.parameters, neutral, strict=True):
+        if p.name in screened.values:
+            name = f'effects.{effect.name}.{p.name}'
+            one = free_parameter(name, resting, declared[name])
+            new.append(one)
+            start.append(float(np.clip(one.coordinate(screened.values[p.name]), one.low, one.high)))
+    at = len(problem.free)
+    return (
+        replace(problem, config=config, free=(*problem.free, *new)),
+        np.concatenate([base.z[:at], start, base.z[at:]]),
+    )
+
+
+def refit(problem: Problem, z: Vector, pool: Executor, stop: Event, effort: Effort = JOIN) -> Fitted | None:
+    """The optimum near z; None where the model cannot be run there."""
+    try:
+        found = descend(problem, z, pool, effort, stop)
+    except SimulationError:
+        return None
+    return Fitted(problem, found.z, found.cost)
+
+
+def refit_both_ways(base: Fitted, screened: Screened, pool: Executor, stop: Event) -> Fitted | None:
+    """The better of two refits: from the fit without the effect, and from the middle of all priors.
+
+    A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
+    """
+    problem, z = joined(base, screened)
+    first = refit(problem, z, pool, stop)
+    fresh = np.zeros_like(z)
+    at = slice(len(base.problem.free), len(problem.free))
+    fresh[at] = z[at]
+    fresh[len(problem.free) :] = z[len(problem.free) :]
+    second = refit(problem, fresh, pool, stop, FIRST)
+    both = [one for one in (first, second) if one is not None]
+    return min(both, key=lambda one: one.cost) if both else None
+
+
+def validated(one: Fitted, pool: Executor, stop: Event) -> Fitted:
+    """With its error on runs left out in turn (NaN for a single run)."""
+    try:
+        return replace(one, validated=cross_validated_error(one.problem, one.z, pool, stop))
+    except SimulationError:
+        return replace(one, validated=float('inf'))
+
+
+def without(one: Fitted, effect: str) -> tuple[Problem, Vector]:
+    """The problem without one of its effects, and the rest of z as it was."""
+    prefix = f'effects.{effect}.'
+    kept = [k for k, p in enumerate(one.problem.free) if not p.name.startswith(prefix)]
+    free = tuple(one.problem.free[k] for k in kept)
+    config: Config = one.problem.config
+    fewer = tuple(active for active in config.effects if active.found.effect.name != effect)
+    problem = replace(one.problem, config=replace(config, effects=fewer), free=free)
+    rest = np.arange(len(one.problem.free), len(one.z))
+    return problem, one.z[[*kept, *rest]]
+
+
+def standard_errors(one: Fitted, pool: Executor) -> dict[str, float]:
+    """Standard deviations of the free parameters (SI) from the Hessian, widened by the size of the residuals."""
+    _, _, hessian = summed(normal_parts(one.problem, one.z, pool), one.z)
+    spread = np.sqrt(np.diag(np.linalg.inv(hessian))) * max(1.0, one.error)
+    return {p.name: spread_of(p, float(z), float(s)) for p, z, s in zip(one.problem.free, one.z, spread, strict=False)}
+
+
+def spread_of(parameter: FreeParameter, z: float, std: float) -> float:
+    """A standard deviation in z as one of the value (SI)."""
+    return (parameter.value(z) if parameter.log else 1.0) * parameter.scale * std
+
+
+def plausible(one: Fitted, found: FoundEffect) -> bool:
+    """Whether the fitted values of an effect lie in their realistic ranges."""
+    return is_plausible(found, one.values_of(found.effect.name))
+
+
+def bayesian_gain(base: Fitted, one: Fitted) -> float:
+    """Difference of the Bayesian information criterion, with minus without: negative is better."""
+    more = len(one.problem.free) - len(base.problem.free)
+    return 2.0 * (one.cost - base.cost) + more * float(np.log(one.problem.samples))
+
+
+def as_values(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """Some of the values."""
+    return {name: values[name] for name in names if name in values}
