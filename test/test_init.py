@@ -38,7 +38,8 @@ def test_numbers_read_back_in_yaml(value):
     ('text', 'si', 'usual', 'expected'),
     [('98 mm', 'm', 'mm', 0.098), ('98', 'm', 'mm', 0.098), ('0.2mm', 'm', 'mm', 2e-4), ('150 um', 'm', 'mm', 150e-6),
      ('150 µm', 'm', 'mm', 150e-6), ('25 degC', 'K', 'degC', 298.15), ('-5', 'K', 'degC', 268.15),
-     ('300 K', 'K', 'degC', 300.0), ('25 °C', 'K', 'degC', 298.15), ('2.1 GPa', 'Pa', 'GPa', 2.1e9), ('1e1 g', 'kg', 'g', 0.01), ('12', '-', '', 12.0),
+     ('300 K', 'K', 'degC', 300.0),
+     ('25 °C', 'K', 'degC', 298.15), ('2.1 GPa', 'Pa', 'GPa', 2.1e9), ('1e1 g', 'kg', 'g', 0.01), ('12', '-', '', 12.0),
      ('.5 W', 'W', 'W', 0.5), ('380 J/(kg K)', 'J/(kg K)', 'J/(kg K)', 380.0)],
 )  # fmt: skip
 def test_units(text, si, usual, expected):
