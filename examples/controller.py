@@ -2,7 +2,7 @@
 
     python examples/controller.py --ros-args -p alpha_target:=0.05
 
-Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz], state_timeout [s]; kp, ki and alpha_target may be
+Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz], state_timeout [s]; the first three may be
 changed while it runs. A std_msgs/Float64 on `alpha_target` [rad] sets the target too. Time is that of the stamps of
 `joint_states`, so the loop is the same at any real-time factor. The heating goes off when joint_states stop, and at the end.
 """
@@ -10,6 +10,7 @@ changed while it runs. A std_msgs/Float64 on `alpha_target` [rad] sets the targe
 import math
 import signal
 import sys
+import threading
 import time
 
 import rclpy
@@ -124,13 +125,14 @@ class AlphaController(Node):
 
 def main():
     """Run until Ctrl-C or SIGTERM; the last word is a command of zero."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's own would end the publisher before the last word
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = AlphaController()
     try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
+        while not stop.is_set():
+            rclpy.spin_once(node, timeout_sec=WATCH_PERIOD)
         node.get_logger().info('stopped: heating off')
     finally:
         node.heating_off()

@@ -23,6 +23,7 @@ from sma_sim.report.style import BLUE, GREY, ORANGE, RED, axes_of, new_figure, s
 NAMESPACE = '/tracking'
 STEPS = ((0.0, 0.0), (2.0, 4.0), (17.0, -6.0), (37.0, 2.0))  # from [s], angle [deg]
 SINE, AMPLITUDE, PERIOD, END = 52.0, 3.0, 20.0, 102.0  # from [s], [deg], [s], [s]
+STEP_ENDS, SETTLED = (17.0, 37.0, 52.0), 0.5  # [s]
 PATIENCE = 180.0  # [s]; the first start ever compiles
 
 
@@ -130,10 +131,10 @@ def main():
     rows = collect(arguments.speed)
     save(draw(rows), arguments.picture)
     error = np.degrees(rows[:, 1] - rows[:, 2])
-    steps = [error[np.searchsorted(rows[:, 0], end) - 50 : np.searchsorted(rows[:, 0], end)] for end in (17.0, 37.0, 52.0)]
-    sine = error[rows[:, 0] >= SINE]
-    print(f'{arguments.picture}: largest error in the last half second of a step {max(np.abs(s).max() for s in steps):.3f} deg, '
-          f'root mean square on the sine {np.sqrt((sine**2).mean()):.2f} deg')  # fmt: skip
+    at_the_end = [np.abs(error[(rows[:, 0] > end - SETTLED) & (rows[:, 0] < end)]).max() for end in STEP_ENDS]
+    sine = np.sqrt((error[rows[:, 0] >= SINE] ** 2).mean())
+    print(f'{arguments.picture}: largest error in the last half second of a step {max(at_the_end):.3f} deg, '
+          f'root mean square on the sine {sine:.2f} deg')  # fmt: skip
 
 
 if __name__ == '__main__':

@@ -27,6 +27,7 @@ def generate_launch_description():
                 executable=share + '/examples/controller.py',
                 prefix=f'"{sys.executable}"',
                 name='alpha_controller',
+                exec_name='alpha_controller',
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[{'alpha_target': target}],
                 output='screen',
