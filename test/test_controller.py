@@ -84,7 +84,8 @@ class Loop(ros_client.Simulation):
     def __exit__(self, *words):
         if self.control.poll() is None:
             self.control.kill()
-        self.control.communicate()
+        self.control.wait()
+        self.control.stdout.close()
         super().__exit__(*words)
 
 
