@@ -1,5 +1,7 @@
 """Start a simulated module: `ros2 launch sma_sim module.launch.py [params_file:=FILE] [namespace:=NAME] [record:=BAG]`."""
 
+from pathlib import Path
+
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -9,14 +11,16 @@ from launch import LaunchDescription
 
 
 def start(context):
-    """The node with its parameter file; the bag as an argument, so that the file stays the last one given."""
-    record = LaunchConfiguration('record').perform(context)
+    """The node with its parameter file and, after it so that it wins, the bag."""
+    file = LaunchConfiguration('params_file').perform(context)
+    record = LaunchConfiguration('record').perform(context).replace("'", "''")
+    if not Path(file).is_file():  # launch itself would only warn, and the node run with its defaults
+        raise RuntimeError(f'params_file: there is no file {file}')
     node = Node(
         package='sma_sim',
         executable='sma_module_sim',
         namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params_file')],
-        ros_arguments=['-p', f'node.record:={record}'] if record else [],
+        ros_arguments=['--params-file', file, *(['-p', f"node.record:='{record}'"] if record else [])],
         output='screen',
     )
     return [node]
