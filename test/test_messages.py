@@ -61,7 +61,7 @@ def test_type_of_every_parameter_in_yaml(complaint, tmp_path, name, value):
         (['--set', 'wire.E_A'], '--set wire.E_A: expected name=value'),
         (['--set', 'model=mass'], "model = 'mass' (on the command line): expected one of hybrid, mas"),
         (['--set', 'system=robot'], "system = 'robot' (on the command line): expected one of module, wire"),
-        (['--effect', 'gravty'], 'unknown effect gravitation (effects.active, on the command line); did you mean'),
+        (['--effect', 'gravitation'], 'unknown effect gravitation (effects.active, on the command line); did you mean'),
         (['--effect', 'gravity:g_z=1'], 'unknown parameter effects.gravity.g_z'),
         (['--effect', 'gravity:g_y'], "expected name:parameter=value,..., got 'g_y'"),
         (['--effect', 'gravity:g_y=1000'], 'effects.gravity.g_y = 1000 m/s^2 (on the command line): expected -50 to 50'),

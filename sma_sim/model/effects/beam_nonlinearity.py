@@ -35,7 +35,7 @@ EFFECT = Effect(
     port='structure_force',
     systems=('module',),
     equation='F = -dV/dq; V = int E I b L^2 kappa^4/4 + k_x ((U_x + c S)^2 - U_x^2)/2, S = int w\'^2/2',
-    source='von Karman beam with a cubic law of bending: Reddy, Energy Principles and Variational Methods, 2.5 and 3.4',
+    source='von Karman beam with a cubic law of bending: Reddy, Energy Principles and Variational Methods',
     parameters=(
         Parameter('b', 3.0, '1/rad^2', (-5.0, 1e3), 'bending moment grows by 1 + b (L kappa)^2: above 0 stiffer', '', 0.0,
                   (-3.0, 30.0)),

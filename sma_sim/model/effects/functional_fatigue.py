@@ -21,7 +21,7 @@ EFFECT = Effect(
     name='functional_fatigue',
     port='wire_strain',
     equation='e = eps_r f, s_A = s_M = -sigma_r f, f = 1 - exp(-z/z_r), dz/dt = |dx_M/dt|',
-    source='Eggeler et al., Mater. Sci. Eng. A 378 (2004) 24; saturation: Lagoudas, Shape Memory Alloys, 5.2',
+    source='Eggeler et al., Mater. Sci. Eng. A 378 (2004) 24; saturation: Lagoudas, Shape Memory Alloys',
     parameters=(
         Parameter('eps_r', 3e-3, '-', (0.0, 0.1), 'strain that stays behind in the end', '', 0.0, (0.0, 0.02)),
         Parameter('sigma_r', 5e6, 'Pa', (0.0, 1e10), 'fall of both transformation stresses in the end', '', 0.0, (0.0, 8e7)),

@@ -11,7 +11,7 @@ EFFECT = Effect(
     port='actuation',
     stage='gain',
     equation='J_out = J (1 + r (x_M - 1/2)) (1 + a (T - T0))',
-    source="Joule's law; resistivity of NiTi: Churchill and Shaw, Smart Mater. Struct. 18 (2009) 065001",
+    source="Joule's law; the resistivities of the phases by a rule of mixtures (Lagoudas, Shape Memory Alloys)",
     parameters=(
         Parameter('r', 0.2, '-', (-1.0, 1.0), 'resistance of martensite over austenite, less 1', '', 0.0, (-0.3, 0.4)),
         Parameter('a', 5e-4, '1/K', (-1e-3, 3e-3), 'growth of resistance with temperature', '', 0.0, (-2e-4, 1.5e-3)),
