@@ -35,7 +35,7 @@ THINNED = 1000  # samples per run of the first descents
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
 # Where the error is below CLEAN times the stated noise, the weights follow what remains: priors weigh nothing then.
-CLEAN, CLEANEST, POLISHINGS, POLISHED_RTOL = 0.2, 1e-4, 3, 1e-7
+CLEAN, CLEANEST, POLISHINGS, POLISHED_RTOL = 0.2, 1e-4, 2, 1e-7
 SAME = 2.0  # a descent that ends within this of the best's cost has found the same
 MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
