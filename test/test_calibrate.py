@@ -31,8 +31,8 @@ def small():
 
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
 def test_noise_free_data_give_the_parameters_back(model):
-    truth = scaled(config(model), **OFF)
-    found = calibrate(campaign(truth, [1]), config(model), replace(QUICK, model=model))
+    truth = scaled(config(model, initial__x_M_1=0.565, initial__x_M_2=0.565), **OFF)
+    found = calibrate(campaign(truth, [1, 2]), config(model), replace(QUICK, model=model))
     for name in NAMES:
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
     assert found.error < 0.01

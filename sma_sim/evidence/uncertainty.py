@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from sma_sim.evidence.descent import Normal, folded, normal_parts, robust_weights, summed
+from sma_sim.evidence.descent import Normal, folded, measured_steps, robust_weights
 from sma_sim.evidence.free_parameters import REACH, FreeParameter
-from sma_sim.evidence.problem import Linear, Problem, better_steps, linearise
+from sma_sim.evidence.problem import Linear, Problem, linearise
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -69,8 +69,8 @@ class Uncertainty:
 
 def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
-    _, _, rough = summed(normal_parts(problem, z, executor), z)
-    linear = linearise(problem.at_tolerance(RTOL), z, executor, better_steps(problem, rough), central=True)
+    steps = measured_steps(problem, z, executor)
+    linear = linearise(problem.at_tolerance(RTOL), z, executor, steps, central=True)
     times = correlation_times(problem, linear)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)
