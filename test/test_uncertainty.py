@@ -51,41 +51,50 @@ def test_parameters_without_effect_are_held():
     assert [one.name for one in choose_free(config(system='wire'), ['beam.E'])[1]] == ['beam.E']
 
 
-def test_hybrid_wires_that_never_empty_do_not_show_their_length():
-    """While no wire becomes austenite, x -> 1 - s (1 - x) with other l0, eps_T, moduli, c_V and lambda changes nothing."""
-    given = config(solver__rtol=1e-7, initial__x_M_1=0.56, initial__x_M_2=0.56)
-    wire, s, stretch = given.parameters, 1.05, 0.999
-    run = recording(given, module_input([0, 5, 10, 20], [6, 0, -6, 0]))
-    l0 = wire['wire.l0'] * stretch
-    eps_T = wire['wire.eps_T'] / (stretch * s)
-    full = wire['wire.l0'] * (1.0 + wire['wire.eps_T']) / (1.0 + eps_T)
-    assert full != pytest.approx(l0, rel=1e-6)  # the invariants leave one parameter: s follows from l0
-    s = wire['wire.eps_T'] / (((1.0 + wire['wire.eps_T']) / stretch - 1.0) * stretch)
+def with_other_length(given, stretch):
+    """Parameters under x -> 1 - s (1 - x), which keeps x = 1 (docs/calibration.md)."""
+    wire = given.parameters
     eps_T = (1.0 + wire['wire.eps_T']) / stretch - 1.0
-    d = (1.0 / wire['wire.E_M'] - 1.0 / wire['wire.E_A']) / (stretch * s)
+    s = wire['wire.eps_T'] / (eps_T * stretch)
     E_M = wire['wire.E_M'] * stretch
+    d = (1.0 / wire['wire.E_M'] - 1.0 / wire['wire.E_A']) / (stretch * s)
     changed = {
-        'wire.l0': l0, 'wire.eps_T': eps_T, 'wire.E_M': E_M, 'wire.E_A': 1.0 / (1.0 / E_M - d),
+        'wire.l0': wire['wire.l0'] * stretch, 'wire.eps_T': eps_T, 'wire.E_M': E_M, 'wire.E_A': 1.0 / (1.0 / E_M - d),
         'wire.c_V': wire['wire.c_V'] / stretch, 'wire.lambda': wire['wire.lambda'] / stretch,
-        'initial.x_M_1': 1.0 - s * 0.44, 'initial.x_M_2': 1.0 - s * 0.44,
+        **{f'initial.x_M_{i}': 1.0 - s * (1.0 - wire[f'initial.x_M_{i}']) for i in (1, 2)},
     }  # fmt: skip
-    same = predict(replace(given, parameters={**wire, **changed}), run)
+    return replace(given, parameters={**wire, **changed})
+
+
+def test_hybrid_wires_that_never_empty_do_not_show_their_length():
+    """While no wire is all austenite, other l0, eps_T, moduli, c_V and lambda together change nothing."""
+    given = config(solver__rtol=1e-7, initial__x_M_1=0.56, initial__x_M_2=0.56)
+    other = with_other_length(given, 0.999)
+    run = recording(given, module_input([0, 5, 10, 20], [6, 0, -6, 0]))
+    same = predict(other, run)
     for name, noise in NOISE.items():
         np.testing.assert_allclose(same[name], run.channels[name], atol=2e-3 * noise, rtol=1e-6)
     names = ('wire.l0', 'wire.eps_T', 'wire.E_A', 'wire.E_M', 'wire.c_V', 'wire.lambda')
     noisy = recording(given, run.source, noise=1.0)
     found = calibrate(Campaign((noisy,), NOISE), config(), Options(free=names, model='hybrid', starts=1))
     assert found.uncertainty is not None
-    assert any('wire.l0' in each and 'wire.eps_T' in each and 'only together' in each for each in found.uncertainty.unseen)
+    along = np.array([one.coordinate(other.parameters[one.name]) for one in choose_free(given, names)[0]])
+    along /= np.linalg.norm(along)
+    information = sum(
+        (np.array([known.weights[name] for name in names]) @ along) ** 2 / known.std**2
+        for known in found.uncertainty.directions
+    )
+    assert information < 0.2  # what the bounds of the fit say: 1/25
+    assert {'wire.l0', 'wire.eps_T'} <= set(' '.join(found.uncertainty.unseen).split())
     for one in found.uncertainty.intervals:
-        if one.name in ('wire.l0', 'wire.eps_T'):
-            assert not one.seen and one.high / one.low > 1.15
-        assert one.low < given.parameters[one.name] < one.high
+        assert one.high / one.low > 1.15 and one.low < given.parameters[one.name] < one.high
+        assert not one.seen or one.name in ('wire.c_V', 'wire.lambda')
 
 
 def test_data_at_rest_tell_nothing_of_heat():
     runs = Campaign((recording(config(), module_input([0, 20], [0, 0]), noise=1.0),), NOISE)
-    found = calibrate(runs, config(), Options(free=('wire.c_V', 'wire.lambda', 'beam.E', 'beam.b_alpha'), model='hybrid', starts=1))
+    names = ('wire.c_V', 'wire.lambda', 'beam.E', 'beam.b_alpha')
+    found = calibrate(runs, config(), Options(free=names, model='hybrid', starts=1))
     assert found.uncertainty is not None
     seen = {one.name: one.seen for one in found.uncertainty.intervals}
     assert seen == {'wire.c_V': False, 'wire.lambda': False, 'beam.E': True, 'beam.b_alpha': False}
@@ -104,7 +113,7 @@ def test_intervals_hold_the_truth():
         assert found.uncertainty is not None
         for one in found.uncertainty.intervals:
             inside.append(one.low <= truth.parameters[one.name] <= one.high)
-            assert one.seen and one.high / one.low < 1.2
+            assert one.seen and one.high / one.low < 1.6
     assert np.mean(inside) > 0.8
 
 
