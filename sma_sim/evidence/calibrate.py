@@ -34,8 +34,9 @@ RTOL = 1e-5  # of the simulations of a fit
 THINNED = 1000  # samples per run of the first descents
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
-# Where the error is below CLEAN times the stated noise, the weights follow what remains: priors weigh nothing then.
-CLEAN, CLEANEST, POLISHINGS, POLISHED_RTOL = 0.2, 1e-4, 3, 1e-7
+# Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
+# priors weigh nothing then. In stages, because the valley of sharp weights is narrow.
+CLEAN, SHARPER, POLISHED_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
 SAME = 2.0  # a descent that ends within this of the best's cost has found the same
 MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
@@ -178,16 +179,20 @@ def finished(
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
     last = replace(last, iterations=last.iterations + found.best.iterations)
-    for _ in range(POLISHINGS):
-        data = last.cost - 0.5 * float(last.z @ last.z)
-        error = float(np.sqrt(max(2.0 * data, 0.0) / problem.samples))
-        if error > CLEAN or stop.is_set():
+    for sharper in SHARPER:
+        error = data_error(problem, last)
+        if error * sharper > 10.0 * CLEAN or stop.is_set():
             break
         problem = prepared(campaign, config, options, 1).at_tolerance(POLISHED_RTOL)
-        sharper = problem.weighted(1.0 / max(error, CLEANEST))
-        polished = together([partial(descend, sharper, last.z, pool, LAST, stop, progress, f'{label}, sharper')], stop)[0]
+        sharp = problem.weighted(sharper)
+        polished = together([partial(descend, sharp, last.z, pool, LAST, stop, progress, f'{label}, sharper')], stop)[0]
         last = at_stated_noise(problem, polished, last.iterations, pool)
     return replace(found, problem=problem, best=last)
+
+
+def data_error(problem: Problem, found: Descent) -> float:
+    """The error over noise, without the prior's share of the cost."""
+    return float(np.sqrt(max(2.0 * found.cost - float(found.z @ found.z), 0.0) / problem.samples))
 
 
 def at_stated_noise(problem: Problem, polished: Descent, before: int, pool: Executor) -> Descent:

@@ -141,7 +141,8 @@ def descend(
     central when a step gains little, because valleys are narrow.
     """
     half = 0.5 * problem.samples
-    steps, central, damping = None, effort.near, effort.damping
+    central, damping = effort.near, effort.damping
+    steps = measured_steps(problem, z, executor) if effort.near else None
     for iteration in range(effort.most):
         parts = normal_parts(problem, z, executor, steps, central)
         cost, gradient, hessian = summed(parts, z)
@@ -157,6 +158,11 @@ def descend(
             return Descent(z, cost - gained, iteration, damping <= MOST_DAMPING)
         central = central or gained < NEAR * cost
     return Descent(z, cost - gained, effort.most, False)
+
+
+def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
+    """Difference steps that suit the neighbourhood of z, from one-sided differences."""
+    return better_steps(problem, summed(normal_parts(problem, z, executor), z)[2])
 
 
 def accepted(

@@ -65,7 +65,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
     except ImportError as error:
         raise UserError('--scheduler needs Dask: pip install "sma_sim[dask]"') from error
     try:
-        client = distributed.Client(address, timeout=10)
+        client = distributed.Client(address, timeout=5)
     except (OSError, ValueError, TimeoutError) as error:
         raise UserError(f'--scheduler {address}: no Dask scheduler answers there ({error})') from error
     with client:

@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 # Difference steps, in standard deviations of the priors: such that residuals change by CHANGE (root mean square; the
 # solver's own error is some 1e-3 of it), so that a column is wrong by as little as its size allows.
-FIRST_STEP, LEAST_STEP, MOST_STEP, CHANGE = 0.02, 1e-4, 0.04, 0.06
+FIRST_STEP, LEAST_STEP, MOST_STEP, CHANGE = 0.02, 1e-7, 0.04, 0.06
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
