@@ -87,7 +87,7 @@ def steps_of(parameter: Parameter) -> list[float]:
 def between(low: float, high: float, part: float) -> float:
     """A point of a range, on a logarithmic scale where that has one."""
     if low > 0.0 and high / low > 3.0:
-        return low * (high / low) ** part
+        return low * math.pow(high / low, part)
     return low + part * (high - low)
 
 

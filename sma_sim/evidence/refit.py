@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from threading import Event
@@ -12,7 +11,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.candidates import is_plausible
 from sma_sim.evidence.descent import FIRST, Effort, descend, normal_parts, summed
-from sma_sim.evidence.free_parameters import FreeParameter, declared_parameters, free_parameter
+from sma_sim.evidence.free_parameters import (
+    FreeParameter,
+    declared_parameters,
+    default_names,
+    free_parameter,
+    values_of,
+)
 from sma_sim.evidence.held_out import cross_validated_error
 from sma_sim.evidence.problem import Problem
 from sma_sim.evidence.screening import Screened
@@ -121,6 +126,19 @@ def without(one: Fitted, effect: str) -> tuple[Problem, Vector]:
     return problem, one.z[[*kept, *rest]]
 
 
+def other_kinetics(one: Fitted) -> tuple[Problem, Vector]:
+    """The same problem with the other model of kinetics, and z carried over by name."""
+    problem = one.problem
+    model = 'mas' if problem.config.model == 'hybrid' else 'hybrid'
+    config = replace(problem.config, model=model)
+    names = [*default_names(config), *(p.name for p in problem.free if p.name.startswith('effects.'))]
+    known = dict(zip([p.name for p in problem.free], zip(problem.free, one.z, strict=False), strict=True))
+    declared, values = declared_parameters(config), values_of(config)
+    free = [known[name][0] if name in known else free_parameter(name, values[name], declared[name]) for name in names]
+    start = [float(known[name][1]) if name in known else 0.0 for name in names]
+    return replace(problem, config=config, free=tuple(free)), np.array([*start, *one.z[len(problem.free) :]])
+
+
 def standard_errors(one: Fitted, pool: Executor) -> dict[str, float]:
     """Standard deviations of the free parameters (SI) from the Hessian, widened by the size of the residuals."""
     _, _, hessian = summed(normal_parts(one.problem, one.z, pool), one.z)
@@ -144,6 +162,3 @@ def bayesian_gain(base: Fitted, one: Fitted) -> float:
     return 2.0 * (one.cost - base.cost) + more * float(np.log(one.problem.samples))
 
 
-def as_values(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
-    """Some of the values."""
-    return {name: values[name] for name in names if name in values}

@@ -1,9 +1,9 @@
 """Score tests: what each candidate could explain of the residuals that the fitted parameters cannot.
 
 With residuals r, derivatives J of everything that is fitted and the response s to a probe of a candidate (all over noise),
-s' = s - J' (J J' + 1)^-1 J s is the part of s that no fitted unknown can absorb. The sum of squares falls, to first order, by the
-largest of -2 a s'r - a^2 s's' over a >= 0. What residuals as correlated as these would give by chance is found by
-flipping the signs of whole stretches of r (wild bootstrap over blocks; Cameron, Gelbach and Miller 2008).
+s' = s - J^T (J J^T + 1)^-1 J s is the part of s that no fitted unknown can absorb. The sum of squares falls, to first
+order, by the largest of -2 a s'r - a^2 s's' over a >= 0. What residuals as correlated as these would give by chance is
+found by flipping the signs of whole stretches of r (wild bootstrap over blocks; Cameron, Gelbach and Miller 2008).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class Direction:
 
     probe: Probe
     left: Matrix  # (N,) over all runs
-    with_blocks: Vector  # (blocks,) of the inner product with r
+    with_blocks: NDArray[Any]  # (blocks,) of the inner product with r
 
 
 def screen(

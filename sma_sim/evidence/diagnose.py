@@ -1,0 +1,212 @@
+"""Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
+
+a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are refitted
+and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with a
+realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Event
+
+from sma_sim.evidence.calibrate import (
+    MODELS,
+    Calibration,
+    Found,
+    Options,
+    check,
+    finished,
+    over_runs,
+    prepared,
+    result,
+    search,
+)
+from sma_sim.evidence.descent import Descent
+from sma_sim.evidence.free_parameters import with_values
+from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.refit import Fitted, validated
+from sma_sim.evidence.selection import Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+
+UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
+LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
+STARTS = 2  # of the bare fit
+VERDICTS = ('none', 'missing_effect', 'unknown_effect')
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the error's fall: the effects so far, the errors over noise of training and held-out runs.
+
+    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out.
+    """
+
+    effects: tuple[str, ...]
+    model: str
+    train: float
+    held_out: float
+    channels: dict[str, float]
+    held_out_channels: dict[str, float]
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found. `calibration` is the fit of the last step on all samples; its `config` runs in the node.
+
+    `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    steps: tuple[Step, ...]
+    rounds: tuple[Round, ...]
+    calibration: Calibration
+    held_out_ratio: dict[str, float]
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    noise_std: dict[str, float]
+    interrupted: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Request:
+    """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap."""
+
+    model: str = 'auto'
+    folders: tuple[Path, ...] = ()
+    seed: int = 0
+    options: Options = field(default_factory=lambda: Options(starts=STARTS))
+
+
+def split(campaign: Campaign, names: Sequence[str]) -> tuple[Campaign, Campaign]:
+    """Training and held-out recordings. Raises UserError for a name that no recording has, or when nothing is left."""
+    if not names and len(campaign.recordings) >= LEAST_TO_HOLD_OUT:
+        names = [campaign.recordings[-1].name]
+    wanted = {Path(name).stem if Path(name).suffix else name for name in names}
+    known = {recording.name for recording in campaign.recordings}
+    of_name = {name: {one for one in known if one == name or one.split('#')[0] == name} for name in wanted}
+    for name, found in of_name.items():
+        if not found:
+            raise UserError(f'--hold-out {name}: no recording of that name; there are {", ".join(sorted(known))}')
+    out = set().union(*of_name.values()) if of_name else set()
+    training = tuple(one for one in campaign.recordings if one.name not in out)
+    if not training:
+        raise UserError('--hold-out leaves nothing to fit: expected at least one recording beside those held out')
+    return replace(campaign, recordings=training), replace(
+        campaign, recordings=tuple(one for one in campaign.recordings if one.name in out)
+    )
+
+
+def diagnose(
+    campaign: Campaign, config: Config, hold_out: Sequence[str] = (), request: Request | None = None,
+    executor: Executor | None = None, told: Told = lambda words: None,
+) -> Diagnosis:  # fmt: skip
+    """Find what `config` lacks to explain the campaign's recordings.
+
+    `hold_out` names recordings that are only looked at in the end (default: the last of three or more). A
+    KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be diagnosed.
+    """
+    begun, request, stop = time.perf_counter(), request or Request(), Event()
+    training, out = split(campaign, hold_out)
+    check(training, config, request.options)
+    with some_executor(executor) as pool:
+        place = Workplace(pool, stop, told, request.folders, request.seed)
+        bare = bare_fit(training, config, request, place)
+        rounds = select(bare, place)
+        path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
+        last = pruned(path[-1], place)
+        if last is not path[-1]:
+            path.append(last)
+        told('the last fit, on all samples')
+        final = final_fit(training, last, request, place, begun)
+        steps = [step_of(training, out, one, request, place) for one in path[:-1]]
+        steps.append(step_of_final(final, out, last, place))
+        ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
+    return Diagnosis(
+        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios,
+        tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings),
+        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
+    )  # fmt: skip
+
+
+def bare_fit(training: Campaign, config: Config, request: Request, place: Workplace) -> Fitted:
+    """The better of the kinetics without further effects."""
+    found = []
+    for model in MODELS if request.model == 'auto' else (request.model,):
+        place.told(f'fitting the {model} model')
+        best = search(training, replace(config, model=model), request.options, place.pool, place.stop, None)
+        found.append(validated(Fitted(best.problem, best.best.z, best.best.cost), place.pool, place.stop))
+        place.told(f'{model}: error over noise {judged_error(found[-1]):.2f}')
+        if place.stop.is_set():
+            break
+    return min(found, key=judged_error)
+
+
+def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:
+    """The last model fitted on all samples, with intervals."""
+    options = replace(request.options, free=tuple(p.name for p in last.problem.free))
+    found = Found(last.problem, Descent(last.z, last.cost, 0, True), ())
+    done = finished(training, found, options, place.pool, place.stop, None)
+    scores = {last.problem.config.model: last.validated}
+    return result(done, last.problem.config.parameters['solver.rtol'], scores, options, place.pool, place.stop, begun)
+
+
+def step_of(training: Campaign, out: Campaign, one: Fitted, request: Request, place: Workplace) -> Step:
+    """The errors of a model that was fitted on the way."""
+    problem = replace(prepared(training, one.problem.config, request.options, 1), free=one.problem.free)
+    channels = over_runs(problem, run_fits(problem, one.z, place.pool))
+    config = with_values(one.problem.config, one.values)
+    held, held_channels = errors_held_out(config, out, one.problem.delay_at(one.z), place)
+    return Step(one.effects, config.model, mean_error(channels), held, channels, held_channels, one.values)
+
+
+def step_of_final(final: Calibration, out: Campaign, last: Fitted, place: Workplace) -> Step:
+    """The errors of the last model."""
+    held, channels = errors_held_out(final.config, out, final.delay, place)
+    return Step(
+        last.effects, final.config.model, final.error, held, dict(final.channels), channels, dict(final.values)
+    )  # fmt: skip
+
+
+def errors_held_out(config: Config, out: Campaign, delay: float, place: Workplace) -> tuple[float, dict[str, float]]:
+    """Error over noise of the held-out runs, in all and by channel; NaN where there are none."""
+    if not out.recordings:
+        return float('nan'), {}
+    fits = held_out(config, out, delay, place.pool)
+    channels = {name: mean_error(by_run(fits, name)) for name in fits[0].channels}
+    return mean_error(channels), channels
+
+
+def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
+    """The error of one channel by run."""
+    return {fit.name: fit.channels[channel] for fit in fits if channel in fit.channels}
+
+
+def held_out_ratios(first: Round, bare: Step, out: Campaign, place: Workplace) -> dict[str, float]:
+    """By effect of the first round, the held-out error with it over that without."""
+    ratios = {}
+    for one in first.tried:
+        config = with_values(one.fitted.problem.config, one.fitted.values)
+        held, _ = errors_held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place)
+        ratios[one.name] = held / bare.held_out
+    return ratios
+
+
+def verdict_of(last: Step, fitted: Fitted) -> str:
+    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained."""
+    error = last.held_out if last.held_out == last.held_out else judged_error(fitted)
+    if error > UNEXPLAINED:
+        return 'unknown_effect'
+    return 'missing_effect' if last.effects else 'none'
+
+

@@ -1,0 +1,190 @@
+"""Forward selection of missing effects: screen, refit, judge on runs left out in turn, accept the best, go on.
+
+Backward elimination drops what later effects made superfluous. The held-out runs are not looked at here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from threading import Event
+
+from sma_sim.evidence.calibrate import together
+from sma_sim.evidence.candidates import candidates_for
+from sma_sim.evidence.descent import FIRST
+from sma_sim.evidence.refit import (
+    Fitted,
+    bayesian_gain,
+    other_kinetics,
+    plausible,
+    refit,
+    refit_both_ways,
+    standard_errors,
+    validated,
+    without,
+)
+from sma_sim.evidence.screening import Screened, screen
+from sma_sim.model.effects.library import FoundEffect
+
+LEAST_FALL = 0.03  # part of the cross-validated error that an accepted effect takes away
+SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
+SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
+SURVIVORS, FINALISTS = 8, 5  # candidates that are refitted, and cross-validated
+LEAST_GAIN = 0.02  # of the best's: a candidate that gains less is not refitted
+MOST_EFFECTS = 4
+WELL = 1.01  # error over noise below which the other kinetics are not tried
+
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate after its refit: how it compares with the model `without` it.
+
+    `ratio`: cross-validated error with over without; `family_p` of the screening; `alike`: others that explain as well.
+    """
+
+    found: FoundEffect
+    fitted: Fitted
+    delta_bic: float
+    ratio: float
+    family_p: float
+    plausible: bool
+    std: dict[str, float]
+    alike: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.found.effect.name
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether it explains enough, by more than chance, with realistic values."""
+        return self.ratio <= 1.0 - LEAST_FALL and self.family_p <= SIGNIFICANT and self.plausible
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the selection: the model it began with, all that was screened, what was tried, what was accepted.
+
+    `after`: the model with the accepted effect, with the kinetics that suit it better.
+    """
+
+    base: Fitted
+    screened: tuple[Screened, ...]
+    tried: tuple[Tried, ...]
+    accepted: Tried | None
+    after: Fitted | None = None
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What all steps of a selection share."""
+
+    pool: Executor
+    stop: Event
+    told: Told
+    folders: tuple[Path, ...] = ()
+    seed: int = 0
+
+
+def judged_error(one: Fitted) -> float:
+    """The cross-validated error; the training error where there is one run only."""
+    return one.validated if one.validated == one.validated else one.error
+
+
+def one_round(base: Fitted, place: Workplace) -> Round:
+    """Screen all candidates, refit the best, and see whether one is to be accepted."""
+    candidates = candidates_for(base.problem.config, place.folders)
+    place.told(f'screening {len(candidates)} effects')
+    screened = screen(base.problem, base.z, candidates, place.pool, place.seed)
+    survivors = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+    if not survivors or survivors[0].family_p > SIGNIFICANT and base.error < 1.0 + LEAST_FALL:
+        return Round(base, screened, (), None)
+    place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
+    refitted = together([partial(refit_both_ways, base, one, place.pool, place.stop) for one in survivors], place.stop)
+    pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
+    pairs.sort(key=lambda pair: pair[1].cost)
+    tried = [tried_of(base, one, fitted, place) for one, fitted in pairs[:FINALISTS] if not place.stop.is_set()]
+    tried.sort(key=lambda one: one.ratio)
+    tried = [replace(one, alike=alike(one, tried)) for one in tried]
+    return Round(base, screened, tuple(tried), choice(tried))
+
+
+def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace) -> Tried:
+    """A refitted candidate, cross-validated."""
+    found = screened.candidate.found
+    place.told(f'cross-validating {found.effect.name}')
+    fitted = validated(fitted, place.pool, place.stop)
+    return Tried(
+        found, fitted, bayesian_gain(base, fitted), judged_error(fitted) / judged_error(base), screened.family_p,
+        plausible(fitted, found), standard_errors(fitted, place.pool),
+    )  # fmt: skip
+
+
+def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
+    """Other plausible candidates whose cross-validated error is within SAME."""
+    error = judged_error(one.fitted)
+    return tuple(
+        other.name for other in tried
+        if other is not one and other.plausible and abs(judged_error(other.fitted) - error) <= SAME * error
+    )  # fmt: skip
+
+
+def choice(tried: Sequence[Tried]) -> Tried | None:
+    """The acceptable candidate with the least error; among those that explain alike the one with the fewest parameters."""
+    good = [one for one in tried if one.acceptable]
+    if not good:
+        return None
+    best = min(judged_error(one.fitted) for one in good)
+    close = [one for one in good if judged_error(one.fitted) <= (1.0 + SAME) * best]
+    return min(close, key=lambda one: (len(one.fitted.problem.free), judged_error(one.fitted)))
+
+
+def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
+    """Rounds until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
+    rounds: list[Round] = []
+    while not place.stop.is_set() and len(rounds) < MOST_EFFECTS:
+        rounds.append(one_round(base, place))
+        accepted = rounds[-1].accepted
+        if accepted is None:
+            break
+        place.told(f'accepted {accepted.name}: error over noise {judged_error(accepted.fitted):.2f}')
+        base = better_kinetics(accepted.fitted, place)
+        rounds[-1] = replace(rounds[-1], after=base)
+    return tuple(rounds)
+
+
+def better_kinetics(one: Fitted, place: Workplace) -> Fitted:
+    """The same effects with the other kinetics, if they foretell better: kinetics are a choice of model, not a finding."""
+    if one.error < WELL or place.stop.is_set():
+        return one
+    problem, z = other_kinetics(one)
+    other = refit(problem, z, place.pool, place.stop, FIRST)
+    if other is None or other.error > (1.0 + SAME) * one.error:
+        return one
+    other = validated(other, place.pool, place.stop)
+    if judged_error(other) >= judged_error(one):
+        return one
+    place.told(f'{other.problem.config.model} kinetics foretell better: error over noise {judged_error(other):.2f}')
+    return other
+
+
+def pruned(one: Fitted, place: Workplace) -> Fitted:
+    """Without the effects, taken away one at a time, that the others have made superfluous."""
+    for effect in one.effects[:-1]:
+        problem, z = without(one, effect)
+        fewer = refit(problem, z, place.pool, place.stop)
+        if fewer is None or place.stop.is_set():
+            continue
+        fewer = validated(fewer, place.pool, place.stop)
+        if judged_error(fewer) <= (1.0 + SAME) * judged_error(one):
+            place.told(f'{effect} explains nothing more beside the others: dropped')
+            one = fewer
+    return one
+
+
