@@ -92,7 +92,9 @@ def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
             unseen[name] += not one['seen']
             if one['seen']:
                 inside[name].append(one['inside'])
-    each = {name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()}
+    each = {
+        name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()
+    }
     errors = [row['held_out'] for row in rows]
     return {
         'seeds': len(rows), 'pooled coverage': float(np.mean([hit for hits in inside.values() for hit in hits])),
