@@ -146,9 +146,10 @@ def new_work(model: Model) -> Work:
     )  # fmt: skip
 
 
-def new_run(model: Model, first_input: Vector, work: Work) -> Run:
+def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | None = None) -> Run:
     """A run at its start: static equilibrium at ambient temperature, modes that admit it.
 
+    `fractions` (wires,) are the wanted x_M, in place of initial.x_M_*; NaN asks for sigma = sigma_A, inf for sigma_M.
     Raises SimulationError when there is no equilibrium.
     """
     p = own_scratch(model.compiled)
@@ -156,9 +157,11 @@ def new_run(model: Model, first_input: Vector, work: Work) -> Run:
     u = np.array(first_input, dtype=float)
     u[0 if p.module else 1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[-1]
-    wanted = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
+    wanted = fractions
+    if wanted is None:
+        wanted = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
     if p.mas:
-        y[p.first_x : p.first_x + p.wires] = np.where(np.isnan(wanted), 0.5, wanted)
+        y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(wanted), wanted, 0.5)
     mode, x_frozen = np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires)
     hybrid = p._replace(mas=False)
     if not package_compiler().function(start)(y, u, np.zeros_like(u), wanted, mode, x_frozen, hybrid, work):

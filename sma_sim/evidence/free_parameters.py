@@ -1,0 +1,168 @@
+"""Which parameters a fit may change, in which coordinates, how far, and which of them never together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import DEFAULTS, Parameter
+
+REACH = 5.0  # bounds of a fit, in standard deviations of the prior
+RELATIVE_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
+SMALL_STD = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
+MATERIAL = (
+    'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
+)  # fmt: skip
+STRUCTURE = ('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha')
+KINETICS = ('wire.V_L', 'wire.omega_x')
+STRESS_SCALE = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
+
+
+@dataclass(frozen=True)
+class FreeParameter:
+    """A parameter of the fit in its coordinate z: value = center exp(scale z) if `log`, else center + scale z.
+
+    The prior of z is normal, mean 0, standard deviation 1; `low` and `high` bound z.
+    """
+
+    name: str
+    center: float
+    scale: float
+    low: float
+    high: float
+    log: bool
+    unit: str
+
+    def value(self, z: float) -> float:
+        """The value at coordinate z (SI)."""
+        return self.center * math.exp(self.scale * z) if self.log else self.center + self.scale * z
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate z of a value."""
+        return (math.log(value / self.center) if self.log else value - self.center) / self.scale
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that was asked for and is not fitted, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """Parameters that the equations let appear together only; `held` is kept where all of `together` are free."""
+
+    held: str
+    together: tuple[str, ...]
+    reason: str
+
+
+def equivalences(config: Config) -> tuple[Equivalence, ...]:
+    """Exact equivalences of the equations (docs/calibration.md derives them)."""
+    stress = STRESS_SCALE + (('wire.V_L',) if config.model == 'mas' else ())
+    return (
+        Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),
+        Equivalence('wire.T0', ('wire.sigma_MW0',), 'a shift of T0 is a shift of sigma_MW0 (MAS8a)'),
+        Equivalence('wire.n', ('wire.r0', 'wire.lambda'), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'),
+        Equivalence('wire.n', stress, 'more wires at lower stresses, c_V and lambda behave alike'),
+        Equivalence('wire.r0', stress, 'thicker wires at lower stresses, c_V and lambda behave alike'),
+    )
+
+
+def without_effect(name: str, config: Config) -> str:
+    """Why a parameter has no effect on any channel of this system and model, or an empty string."""
+    if name in KINETICS and config.model == 'hybrid':
+        return 'the hybrid model has no kinetics'
+    if config.system == 'wire' and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
+        return 'one wire on a test bench has no structure'
+    return ''
+
+
+def default_names(config: Config) -> tuple[str, ...]:
+    """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths."""
+    kinetics = ('wire.V_L',) if config.model == 'mas' else ()
+    return MATERIAL + kinetics + (STRUCTURE if config.system == 'module' else ())
+
+
+def declared_parameters(config: Config) -> dict[str, Parameter]:
+    """The declarations of all parameters that a fit could change, by full name."""
+    groups = ('wire.', 'beam.', 'plate.')
+    found = {name: parameter for name, parameter in DEFAULTS.items() if name.startswith(groups)}
+    for active in config.effects:
+        effect = active.found.effect
+        found |= {f'effects.{effect.name}.{parameter.name}': parameter for parameter in effect.parameters}
+    return found
+
+
+def values_of(config: Config) -> dict[str, float]:
+    """The values of all those parameters."""
+    values = dict(config.parameters)
+    for active in config.effects:
+        effect = active.found.effect
+        values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
+    return values
+
+
+def with_values(config: Config, values: Mapping[str, float]) -> Config:
+    """The configuration with some parameters changed, those of effects included."""
+    effects = tuple(
+        replace(active, values=tuple(
+            values.get(f'effects.{active.found.effect.name}.{p.name}', old)
+            for p, old in zip(active.found.effect.parameters, active.values, strict=True)
+        ))
+        for active in config.effects
+    )  # fmt: skip
+    own = {name: value for name, value in values.items() if name in config.parameters}
+    return replace(config, parameters={**config.parameters, **own}, effects=effects)
+
+
+def free_parameter(name: str, value: float, declared: Parameter) -> FreeParameter:
+    """One parameter with its prior around `value`: relative where it is positive, else over its realistic range."""
+    low, high = declared.bounds
+    log = value > 0.0 and low >= 0.0 and declared.neutral is None
+    if log:
+        scale = SMALL_STD.get(name, RELATIVE_STD)
+        bottom = max(-REACH, math.log(low / value) / scale) if low > 0.0 else -REACH
+        return FreeParameter(name, value, scale, bottom, min(REACH, math.log(high / value) / scale), True, declared.unit)
+    width = declared.realistic[1] - declared.realistic[0] if declared.realistic else abs(value) or 1.0
+    scale = width / 2.0
+    return FreeParameter(
+        name, value, scale, max(-REACH, (low - value) / scale), min(REACH, (high - value) / scale), False, declared.unit
+    )
+
+
+def choose_free(config: Config, names: Iterable[str] | None = None) -> tuple[tuple[FreeParameter, ...], tuple[Held, ...]]:
+    """The parameters to fit (None: the default ones and all of the active effects'), and those asked for but held.
+
+    Raises UserError for a name that no fit can change.
+    """
+    declared, values = declared_parameters(config), values_of(config)
+    if names is None:
+        effects = [name for name in declared if name.startswith('effects.')]
+        names = [*default_names(config), *effects]
+    asked = list(dict.fromkeys(names))
+    for name in asked:
+        if name not in declared:
+            close = get_close_matches(name, list(declared), n=1, cutoff=0.4)
+            hint = f'; did you mean {close[0]}?' if close else ''
+            raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
+                            'or effects.NAME.* of an active effect')  # fmt: skip
+    held = [Held(name, why) for name in asked if (why := without_effect(name, config))]
+    left = remaining(asked, held)
+    for one in equivalences(config):
+        if one.held in left and set(one.together) <= set(left):
+            held.append(Held(one.held, one.reason))
+            left = remaining(asked, held)
+    return tuple(free_parameter(name, values[name], declared[name]) for name in left), tuple(held)
+
+
+def remaining(names: Sequence[str], held: Sequence[Held]) -> list[str]:
+    """The names that are not held."""
+    kept = {one.name for one in held}
+    return [name for name in names if name not in kept]

@@ -1,0 +1,197 @@
+"""What the model shows at the instants of a recording, and how far that lies from what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.recording import CHANNEL_COLUMNS, Recording
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.solver.inputs import Input
+from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
+
+Vector = NDArray[np.float64]
+MOST_SWITCHES = 24  # with more changes of the command than this, all share one fraction
+NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's size (docs/calibration.md)
+CHANNEL_SIZES = {
+    'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
+}  # fmt: skip
+MAX_STEPS = 200_000  # of one run: beyond it the parameters are hopeless
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A recording made ready for many comparisons.
+
+    `measured` and `weight` (channels, k): samples and one over their noise, 0 where a sample is missing.
+    `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
+    long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
+    empty when the commands are exact.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    time: Vector
+    measured: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    source: Input
+    changed: Vector
+    interval: Vector
+    group: NDArray[np.int64]
+
+    @property
+    def groups(self) -> int:
+        """How many fractions of the sampling interval are unknown."""
+        return int(self.group.max()) + 1 if len(self.group) else 0
+
+    @property
+    def samples(self) -> int:
+        """Measured values that count."""
+        return int(np.count_nonzero(self.weight))
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What is unknown about one recording beside the parameters.
+
+    `delay` [s]: a sample shows the state at t - delay. `start`: per wire, where the run begins within the
+    hysteresis: 0 on sigma_A, 1 on sigma_M; empty: as the configuration's initial.x_M_* say. `switches`: by which
+    part of its sampling interval each (group of) sampled change of the command came before its row.
+    """
+
+    delay: float = 0.0
+    start: tuple[float, ...] = ()
+    switches: tuple[float, ...] = ()
+
+
+def prepare(recording: Recording, noise_std: Mapping[str, float], every: int = 1, floor: float = 0.0) -> Prepared:
+    """A recording with its weights, every `every`-th sample. `floor` is the solver's relative error (solver.rtol).
+
+    Raises UserError when no channel was measured, or when the noise of one is not known.
+    """
+    channels = tuple(name for name in CHANNEL_COLUMNS if name in recording.channels)
+    if not channels:
+        raise UserError(f'{recording.name}: no channel was measured; expected one of {", ".join(CHANNEL_COLUMNS)}')
+    for name in channels:
+        if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
+            raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
+    measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
+    noise = [np.hypot(noise_std[name], NOISE_OF_SOLVER * floor * CHANNEL_SIZES[name]) or 1e-12 for name in channels]
+    present = np.isfinite(measured)
+    changed, interval = sampled_changes(recording)
+    single = len(changed) > MOST_SWITCHES
+    return Prepared(
+        name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
+        measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
+        source=without_repeats(recording.source), changed=changed, interval=interval,
+        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)),
+    )  # fmt: skip
+
+
+def without_repeats(source: Input) -> Input:
+    """The same input without rows that say nothing new."""
+    values = np.asarray(source.values, float)
+    keep = np.ones(len(values), dtype=bool)
+    if not any(source.linear):
+        keep[1:-1] = (np.diff(values[:-1], axis=0) != 0.0).any(axis=1)
+    return Input(np.asarray(source.times, float)[keep], values[keep], source.linear)
+
+
+def sampled_changes(recording: Recording) -> tuple[Vector, Vector]:
+    """Instants [s] of the rows at which a sampled command had changed, and the time since the row before."""
+    times = np.asarray(recording.source.times, float)
+    command = np.asarray(recording.source.values, float)[:, command_column(recording.source)]
+    at = np.flatnonzero(np.diff(command)) + 1
+    if recording.exact_commands:
+        at = at[:0]
+    return times[at], times[at] - times[at - 1]
+
+
+def command_column(source: Input) -> int:
+    """Where the electrical command is among the columns of an input."""
+    return len(source.linear) - 2
+
+
+def with_switches(run: Prepared, switches: Sequence[float]) -> Input:
+    """The input with each sampled change of the command moved to `switches` of its interval before its row."""
+    source = run.source
+    if not len(run.changed) or not len(switches):
+        return source
+    column = command_column(source)
+    moved = run.changed - run.interval * np.asarray(switches, float)[run.group]
+    at = np.searchsorted(source.times, run.changed)
+    level = np.concatenate([source.values[:1, column], source.values[at, column]])
+    times = np.union1d(source.times, moved)
+    held = np.searchsorted(source.times, times, side='right') - 1
+    values = source.values[held].copy()
+    for k in np.flatnonzero(source.linear):
+        values[:, k] = np.interp(times, source.times, source.values[:, k])
+    values[:, column] = level[np.searchsorted(moved, times, side='right')]
+    return without_repeats(Input(times, values, source.linear))
+
+
+def covering(source: Input, last: float) -> Input:
+    """The input, its last values held up to `last` [s]."""
+    if last <= source.times[-1]:
+        return source
+    return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear)
+
+
+def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
+    """Per wire, x_M at rest on sigma_A and on sigma_M, the least and the most that a resting wire can have."""
+    work = new_work(model)
+    least = new_run(model, first_input, work, np.full(model.wires, np.nan)).x_frozen
+    return least, new_run(model, first_input, work, np.full(model.wires, np.inf)).x_frozen
+
+
+def started(config: Config, source: Input, start: Sequence[float]) -> Config:
+    """The configuration with the x_M of a start given as parts of the hysteresis."""
+    if not len(start):
+        return config
+    least, most = start_range(Model(config), np.asarray(source.values[0], float))
+    x = np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
+    initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
+    return replace(config, parameters={**config.parameters, **initial})
+
+
+def predict(config: Config, recording: Recording | Prepared, nuisance: Nuisance | None = None) -> dict[str, Vector]:
+    """What the model shows at the recording's sample times: (k,) by channel, those of the system.
+
+    Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
+    """
+    nuisance = nuisance or Nuisance()
+    run = recording if isinstance(recording, Prepared) else prepare(recording, dict.fromkeys(recording.channels, 1.0))
+    times = run.time - nuisance.delay
+    source = covering(with_switches(run, nuisance.switches), float(times[-1]))
+    early = int(np.searchsorted(times, source.times[0], side='right'))
+    asked = np.concatenate([source.times[:1], times[early:]])
+    model = Model(started(config, source, nuisance.start))
+    trajectory = simulate(model, source, asked, max_steps=MAX_STEPS)
+    if not trajectory.completed:
+        raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
+    index = np.maximum(np.arange(len(times)) - early + 1, 0)
+    return {
+        name: trajectory[column][index] for name, column in CHANNEL_COLUMNS.items() if column in trajectory.columns
+    }  # fmt: skip
+
+
+def weighted_residuals(config: Config, run: Prepared, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
+    """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
+    shown = predict(config, run, nuisance)
+    absent = [name for name in run.channels if name not in shown]
+    if absent:
+        raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
+    return (np.array([shown[name] for name in run.channels]) - run.measured) * run.weight
+
+
+def error_over_noise(residuals: NDArray[np.float64], run: Prepared) -> dict[str, float]:
+    """RMSE over noise by channel, from weighted residuals (channels, k)."""
+    counts = np.count_nonzero(run.weight, axis=1)
+    return {
+        name: float(np.sqrt(np.sum(row**2) / count))
+        for name, row, count in zip(run.channels, residuals, counts, strict=True) if count
+    }  # fmt: skip
