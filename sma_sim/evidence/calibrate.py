@@ -30,7 +30,7 @@ from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 Answer = TypeVar('Answer')
-RTOL = 1e-5  # of the simulations of a fit
+RTOL, LAST_RTOL = 1e-5, 1e-6  # of the simulations of the first descents and of the last
 THINNED = 1000  # samples per run of the first descents
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
@@ -175,7 +175,7 @@ def finished(
 ) -> Found:
     """The descent continued on all samples."""
     config = found.problem.config
-    problem = prepared(campaign, config, options, 1)
+    problem = prepared(campaign, config, options, 1).at_tolerance(LAST_RTOL)
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
     last = replace(last, iterations=last.iterations + found.best.iterations)

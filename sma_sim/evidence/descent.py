@@ -146,7 +146,6 @@ def descend(
     for iteration in range(effort.most):
         parts = normal_parts(problem, z, executor, steps, central)
         cost, gradient, hessian = summed(parts, z)
-        steps = better_steps(problem, hessian)
         if progress is not None:
             progress(label, iteration, cost)
         if stop.is_set():
@@ -157,12 +156,13 @@ def descend(
         if gained <= effort.gain * cost and (central or damping <= MOST_DAMPING):
             return Descent(z, cost - gained, iteration, damping <= MOST_DAMPING)
         central = central or gained < NEAR * cost
+        steps = better_steps(problem, hessian, central)
     return Descent(z, cost - gained, effort.most, False)
 
 
 def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
-    """Difference steps that suit the neighbourhood of z, from one-sided differences."""
-    return better_steps(problem, summed(normal_parts(problem, z, executor), z)[2])
+    """Steps of central differences that suit the neighbourhood of z, from one-sided differences."""
+    return better_steps(problem, summed(normal_parts(problem, z, executor), z)[2], central=True)
 
 
 def accepted(

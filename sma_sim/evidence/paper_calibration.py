@@ -78,8 +78,8 @@ def calibrate_as_the_paper(
     fits |= {one.name: here for one in first}
     T = np.array([temperature(one) for one in loops])
     stress = np.array([fits[one.name].values['wire.sigma_MW0'] for one in loops])
-    weight = 1.0 / np.array([max(log_std(fits[one.name], 'wire.sigma_MW0') * s, 1.0) for one, s in zip(loops, stress, strict=True)])
-    line = np.polyfit(T - at, stress, 1, w=np.nan_to_num(weight, nan=1.0))
+    spread = stress * np.array([log_std(fits[one.name], 'wire.sigma_MW0') for one in loops])
+    line = np.polyfit(T - at, stress, 1, w=1.0 / np.nan_to_num(np.maximum(spread, 1.0), nan=1.0))
     values = {**here.config.parameters, 'wire.sigma_T': max(float(line[0]), 0.0), 'wire.T0': at}
     final = replace(here.config, parameters=moved_to(values, config.parameters['wire.T0']))
     rmse = stress_errors(final, campaign, executor)

@@ -1,10 +1,10 @@
 """How often 95 % intervals hold the truth, and the error on a run that was not fitted; parameters 5 to 15 % off.
 
-    python benchmarks/coverage.py [--seeds 60] [--runs 3] [--hybrid 0] [--json FILE]
+    python benchmarks/intervals.py [--seeds 60] [--runs 3] [--hybrid 0] [--json FILE]
 
 Every seed: other parameters, commands and noise (2 um, 10 um, 0.02 deg, 0.05 N); runs of 100 s at 50 Hz and one that is
 held out. Data are made by the MAS model and fitted by it, or both by the hybrid model (--hybrid 1). Seeds that are in
-coverage.jsonl already are not run again.
+intervals.jsonl already are not run again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sma_sim.evidence.recording import CHANNEL_COLUMNS
 
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': float(np.radians(0.02)), 'F_1': 0.05, 'F_2': 0.05}
 RATE, DURATION = 50.0, 100.0
-FILE = Path('coverage.jsonl')
+FILE = Path('intervals.jsonl')
 
 
 def off(random: np.random.Generator) -> float:
@@ -92,7 +92,9 @@ def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
             unseen[name] += not one['seen']
             if one['seen']:
                 inside[name].append(one['inside'])
-    each = {name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()}
+    each = {
+        name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()
+    }
     errors = [row['held_out'] for row in rows]
     return {
         'seeds': len(rows), 'pooled coverage': float(np.mean([hit for hits in inside.values() for hit in hits])),
