@@ -1,8 +1,8 @@
 """Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
 
-a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are refitted
-and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with a
-realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given.
+a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
+refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
+a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from sma_sim.model.errors import UserError
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
 STARTS = 2  # of the bare fit
+PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 VERDICTS = ('none', 'missing_effect', 'unknown_effect')
 
 
@@ -149,7 +150,8 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
         place.told(f'{model}: error over noise {judged_error(found[-1]):.2f}')
         if place.stop.is_set():
             break
-    return min(found, key=judged_error)
+    # MAS has the hybrid model as a limit (V_L large), so that the hybrid one must be clearly better to be taken
+    return min(found, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
 
 
 def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:

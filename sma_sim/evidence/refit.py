@@ -44,10 +44,14 @@ class Fitted:
         return tuple(one.found.effect.name for one in self.problem.config.effects)
 
     @property
+    def squares(self) -> float:
+        """Sum of the squared residuals over noise, prior left out."""
+        return max(2.0 * self.cost - float(self.z @ self.z), 0.0)
+
+    @property
     def error(self) -> float:
-        """sqrt of the mean square of the residuals over noise, prior left out."""
-        data = self.cost - 0.5 * float(self.z @ self.z)
-        return float(np.sqrt(2.0 * max(data, 0.0) / self.problem.samples))
+        """sqrt of the mean square of the residuals over noise."""
+        return float(np.sqrt(self.squares / self.problem.samples))
 
     @property
     def values(self) -> dict[str, float]:

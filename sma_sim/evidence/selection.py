@@ -32,8 +32,9 @@ from sma_sim.model.effects.library import FoundEffect
 LEAST_FALL = 0.03  # part of the cross-validated error that an accepted effect takes away
 SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
-SURVIVORS, FINALISTS = 8, 5  # candidates that are refitted, and cross-validated
-LEAST_GAIN = 0.02  # of the best's: a candidate that gains less is not refitted
+SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
+LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
+WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
 MOST_EFFECTS = 4
 WELL = 1.01  # error over noise below which the other kinetics are not tried
 
@@ -103,7 +104,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     place.told(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, place.pool, place.seed)
     survivors = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
-    if not survivors or survivors[0].family_p > SIGNIFICANT and base.error < 1.0 + LEAST_FALL:
+    if not survivors or survivors[0].gain < WORTH * base.squares:
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
     refitted = together([partial(refit_both_ways, base, one, place.pool, place.stop) for one in survivors], place.stop)

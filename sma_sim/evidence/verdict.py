@@ -1,0 +1,129 @@
+"""A diagnosis as plain data for programs, and in a few lines for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
+from sma_sim.evidence.selection import Round, Tried
+from sma_sim.model.config import flat_parameters
+
+WORDS = {
+    'none': 'nothing is missing that these data could show',
+    'missing_effect': 'the model lacks {effects}',
+    'unknown_effect': 'something is missing that no known effect explains',
+}
+
+
+def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only."""
+    first = diagnosis.rounds[0] if diagnosis.rounds else None
+    return {
+        'verdict': diagnosis.verdict,
+        'model': diagnosis.calibration.config.model,
+        'effects': list(diagnosis.effects),
+        'ranking': ranking(first, diagnosis.held_out_ratio) if first else [],
+        'error': [error_of(step) for step in diagnosis.steps],
+        'noise_std': diagnosis.noise_std,
+        'parameters': {
+            name: value for name, value in flat_parameters(diagnosis.calibration.config).items()
+            if isinstance(value, float) and math.isfinite(value)
+        },
+        'intervals': intervals_of(diagnosis),
+        'training': list(diagnosis.training),
+        'held_out': list(diagnosis.held_out),
+        'interrupted': diagnosis.interrupted,
+        'seconds': diagnosis.seconds,
+    }  # fmt: skip
+
+
+def ranking(first: Round, ratios: dict[str, float]) -> list[dict[str, Any]]:
+    """Candidates of the first step, best first: the accepted one, then by cross-validated error."""
+    accepted = first.accepted.name if first.accepted else ''
+    ordered = sorted(first.tried, key=lambda one: (one.name != accepted, one.ratio))
+    return [rank_of(one, ratios) for one in ordered]
+
+
+def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
+    """One candidate."""
+    units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
+    std = {name.rpartition('.')[2]: s for name, s in one.std.items() if name.startswith(f'effects.{one.name}.')}
+    return {
+        'effect': one.name,
+        'delta_bic': one.delta_bic,
+        'held_out_error_ratio': finite(ratios.get(one.name, one.ratio)),
+        'cross_validated_error_ratio': finite(one.ratio),
+        'family_p': one.family_p,
+        'parameters': {
+            name: {'value': value, 'std': std.get(name), 'unit': units[name]}
+            for name, value in one.fitted.values_of(one.name).items()
+        },
+        'plausible': one.plausible,
+        'confounded_with': list(one.alike),
+    }  # fmt: skip
+
+
+def error_of(step: Step) -> dict[str, Any]:
+    """One step of the error's fall."""
+    return {
+        'effects': list(step.effects),
+        'model': step.model,
+        'train': finite(step.train),
+        'held_out': finite(step.held_out),
+        'channels': step.held_out_channels or step.channels,
+    }
+
+
+def intervals_of(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
+    """95 % intervals of the last fit."""
+    sure = diagnosis.calibration.uncertainty
+    if sure is None:
+        return {}
+    return {
+        one.name: {'value': one.value, 'low': one.low, 'high': one.high, 'unit': one.unit, 'seen': one.seen}
+        for one in sure.intervals
+    }
+
+
+def finite(value: float) -> float | None:
+    """JSON has no NaN and no infinity."""
+    return value if math.isfinite(value) else None
+
+
+def as_text(diagnosis: Diagnosis) -> Iterator[str]:
+    """The verdict for the terminal."""
+    yield f'verdict: {diagnosis.verdict} - {WORDS[diagnosis.verdict].format(effects=" and ".join(diagnosis.effects))}'
+    yield f'{"error over noise":<44} training  held out'
+    for step in diagnosis.steps:
+        name = ' + '.join(step.effects) or 'bare model'
+        yield f'  {name + " (" + step.model + ")":<42} {number(step.train):>8}  {number(step.held_out):>8}'
+    for one in diagnosis.rounds:
+        if one.accepted is not None and one.accepted.name in diagnosis.effects:
+            yield from lines_on(one.accepted)
+    if diagnosis.verdict == 'unknown_effect':
+        last = diagnosis.steps[-1]
+        channels = last.held_out_channels or last.channels
+        worst = max(channels, key=lambda name: channels[name])
+        yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
+    if diagnosis.interrupted:
+        yield 'stopped early: more may be missing'
+
+
+def lines_on(one: Tried) -> Iterator[str]:
+    """An accepted effect: its values beside what is realistic, and what explains as well."""
+    for parameter in one.found.effect.parameters:
+        value = one.fitted.values_of(one.name).get(parameter.name)
+        if value is not None:
+            real = parameter.realistic
+            range_ = f'  (realistic: {real[0]:g} to {real[1]:g})' if real else ''
+            std = one.std.get(f'effects.{one.name}.{parameter.name}', math.nan)
+            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g} {parameter.unit}{range_}'
+    if one.alike:
+        yield f'these data cannot tell it from {", ".join(one.alike)}'
+
+
+def number(value: float) -> str:
+    """An error over noise."""
+    return f'{value:.2f}' if math.isfinite(value) else '-'
