@@ -20,6 +20,15 @@ CHANNEL_COLUMNS: Mapping[str, str] = {
 }  # fmt: skip
 assert tuple(CHANNEL_COLUMNS) == CHANNELS
 
+# Columns of the file contract that are read, by system: inputs first, then what is measured there.
+INPUT_COLUMNS: Mapping[str, tuple[str, ...]] = {
+    'module': ('time_s', 'J_eq_W', 'T_E_K'),
+    'wire': ('time_s', 'strain', 'J_W', 'T_E_K'),
+}
+NEEDED_COLUMNS: Mapping[str, tuple[str, ...]] = {'module': ('time_s', 'J_eq_W'), 'wire': ('time_s', 'strain')}
+CHANNELS_OF: Mapping[str, tuple[str, ...]] = {'module': CHANNELS[:7], 'wire': CHANNELS[7:]}
+HIDDEN_COLUMNS = ('x_M_1', 'x_M_2', 'mode_1', 'mode_2', 'x_M', 'mode')  # no sensor shows them: not compared
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -42,10 +51,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Recordings of one robot or wire, and the standard deviation of the noise of each channel (SI units)."""
+    """Recordings of one robot or wire, and the standard deviation of the noise of each channel (SI units).
+
+    `notes` tell where the noise comes from and what was left out; those of a recording are in the recording.
+    """
 
     recordings: tuple[Recording, ...]
     noise_std: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def system(self) -> str:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import csv
 import os
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.evidence.cells import Layout, read_cells
+from sma_sim.evidence.cells import Vector as Vector
 from sma_sim.model.errors import UserError
 
-Vector = NDArray[np.float64]
 FORMAT = '%.17g'  # reads back to the same double
 
 
@@ -37,21 +36,8 @@ def read_columns(
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
     places = [header.index(name) for name in wanted]
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', UserWarning)  # of an empty table: said below
-            table = np.loadtxt(
-                path, delimiter=',', skiprows=1, usecols=places, ndmin=2, encoding='utf-8', comments=None,
-                converters={place: number_or_gap for name, place in zip(wanted, places, strict=True) if name in with_gaps},
-            )  # fmt: skip
-    except (ValueError, OSError):
-        table = None
-    full = [k for k, name in enumerate(wanted) if name not in with_gaps]
-    if table is None or len(table) and not np.isfinite(table[:, full]).all():
-        raise UserError(first_wrong_cell(path, wanted, places, with_gaps))
-    if len(table) == 0:
-        raise UserError(f'{path} has a header but no rows')
-    return {name: table[:, k].copy() for k, name in enumerate(wanted)}
+    full = [name for name in wanted if name not in with_gaps]
+    return read_cells(Layout(path, wanted, places, len(header), full))[0]
 
 
 def read_header(path: Path) -> list[str]:
@@ -65,42 +51,10 @@ def read_header(path: Path) -> list[str]:
         raise UserError(f'{path} is not a CSV file: {error}') from error
     if not line.strip():
         raise UserError(f'{path} is empty: expected a header and at least one row')
-    return [name.strip() for name in next(csv.reader([line]))]
-
-
-def number_or_gap(cell: str) -> float:
-    """The finite number in a cell, NaN where it is empty or says so itself."""
-    number = float(cell) if cell.strip() else float('nan')
-    if np.isinf(number):
-        raise ValueError(cell)
-    return number
-
-
-def first_wrong_cell(path: Path, names: Sequence[str], places: Sequence[int], with_gaps: Sequence[str] = ()) -> str:
-    """What to say of the first cell that is not a finite number (nor a gap where one may be)."""
     try:
-        with path.open(newline='', encoding='utf-8') as file:
-            for number, row in enumerate(csv.reader(file), start=1):
-                if number == 1 or not row:
-                    continue
-                for name, place in zip(names, places, strict=True):
-                    cell = row[place].strip() if place < len(row) else ''
-                    gap = name in with_gaps and place < len(row) and cell.lower() in ('', 'nan')
-                    if not (gap or is_finite_number(cell)):
-                        return f'{path}, row {number}, column {name}: expected a number, got {cell or "nothing"!r}'
-    except (UnicodeDecodeError, csv.Error) as error:
-        return f'{path} is not a CSV file: {error}'
-    except OSError as error:
-        return f'cannot read {path}: {error.strerror}'
-    return f'{path} is not a CSV file with commas between its cells'
-
-
-def is_finite_number(cell: str) -> bool:
-    """Whether a cell reads as a finite number."""
-    try:
-        return bool(np.isfinite(float(cell)))
-    except ValueError:
-        return False
+        return [name.strip() for name in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
 
 
 def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:

@@ -1,0 +1,166 @@
+"""The numbers of a CSV file, read in pieces: memory for the result and one piece, whatever the file's size."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+PIECE = 1 << 20  # characters
+LONGEST_LINE = 1_000_000  # characters
+GAPS = ('', 'nan')
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where to look: `names` of the columns wanted, their `places` in a row of `width` cells.
+
+    Columns in `full` must hold finite numbers; others may have gaps. A `tolerant` reader leaves out a last line that is
+    cut, and lets infinity pass: whoever asks for that looks at the numbers again.
+    """
+
+    path: Path
+    names: Sequence[str]
+    places: Sequence[int]
+    width: int
+    full: Sequence[str] = ()
+    tolerant: bool = False
+
+
+def read_cells(layout: Layout) -> tuple[dict[str, Vector], bool]:
+    """The columns, (k,) each and NaN at gaps, and whether a cut last line was left out. Raises UserError."""
+    path = layout.path
+    try:
+        table = [np.empty(most_rows(path)) for _ in layout.names]
+        count, line, cut = 0, 2, False
+        for text, last in pieces(path):
+            if last and layout.tolerant:
+                text, cut = without_cut_line(text, layout.width)
+            block = numbers(text, line, layout)
+            for column, values in zip(table, block.T, strict=True):
+                column[count : count + len(block)] = values
+            count, line = count + len(block), line + text.count('\n')
+    except OSError as error:
+        raise UserError(f'cannot read {path}: {error.strerror}') from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
+    if count == 0:
+        raise UserError(f'{path} has a header but no {"complete " if cut else ""}rows')
+    return {name: column[:count] for name, column in zip(layout.names, table, strict=True)}, cut
+
+
+def most_rows(path: Path) -> int:
+    """At least as many as the file has rows; without decoding it."""
+    feeds = returns = 1
+    with path.open('rb') as file:
+        while piece := file.read(PIECE):
+            feeds, returns = feeds + piece.count(b'\n'), returns + piece.count(b'\r')
+    return max(feeds, returns)
+
+
+def pieces(path: Path) -> Iterator[tuple[str, bool]]:
+    """Whole lines after the header, some millions of characters at a time, and whether they are the last."""
+    with path.open(encoding='utf-8-sig') as file:
+        file.readline(LONGEST_LINE)
+        text = read_lines(file, path)
+        while text:
+            following = read_lines(file, path)
+            yield text, not following
+            text = following
+
+
+def read_lines(file: io.TextIOWrapper, path: Path) -> str:
+    """The next whole lines."""
+    text = file.read(PIECE)
+    rest = '' if text.endswith('\n') else file.readline(LONGEST_LINE)
+    if len(rest) == LONGEST_LINE:
+        raise UserError(f'{path} is not a CSV file: it has a line of more than {LONGEST_LINE} characters')
+    return text + rest
+
+
+def without_cut_line(text: str, width: int) -> tuple[str, bool]:
+    """The text without its last line if that has no end or too few cells."""
+    body = text.rstrip('\n')
+    start = body.rfind('\n') + 1
+    if body and (body == text or body.count(',', start) < width - 1):
+        return text[:start], True
+    return text, False
+
+
+def numbers(text: str, line: int, layout: Layout) -> NDArray[np.float64]:
+    """The wanted cells (rows, columns) of whole lines, the first of which is `line` of the file. Raises UserError."""
+    if not text.strip():
+        return np.empty((0, len(layout.names)))
+    block = numbers_at_once(text, layout)
+    full = [k for k, name in enumerate(layout.names) if name in layout.full]
+    if block is None or not np.isfinite(block[:, full]).all() or not layout.tolerant and np.isinf(block).any():
+        return numbers_by_cell(text, line, layout)
+    return block
+
+
+def numbers_at_once(text: str, layout: Layout) -> NDArray[np.float64] | None:
+    """The fast way; None where a line does not look as it should."""
+    while '\n\n' in text:
+        text = text.replace('\n\n', '\n')
+    text = text.strip('\n') + '\n'
+    if '"' in text or not has_width(text, layout.width):
+        return None
+    for before, after in ((',,', ',nan,'), (',,', ',nan,'), (',\n', ',nan\n'), ('\n,', '\nnan,')):
+        text = text.replace(before, after)
+    if text.startswith(','):
+        text = 'nan' + text
+    try:
+        block: NDArray[np.float64] = np.loadtxt(
+            io.StringIO(text), delimiter=',', usecols=layout.places, ndmin=2, comments=None
+        )
+    except ValueError:
+        return None
+    return block
+
+
+def has_width(text: str, width: int) -> bool:
+    """Whether every line has `width` cells: numpy would not mind one more, such as a decimal comma makes."""
+    raw = np.frombuffer(text.encode(), np.uint8)
+    commas = np.searchsorted(np.flatnonzero(raw == ord(',')), np.flatnonzero(raw == ord('\n')))
+    return bool((np.diff(commas, prepend=0) == width - 1).all())
+
+
+def numbers_by_cell(text: str, line: int, layout: Layout) -> NDArray[np.float64]:
+    """The slow way, which knows what to say of a wrong cell. Raises UserError."""
+    rows = []
+    for number, row in enumerate(csv.reader(text.split('\n')), start=line):
+        if len(row) <= 1 and not ''.join(row).strip():
+            continue
+        if len(row) > layout.width and ''.join(row[layout.width :]).strip():
+            raise UserError(
+                f'{layout.path}, row {number}: expected {layout.width} cells as in the header, got {len(row)} '
+                f'(decimals need points, not commas)'
+            )
+        rows.append([
+            cell_number(row, place, name, number, layout)
+            for name, place in zip(layout.names, layout.places, strict=True)
+        ])  # fmt: skip
+    return np.array(rows, float).reshape(-1, len(layout.names))
+
+
+def cell_number(row: Sequence[str], place: int, name: str, number: int, layout: Layout) -> float:
+    """The number in one cell, NaN at a gap. Raises UserError."""
+    cell = row[place].strip() if place < len(row) else ''
+    if place < len(row) and name not in layout.full and cell.lower() in GAPS:
+        return float('nan')
+    try:
+        value = float('x' if '_' in cell else cell)
+    except ValueError:
+        value = float('nan')
+    if np.isnan(value) or np.isinf(value) and not layout.tolerant:
+        shown = repr(cell[:40] or 'nothing')
+        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number, got {shown}')
+    return value

@@ -1,0 +1,180 @@
+"""The rows of a recording in the order of time: shuffled rows, wrong stamps, clocks that jump back, times that repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp] | slice
+NEAR = 10  # sampling intervals: a clock that jumps back by no more was set anew, by more it is another session
+IRREGULAR = 0.25  # of the interval
+REGULAR_PART = 0.95
+SHUFFLED_PART = 0.02  # of the rows step back
+REPEATED_PART = 0.05
+
+
+def ordered_sessions(path: Path, time: Vector, sampled: Mask) -> tuple[list[Rows], list[str]]:
+    """Which rows make up each session, in the order of time, and what was done to get there.
+
+    `time` (k,) [s] is finite; `sampled` (k,) says which rows hold measured cells: the others, which only say when the
+    command changed, need not keep to a regular grid. Raises UserError where two recordings seem to be mixed.
+    """
+    everything = slice(0, len(time))
+    if not (np.diff(time) < 0.0).any():
+        return [everything], []
+    if is_shuffled(path, time, sampled):
+        return sorted_rows(everything, time)
+    right = ~wrong_stamps(time)
+    if right.all():
+        return split(everything, time)
+    rows = np.flatnonzero(right)
+    note = f'{len(time) - len(rows)} rows with a time far from that of the rows around them: dropped'
+    time, sampled = time[rows], sampled[rows]
+    if not (np.diff(time) < 0.0).any():
+        return [rows], [note]
+    sessions, notes = sorted_rows(rows, time) if is_shuffled(path, time, sampled) else split(rows, time)
+    return sessions, [note, *notes]
+
+
+def sorted_rows(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
+    """One session, sorted."""
+    order = np.argsort(time, kind='stable')
+    moved = int((np.diff(time) < 0.0).sum())
+    return [of_rows(rows, order)], [f'the rows were not in the order of time ({moved} steps back): sorted']
+
+
+def of_rows(rows: Rows, chosen: NDArray[np.intp]) -> Rows:
+    """The chosen ones of some rows."""
+    return chosen + rows.start if isinstance(rows, slice) else rows[chosen]
+
+
+def is_shuffled(path: Path, time: Vector, sampled: Mask) -> bool:
+    """Whether sorting mends the rows: sorted, they are one sampling grid (nearly) without repeated times."""
+    back = int((np.diff(time) < 0.0).sum())
+    ordered = np.sort(time[sampled] if sampled.sum() > 2 else time)
+    steps = np.diff(ordered)
+    repeated = float(np.mean(steps == 0.0))
+    if back > 2 and back > SHUFFLED_PART * len(time):
+        if repeated > REPEATED_PART and back > 0.2 * len(time):
+            raise UserError(
+                f'{path}: time steps back {back} times in {len(time)} rows and {100.0 * repeated:.0f} % of the times are '
+                f'there twice; expected one recording: are two mixed in this file?'
+            )
+        return repeated <= REPEATED_PART
+    return bool(repeated == 0.0 and steps.max() <= 1.5 * np.median(steps))
+
+
+def are_regular(steps: Vector) -> bool:
+    """Whether most steps (k,) [s] are about equal."""
+    if len(steps) < 2:
+        return False
+    usual = np.median(steps)
+    return float(np.mean((steps >= (1.0 - IRREGULAR) * usual) & (steps <= (1.0 + IRREGULAR) * usual))) >= REGULAR_PART
+
+
+def wrong_stamps(time: Vector) -> Mask:
+    """Rows whose time is far from that of both neighbours, while these are in order."""
+    steps = np.diff(time)
+    far = NEAR * typical_step(time)
+    wrong = np.zeros(len(time), dtype=bool)
+    forward, after = steps[:-1], steps[1:]
+    in_order = forward + after > 0.0
+    near = np.abs(forward + after) <= far
+    wrong[1:-1] = in_order & near & (np.abs(forward) > far) & (np.abs(after) > far)
+    wrong[-1] = steps[-1] < -far
+    return wrong
+
+
+def typical_step(time: Vector) -> float:
+    """The usual step forward [s]."""
+    steps = np.diff(time)
+    forward = steps[steps > 0.0]
+    return float(np.median(forward)) if len(forward) else 0.0
+
+
+def split(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
+    """Sessions where the clock jumps back by much or starts again; rows dropped where it jumps back by little."""
+    back = np.flatnonzero(np.diff(time) < 0.0) + 1
+    far = NEAR * typical_step(time)
+    starts = [0]
+    for at in back:
+        first, last = time[starts[-1]], time[starts[-1] : at].max()
+        if last - time[at] > far or (time[at] <= first and at - starts[-1] > 1):
+            starts.append(int(at))
+    sessions: list[Rows] = []
+    notes = [] if len(starts) == 1 else [f'time starts again {len(starts) - 1} times: taken as {len(starts)} sessions']
+    for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
+        sessions.append(of_rows(rows, start + forward_rows(time[start:end], notes)))
+    return sessions, notes
+
+
+def forward_rows(time: Vector, notes: list[str]) -> NDArray[np.intp]:
+    """The rows that are no earlier than any row before."""
+    latest = np.maximum.accumulate(time)
+    forward = np.flatnonzero(time >= latest)
+    if len(forward) < len(time):
+        notes.append(
+            f'the clock jumps back by {float((latest - time).max()):.3g} s at the most: '
+            f'{len(time) - len(forward)} rows dropped until it has caught up'
+        )
+    return forward
+
+
+def group_starts(time: Vector) -> NDArray[np.intp] | None:
+    """The first row of each group of rows with the same time; None where no time repeats."""
+    new = np.concatenate([[True], np.diff(time) > 0.0])
+    return None if new.all() else np.flatnonzero(new)
+
+
+def first_known(values: Vector, starts: NDArray[np.intp]) -> tuple[Vector, int]:
+    """The first number (NaN if none) in each group of rows, and how many more there were."""
+    known = np.isfinite(values)
+    index = np.where(known, np.arange(len(values)), len(values) - 1)
+    first = np.minimum.reduceat(index, starts)
+    kept = values[first]
+    ends = np.append(starts[1:], len(values))
+    kept[~(known[first] & (first < ends))] = np.nan
+    return kept, int(known.sum() - np.isfinite(kept).sum())
+
+
+def last_of_groups(values: Vector, starts: NDArray[np.intp]) -> Vector:
+    """The last value in each group of rows."""
+    kept: Vector = values[np.append(starts[1:], len(values)) - 1]
+    return kept
+
+
+def switching_is_exact(time: Vector, command: Vector, sampled: Mask) -> bool:
+    """Whether the rows (k,) of a command [W] tell when it changed, rather than what it was at a sample.
+
+    They do when at least half of the changes are in rows without measured cells, or in rows squeezed in between two of a
+    regular grid. They do also when nothing changes or nothing is measured.
+    """
+    changed = np.flatnonzero(np.diff(command) != 0.0) + 1
+    if len(changed) == 0 or not sampled.any():
+        return True
+    extra = ~sampled[changed]
+    grid = np.diff(time)
+    if are_regular(grid):
+        inner = changed < len(time) - 1
+        around = np.full(len(changed), np.inf)
+        around[inner] = time[changed[inner] + 1] - time[changed[inner] - 1]
+        extra |= around <= (1.0 + IRREGULAR) * np.median(grid)
+    return bool(extra.mean() >= 0.5)
+
+
+def kept_rows(values: Sequence[Vector]) -> Mask:
+    """Rows at which held inputs change, the row before each, and both ends: all that tells when they changed."""
+    changed = np.zeros(len(values[0]), dtype=bool)
+    for column in values:
+        changed[1:] |= np.diff(column) != 0.0
+    keep = changed.copy()
+    keep[:-1] |= changed[1:]
+    keep[[0, -1]] = True
+    return keep
