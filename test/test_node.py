@@ -14,7 +14,7 @@ import yaml
 
 from sma_sim import Config, Input, Model
 from sma_sim.model.config import flatten, read_yaml
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
@@ -191,7 +191,8 @@ def test_module_yaml_has_every_parameter_at_its_default():
     given = flatten(read_yaml(ROOT / 'config' / 'module.yaml'))
     for name, parameter in DEFAULTS.items():
         assert given[name] == parameter.default or math.isnan(given[name]) and math.isnan(parameter.default), name
-    assert set(given) - set(DEFAULTS) == {'system', 'model', 'effects.active', 'effects.paths'}
+    assert {name: given[name] for name in SETTINGS} == {name: setting.default for name, setting in SETTINGS.items()}
+    assert set(given) - set(DEFAULTS) - set(SETTINGS) == {'system', 'model', 'effects.active', 'effects.paths'}
 
 
 def test_step_response_example(tmp_path):

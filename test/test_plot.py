@@ -6,9 +6,10 @@ import pytest
 from sma_sim import Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.tables import read_columns
-from sma_sim.report.module_figure import beam_line, draw_module
+from sma_sim.model.geometry import shape_of
+from sma_sim.report.module_figure import draw_module
+from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 from sma_sim.report.run_figure import draw_run
-from sma_sim.report.style import MODE_COLOURS, MODE_NAMES
 from sma_sim.solver.inputs import inputs_at
 
 
@@ -126,7 +127,7 @@ def test_draw_run_says_what_it_can_draw():
 
 
 def test_drawn_beam_ends_at_the_plate():
-    along, across = beam_line(-6e-5, 2e-3, 0.08, 0.1)
+    along, across = shape_of(-6e-5, 2e-3, 0.08, Model().compiled.beam).beam.T
     assert (along[-1], across[-1]) == pytest.approx((0.1 - 6e-5, 2e-3))
     slope = np.gradient(across, along, edge_order=2)
     assert slope[0] == pytest.approx(0.0, abs=2e-3) and slope[-1] == pytest.approx(0.08, abs=2e-3)

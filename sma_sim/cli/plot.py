@@ -6,7 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.tables import check_writable, read_columns, read_header
+from sma_sim.cli.options import add_namespace_option
+from sma_sim.evidence.bag_files import is_bag
+from sma_sim.evidence.bags import read_bag
+from sma_sim.evidence.tables import Vector, check_writable, read_columns, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_figure import HELD, KNOWN, draw_run
 from sma_sim.report.style import save
@@ -15,18 +18,16 @@ from sma_sim.report.style import save
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser('plot', help='draw a run: pose, temperatures, forces, modes')
-    parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a module or a wire')
+    parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a module or a wire, or a bag')
+    add_namespace_option(parser)
     parser.add_argument('--out', type=Path, metavar='PICTURE', help='PNG, SVG or PDF to write (default: FILE with .png)')
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the columns that are known."""
-    header = read_header(arguments.file)
-    known = [name for name in KNOWN if name in header]
-    measured = [name for name in known if name not in HELD]
-    columns = read_columns(arguments.file, ('time_s',), [name for name in known if name in HELD], measured)
-    out = arguments.out or arguments.file.with_suffix('.png')
+    columns = read_bag(arguments.file, arguments.namespace) if is_bag(arguments.file) else read_table(arguments.file)
+    out = arguments.out or arguments.file.absolute().with_suffix('.png')
     check_writable(out)
     try:
         figure = draw_run(columns, arguments.file.name)
@@ -35,3 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
     save(figure, out)
     print(out)
     return 0
+
+
+def read_table(path: Path) -> dict[str, Vector]:
+    """The columns of a CSV file that can be drawn."""
+    header = read_header(path)
+    known = [name for name in KNOWN if name in header]
+    measured = [name for name in known if name not in HELD]
+    return read_columns(path, ('time_s',), [name for name in known if name in HELD], measured)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from
+from sma_sim.cli.options import Progress, add_config_options, add_namespace_option, announce_compilation, config_from
+from sma_sim.evidence.bag_files import is_bag, open_bag
+from sma_sim.evidence.bag_runs import write_mcap
+from sma_sim.evidence.bags import read_bag
 from sma_sim.evidence.tables import Vector, check_writable, read_columns, write_columns, write_rows
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
@@ -23,14 +28,17 @@ JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser('simulate', help='run the model under an input file')
-    parser.add_argument('--input', type=Path, required=True, help='CSV: time_s and J_eq_W (module) or strain (wire)')
-    parser.add_argument('--out', type=Path, required=True, help='CSV to write')
+    parser.add_argument(
+        '--input', type=Path, required=True, help='CSV with time_s and J_eq_W (module) or strain (wire), or a bag'
+    )
+    parser.add_argument('--out', type=Path, required=True, help='CSV to write, or mcap file (a name that ends in .mcap)')
     parser.add_argument('--rate', type=float, default=100.0, help='samples per second (default 100)')
     parser.add_argument('--model', choices=('hybrid', 'mas'))
     parser.add_argument('--system', choices=('module', 'wire'))
     parser.add_argument('--interpolation', choices=('hold', 'linear'), default='hold', help='of J_eq or J_W between rows')
     parser.add_argument('--integration-rate', type=float, metavar='HZ', help='fixed steps, just as the node makes them')
     parser.add_argument('--jumps', type=Path, metavar='FILE', help='CSV to write with the jumps of the hybrid model')
+    add_namespace_option(parser)
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -38,18 +46,18 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and write the samples."""
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
-    config = config_from(arguments, *chosen)
+    config = config_from(arguments, *chosen, recorded=recorded_parameters(arguments))
     check_rates(arguments, config.system)
     check_writable(arguments.out)
     if arguments.jumps:
         check_writable(arguments.jumps)
-    read = read_wire_input if config.system == 'wire' else read_module_input
-    source = read(arguments.input, config.parameters['environment.T_E'], arguments.interpolation == 'linear')
+    source = read_input(arguments, config)
     announce_compilation()
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
-    write_columns(arguments.out, inputs_at(source, trajectory.time) | trajectory.columns)
+    write = write_mcap if arguments.out.suffix == '.mcap' else write_columns
+    write(arguments.out, inputs_at(source, trajectory.time) | trajectory.columns)
     if arguments.jumps:
         rows = [(repr(jump.t), jump.j, jump.wire, jump.guard, jump.source, jump.target) for jump in trajectory.jumps]
         write_rows(arguments.jumps, JUMP_COLUMNS, rows)
@@ -101,9 +109,29 @@ def sample_times(source: Input, rate: float) -> Vector:
     return regular_times(source, rate)
 
 
-def read_module_input(path: Path, T_E: float, linear: bool) -> Input:
-    """Command (and ambient temperature, if given) of a module."""
-    columns = read_columns(path, ('time_s', 'J_eq_W'), ('T_E_K',))
+def recorded_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The parameters in a bag of our node, unless a file gives others."""
+    if arguments.config is not None or not is_bag(arguments.input):
+        return {}
+    recorded = open_bag(arguments.input).about.get('parameters')
+    if recorded is None:
+        return {}
+    print(f'note: parameters as recorded in {arguments.input} (--config FILE gives others)', file=sys.stderr)
+    parameters: dict[str, Any] = json.loads(recorded)
+    return parameters
+
+
+def read_input(arguments: argparse.Namespace, config: Config) -> Input:
+    """The input of the system that is simulated."""
+    T_E, linear = config.parameters['environment.T_E'], arguments.interpolation == 'linear'
+    if config.system == 'wire':
+        return read_wire_input(arguments.input, T_E, linear)
+    return read_module_input(arguments.input, T_E, linear, arguments.namespace)
+
+
+def read_module_input(path: Path, T_E: float, linear: bool, namespace: str | None = None) -> Input:
+    """Command (and ambient temperature, if given) of a module, from a CSV file or a bag."""
+    columns = read_bag(path, namespace) if is_bag(path) else read_columns(path, ('time_s', 'J_eq_W'), ('T_E_K',))
     ambient = ambient_of(path, columns, T_E)
     return Input(increasing(path, columns['time_s']), np.column_stack([columns['J_eq_W'], ambient]), (linear, False))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -16,6 +17,7 @@ from sma_sim.evidence.cells import Vector as Vector
 from sma_sim.model.errors import UserError
 
 FORMAT = '%.17g'  # reads back to the same double
+ROWS_AT_ONCE = 100_000
 
 
 def read_columns(
@@ -58,12 +60,15 @@ def read_header(path: Path) -> list[str]:
 
 
 def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:
-    """Write a CSV file of numbers, whole or not at all. Raises UserError."""
-    formats = ['%d' if name.startswith('mode') else FORMAT for name in columns]
+    """Write a CSV file of numbers, whole or not at all; NaN leaves a cell empty. Raises UserError."""
+    table = np.column_stack(list(columns.values()))
 
     def fill(file: Any) -> None:
         file.write(','.join(columns) + '\n')
-        np.savetxt(file, np.column_stack(list(columns.values())), fmt=formats, delimiter=',')
+        for first in range(0, len(table), ROWS_AT_ONCE):
+            text = io.StringIO()
+            np.savetxt(text, table[first : first + ROWS_AT_ONCE], fmt=FORMAT, delimiter=',')
+            file.write(text.getvalue().replace('nan', ''))
 
     write_whole(path, fill)
 

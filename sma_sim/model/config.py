@@ -7,16 +7,18 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
 
 from sma_sim.model.effects.library import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 
 CHOICES = {'system': ('module', 'wire'), 'model': ('hybrid', 'mas')}
 EFFECT_LISTS = ('effects.active', 'effects.paths')
+SWITCH_WORDS = {'true': True, 'false': False}
 COMMAND_LINE = 'on the command line'
 
 
@@ -29,14 +31,31 @@ def default_parameters() -> dict[str, float]:
     return {name: parameter.default for name, parameter in DEFAULTS.items()}
 
 
+def default_settings() -> dict[str, str | bool]:
+    """The node's texts and switches by full name."""
+    return {name: setting.default for name, setting in SETTINGS.items()}
+
+
 @dataclass(frozen=True)
 class Config:
-    """Checked parameters: numbers by full name, the system, the kinetics, the active effects."""
+    """Checked parameters: numbers by full name, the system, the kinetics, the active effects, the node's settings."""
 
     parameters: Mapping[str, float] = field(default_factory=default_parameters)
     system: str = 'module'
     model: str = 'hybrid'
     effects: tuple[ActiveEffect, ...] = ()
+    settings: Mapping[str, str | bool] = field(default_factory=default_settings)
+
+
+def flat_parameters(config: Config) -> dict[str, Any]:
+    """All that a configuration says, by full name: `read_config` makes the same one of it."""
+    values: dict[str, Any] = {'system': config.system, 'model': config.model, **config.parameters, **config.settings}
+    values['effects.active'] = [active.found.effect.name for active in config.effects]
+    values['effects.paths'] = sorted({str(file.parent) for active in config.effects for file in active.found.files})
+    for active in config.effects:
+        effect = active.found.effect
+        values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
+    return values
 
 
 @dataclass(frozen=True)
@@ -48,12 +67,18 @@ class Given:
     folder: Path = Path()
 
 
-def read_config(path: Path | None = None, words: Iterable[str] = (), effects: Iterable[str] = ()) -> Config:
+def read_config(
+    path: Path | None = None,
+    words: Iterable[str] = (),
+    effects: Iterable[str] = (),
+    start: Mapping[str, Any] = MappingProxyType({}),
+) -> Config:
     """Parameters of a YAML file (the defaults where it is silent), then ``name=value`` words over them.
 
-    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``. Raises UserError.
+    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``; `start` holds values by full name
+    that all others replace (those of `flat_parameters`). Raises UserError.
     """
-    given = given_values(path, words)
+    given = {name: Given(value, 'as recorded') for name, value in start.items()} | given_values(path, words)
     for word in effects:
         add_effect(word, given)
     return checked(given)
@@ -137,15 +162,18 @@ def checked(given: Mapping[str, Given]) -> Config:
     found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
     declared = dict(DEFAULTS) | effect_parameters(found)
     words = {name: choices[0] for name, choices in CHOICES.items()}
+    settings = default_settings()
     for name, one in given.items():
         if name in CHOICES:
             words[name] = checked_choice(name, one)
+        elif name in SETTINGS:
+            settings[name] = checked_setting(name, one)
         elif name not in EFFECT_LISTS:
             known[name] = Given(checked_number(name, one, declared), one.where)
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
     values = {name: float(known[name].value) for name in DEFAULTS}
-    return Config(values, words['system'], words['model'], effects)
+    return Config(values, words['system'], words['model'], effects, settings)
 
 
 def checked_choice(name: str, one: Given) -> str:
@@ -153,6 +181,16 @@ def checked_choice(name: str, one: Given) -> str:
     if one.value not in CHOICES[name]:
         raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(CHOICES[name])}')
     return str(one.value)
+
+
+def checked_setting(name: str, one: Given) -> str | bool:
+    """A text or a switch."""
+    wanted = type(SETTINGS[name].default)
+    value = SWITCH_WORDS.get(str(one.value).lower(), one.value) if wanted is bool else one.value
+    if not isinstance(value, wanted):
+        kind = 'true or false' if wanted is bool else 'a text'
+        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected {kind}')
+    return value
 
 
 def names_in(name: str, one: Given) -> list[str]:
@@ -203,7 +241,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> float:
     """One number within its bounds."""
     if name not in declared:
-        hint = suggestion(name, [*declared, *CHOICES, *EFFECT_LISTS])
+        hint = suggestion(name, [*declared, *CHOICES, *EFFECT_LISTS, *SETTINGS])
         raise ConfigError(f'unknown parameter {name} ({one.where}){hint}')
     parameter, value = declared[name], one.value
     low, high = parameter.bounds

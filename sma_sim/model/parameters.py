@@ -87,7 +87,27 @@ NODE_PARAMETERS = (
     Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
               source='docs/node.md'),
     Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source='docs/node.md'),
+    Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit",
+              source='docs/node.md'),
+    Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source='docs/node.md'),
 )  # fmt: skip
+
+@dataclass(frozen=True)
+class Setting:
+    """A parameter of the node that is no number: a text or a switch, by the type of its default."""
+
+    name: str
+    default: str | bool
+    description: str
+
+
+SETTINGS: Mapping[str, Setting] = {
+    f'node.{one.name}': one
+    for one in (
+        Setting('record', '', 'folder of the bag to write (rosbag2, mcap); none: nothing is recorded'),
+        Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0'),
+    )
+}
 
 GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'wire': WIRE_PARAMETERS,

@@ -9,17 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sma_sim.model.geometry import shape_of
 from sma_sim.model.parameters import BeamConstants
-from sma_sim.report.style import BLUE, GREY, MODE_COLOURS, ORANGE, mode_legend, new_figure, plain
+from sma_sim.report.palette import BLUE, GREY, MODE_COLOURS, ORANGE
+from sma_sim.report.style import mode_legend, new_figure, plain
 
 Vector = NDArray[np.float64]
 ANGLE_SCALE = 3.0  # angles and deflections are drawn larger than they are
-
-
-def beam_line(U_x: float, U_y: float, alpha: float, L: float) -> tuple[Vector, Vector]:
-    """The beam's axis (61,): the cubic that the cantilever takes with this tip [m]."""
-    s = np.linspace(0.0, 1.0, 61)
-    return s * (L + U_x), U_y * (3 * s**2 - 2 * s**3) + alpha * L * (s**3 - s**2)
 
 
 def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: BeamConstants) -> Figure:
@@ -61,21 +57,19 @@ def draw_course(axis: Any, columns: Mapping[str, Vector], instants: Sequence[flo
 def draw_pose(axis: Any, columns: Mapping[str, Vector], k: int, beam: BeamConstants) -> set[int]:
     """The module in sample `k`, upright; the modes that its wires are in."""
     U_x, U_y, alpha = (float(columns[name][k]) for name in ('U_x_m', 'U_y_m', 'alpha_rad'))
-    U_y, alpha = ANGLE_SCALE * U_y, ANGLE_SCALE * alpha
-    along, across = beam_line(U_x, U_y, alpha, beam.L)
-    axis.plot(1e3 * across, 1e3 * along, color='#444444', lw=5, solid_capstyle='butt')
-    half = 0.5 * beam.W
-    modes = set()
-    for wire, side in ((1, 1.0), (2, -1.0)):  # a positive angle leans towards wire 1 (EB-B2a)
-        mode = int(columns[f'mode_{wire}'][k])
-        modes.add(mode)
-        end = (U_y + side * half * np.cos(alpha), beam.L + U_x - side * half * np.sin(alpha))
-        axis.plot([1e3 * side * half, 1e3 * end[0]], [0.0, 1e3 * end[1]], color=MODE_COLOURS[mode], lw=2.5)
-    plate = np.array([-1.4 * half, 1.4 * half])
-    axis.plot(1e3 * (U_y + plate * np.cos(alpha)), 1e3 * (beam.L + U_x - plate * np.sin(alpha)), color='black', lw=4)
+    shape = shape_of(U_x, ANGLE_SCALE * U_y, ANGLE_SCALE * alpha, beam)
+
+    def draw(line: Vector, colour: str, width: float) -> None:
+        axis.plot(1e3 * line[:, 1], 1e3 * line[:, 0], color=colour, lw=width, solid_capstyle='butt')
+
+    draw(shape.beam, '#444444', 5.0)
+    modes = [int(columns[f'mode_{wire}'][k]) for wire in (1, 2)]
+    for mode, wire in zip(modes, shape.wires, strict=True):
+        draw(wire, MODE_COLOURS[mode], 2.5)
+    draw(shape.plate, 'black', 4.0)
     axis.plot([-14, 14], [-1.5, -1.5], color='black', lw=4)
     axis.set_aspect('equal')
     axis.set_xlim(-28, 28)
     axis.set_ylim(-5, 108)
     axis.axis('off')
-    return modes
+    return set(modes)

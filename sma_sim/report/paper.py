@@ -36,8 +36,9 @@ from sma_sim.report.experiments import (
     random_campaign,
     slow_sine,
 )
+from sma_sim.report.palette import BLUE, GREY, RED
 from sma_sim.report.run_figure import draw_run, panel_legend
-from sma_sim.report.style import BLUE, GREY, RED, new_figure, plain, save
+from sma_sim.report.style import new_figure, plain, save
 from sma_sim.solver.inputs import inputs_at
 
 PAPER_SECONDS = {'hybrid': 1.75, 'mas': 8.66}  # per run, section IV.B

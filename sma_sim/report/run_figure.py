@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.report.style import BLUE, GREEN, GREY, ORANGE, RED, axes_of, draw_modes, new_figure
+from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
+from sma_sim.report.style import axes_of, draw_modes, new_figure
 
 Vector = NDArray[np.float64]
 FREEZING = 273.15

@@ -1,4 +1,4 @@
-"""How all figures look: size, colours that colour-blind people tell apart, mode bands."""
+"""How all figures look: size, grid, mode bands."""
 
 from __future__ import annotations
 
@@ -13,19 +13,10 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 
 Vector = NDArray[np.float64]
 
-# Okabe and Ito's colours
-BLUE, ORANGE, GREEN, RED, GREY = '#0072B2', '#E69F00', '#009E73', '#D55E00', '#8c8c8c'
-MODE_COLOURS = {1: '#CC79A7', 2: '#0072B2', 3: '#c4c4c4', 4: '#56B4E9', 5: '#E69F00'}
-MODE_NAMES = {
-    1: '1 austenite',
-    2: '2 martensite',
-    3: '3 inside the hysteresis',
-    4: '4 to martensite',
-    5: '5 to austenite',
-}
 DPI = 120
 Place = Literal['outside lower center', 'outside upper center']
 

@@ -7,7 +7,9 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Mapping
 
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
 NAME = 'sma_module_sim'
@@ -74,33 +76,44 @@ def run(stop: threading.Event, stepping: threading.Event) -> int:
     config, settings = configure(node)
     if not is_compiled():
         node.get_logger().info('compiling the equations: once, about half a minute ...')
-    simulation = ModuleSimulation(node, config, settings)
+    use_sim_time = bool(node.get_parameter('use_sim_time').value)
+    simulation = ModuleSimulation(node, config, settings, use_sim_time)
     stepping.set()
-    effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
-    node.get_logger().info(
-        f'running: {config.model} model, effects {effects}, {settings["integration_rate"]:g} steps/s, '
-        f'{settings["publish_rate"]:g} messages/s per topic; waiting for J_eq [W]; stop with Ctrl-C'
-    )
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
     def serve() -> None:
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
+            try:
+                executor.spin_once(timeout_sec=0.1)
+            except Exception as error:  # a message that cannot be read must not end the listening
+                node.get_logger().error(f'a message or request was lost: {one_line(error)}')
 
     server = threading.Thread(target=serve, daemon=True)
     server.start()
     try:
+        simulation.begin(stop)
+        node.get_logger().info(words_on(config, settings))
         simulation.spin(stop)
     except SimulationError as error:
         node.get_logger().error(str(error))
         return 1
     finally:
+        simulation.close()
         stop.set()
         server.join()
         executor.remove_node(node)
         node.destroy_node()
     return 0
+
+
+def words_on(config: Config, settings: Mapping[str, float]) -> str:
+    """What runs, in a line."""
+    effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
+    return (
+        f'running: {config.model} model, effects {effects}, {settings["integration_rate"]:g} steps/s, '
+        f'{settings["publish_rate"]:g} messages/s per topic; waiting for J_eq [W]; stop with Ctrl-C'
+    )
 
 
 if __name__ == '__main__':

@@ -2,116 +2,83 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import Float64
 
-from sma_sim.model.config import Config
+from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
+from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
-from sma_sim.ros.schedule import Schedule, Speed
+from sma_sim.ros.outlets import Outlets, type_name
+from sma_sim.ros.recorder import Recorder
+from sma_sim.ros.schedule import ClockSchedule, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
-WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
+PATIENCE_WITH_CLOCK = 5.0  # [s] between two reminders that there is none
+INPUTS = {'J_eq': Float64, 'ambient_temperature': Temperature}
 IDLE = 0.01  # [s] between two looks for a wish while paused
-
-
-class Command:
-    """The command that is in force, and what was wrong with those that are not."""
-
-    def __init__(self, node: Node, J_max: float, timeout: float) -> None:
-        self._logger, self._J_max, self._timeout = node.get_logger(), J_max, timeout
-        self.clear()
-        self.rejected = 0
-
-    def receive(self, message: Float64) -> None:
-        """Take a command, clipped to J_max; refuse one that is not a finite number."""
-        J_eq = float(message.data)
-        if not math.isfinite(J_eq):
-            self.rejected += 1
-            self._logger.warning(
-                f'J_eq = {J_eq} W refused: expected a finite number; the last good command stays in force',
-                throttle_duration_sec=WARNING_PERIOD,
-            )
-            return
-        if abs(J_eq) > self._J_max:
-            self._logger.warning(
-                f'J_eq = {J_eq:g} W clipped to node.J_max = {self._J_max:g} W', throttle_duration_sec=WARNING_PERIOD
-            )
-        self._J_eq = min(max(J_eq, -self._J_max), self._J_max)
-        self._fresh = True
-
-    def clear(self) -> None:
-        """No command: heating off, until the next one."""
-        self._J_eq, self._arrived, self._fresh = 0.0, math.inf, False
-
-    def at(self, t: float) -> float:
-        """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
-        if self._fresh:
-            self._arrived, self._fresh = t, False
-        if self._timeout > 0.0 and t - self._arrived > self._timeout:
-            self._logger.warning(
-                f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
-            )
-            self.clear()
-        return self._J_eq
+CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
 
 class ModuleSimulation:
     """The simulated module behind the topics of one node."""
 
-    def __init__(self, node: Node, config: Config, settings: Mapping[str, float]) -> None:
-        self._node, self._rate = node, settings['integration_rate']
+    def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
+        self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], settings
+        self._logger = node.get_logger()
         try:
             self._every = steps_per_sample(self._rate, settings['publish_rate'])
         except UserError as error:
             raise UserError(f'node.publish_rate and node.integration_rate: {error}') from error
-        self._ambient = config.parameters['environment.T_E']
+        self._is_clock = bool(config.settings['node.publish_clock'])
+        if self._is_clock and use_sim_time:
+            raise UserError('node.publish_clock and use_sim_time: a node is the source of /clock or follows it, not both')
+        self._clock_every = divisor(self._every, self._rate / CLOCK_RATE)
+        self._picture_every = self._every * math.ceil(settings['publish_rate'] / MARKER_RATE)
         self._model = Model(config)
-        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
+        self._ambient = Ambient(node, config.parameters['environment.T_E'])
+        self._new_run()
         for note in self._run.notes:
-            node.get_logger().info(note)
+            self._logger.info(note)
         self.command = Command(node, settings['J_max'], settings['command_timeout'])
-        self._schedule, self._speed = Schedule(self._rate, settings['real_time_factor']), Speed()
+        self._schedule = self._new_schedule(use_sim_time)
+        self._follows, self._anchor = use_sim_time, self._schedule.anchor
+        self._speed = Speed()
+        senses = any(one.found.effect.port == 'sensing' for one in config.effects)
+        beam = beam_constants(config.parameters)
+        self._outlets = Outlets(node, beam, config.parameters['beam.h'], senses, self._is_clock)
         self._control, self._diagnostics = Control(node), Diagnostics(node)
-        self._senses = any(one.found.effect.port == 'sensing' for one in config.effects)
-        self._advertise()
-        node.create_subscription(Float64, 'J_eq', self.command.receive, 10)
-        node.create_subscription(Temperature, 'ambient_temperature', self._receive_ambient, 10)
+        receivers = (self.command.receive, self._ambient.receive)
+        for (topic, kind), receive in zip(INPUTS.items(), receivers, strict=True):
+            node.create_subscription(kind, topic, receive, 10)
+        self._told: set[str] = set()
         node.add_on_set_parameters_callback(self._set_parameters)
-        self._applied = math.nan
-        self._modes = [int(m) for m in messages.of_wires(self._run.sample, 'mode')]
 
-    def _advertise(self) -> None:
-        def publisher(kind: Any, topic: str, qos: Any = 10) -> Any:
-            return self._node.create_publisher(kind, topic, qos)
-
-        self._joints = publisher(JointState, 'joint_states')
-        self._true_joints = publisher(JointState, 'true_joint_states') if self._senses else None
-        self._wires = publisher(JointState, 'wire_states')
-        self._forces = publisher(Float64MultiArray, 'wire_forces')
-        self._modes_topic = publisher(UInt8MultiArray, 'wire_modes')
-        self._temperatures = [publisher(Temperature, f'{wire}/temperature') for wire in messages.WIRES]
-        self._fractions = publisher(Float64MultiArray, 'phase_fractions')
-        latest = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._applied_topic = publisher(Float64, 'J_eq_applied', latest)
+    def begin(self, stop: threading.Event) -> None:
+        """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
+        while self._follows and self._node.get_clock().now().nanoseconds == 0 and not stop.is_set():
+            self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=PATIENCE_WITH_CLOCK)
+            time.sleep(IDLE)
+        self._begin()
 
     def spin(self, stop: threading.Event) -> None:
         """Step in time until `stop` is set. Raises SimulationError."""
-        self._begin()
         diagnose_at = time.monotonic() + DIAGNOSTICS_PERIOD
+        self._schedule.restart()
         while not stop.is_set():
             if self._control.take_wish() == 'reset':
                 self._reset()
@@ -124,88 +91,174 @@ class ModuleSimulation:
                 diagnose_at += DIAGNOSTICS_PERIOD
                 self._diagnose()
 
+    def close(self) -> None:
+        """End the bag, if one is being written."""
+        if self._outlets.recorder is not None:
+            self._outlets.recorder.close()
+            if not self._outlets.recorder.failed:
+                self._logger.info(f'recorded {self._outlets.recorder.count} messages to {self._outlets.recorder.path}')
+            self._outlets.recorder = None
+
+    def _new_schedule(self, use_sim_time: bool) -> Schedule:
+        if not use_sim_time:
+            return WallSchedule(self._rate, self._settings['real_time_factor'])
+        if self._settings['real_time_factor'] != 1.0:
+            self._logger.warning('use_sim_time: /clock sets the pace, node.real_time_factor is not used')
+        return ClockSchedule(self._rate, lambda: int(self._node.get_clock().now().nanoseconds))
+
+    def _new_run(self) -> None:
+        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]))
+        self._modes = [int(mode) for mode in messages.of_wires(self._run.sample, 'mode')]
+        self._applied, self._applied_T_E = math.nan, math.nan
+
     def _begin(self) -> None:
-        self._epoch = self._node.get_clock().now().nanoseconds
+        """Simulated time 0: its stamp, a new bag, the first sample."""
+        self._epoch = 0 if self._is_clock else int(self._node.get_clock().now().nanoseconds)
+        self._log_epoch = self._epoch
         seconds, nanoseconds = divmod(self._epoch, 10**9)
-        self._node.get_logger().info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
-        self._schedule.restart()
+        self._logger.info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
+        self._start_recording()
         self._publish()
+
+    def _start_recording(self) -> None:
+        name = str(self._config.settings['node.record'])
+        if not name:
+            return
+        path = Path(name).expanduser().absolute()
+        again = 0
+        while self._outlets.recorder is not None and path.exists():  # after a reset, beside the bags before it
+            again += 1
+            path = path.with_name(f'{Path(name).name}_{again}')
+        about = {
+            'epoch': str(self._log_epoch),
+            'integration_rate': repr(self._rate),
+            'publish_rate': repr(self._settings['publish_rate']),
+            'parameters': json.dumps(flat_parameters(self._config)),
+        }
+        most, longest = self._settings['record_size'], self._settings['record_duration']
+        self.close()
+        self._outlets.recorder = Recorder(path, self._outlets.recorded, about, most, longest, self._logger.error)
+        self._logger.info(f'recording to {path}')
 
     def _reset(self) -> None:
         self.command.clear()
-        self._speed = Speed()
-        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient]))
+        self._new_run()
         self._begin()
+        self._schedule.restart()
+        self._speed = Speed()
 
     def _idle(self) -> None:
         if self._control.take_wish() == 'step':
-            self._step()
+            self._advance(1)
             self._control.fulfil()
         else:
             time.sleep(IDLE)
         self._schedule.restart()
 
     def _step_in_time(self) -> None:
-        moved = self._schedule.wait()
-        if moved > 0.0:
-            self._node.get_logger().warning(
-                f'{moved:.2f} s behind the clock: simulated time stands still for as long',
+        due = self._schedule.wait()
+        if self._schedule.anchor != self._anchor:  # stamps are those of the clock that is followed
+            self._anchor = self._schedule.anchor
+            self._epoch = self._anchor - round(self._run.k * 1e9 / self._rate)
+        if due.moved > 0.0:
+            self._logger.warning(
+                f'{due.moved:.2f} s behind the clock: simulated time stands still for as long',
                 throttle_duration_sec=WARNING_PERIOD,
             )
-        self._step()
+        if due.back > 0.0:
+            self._logger.warning(f'the clock went back by {due.back:.2f} s: the simulation goes on from there')
+        if due.steps:
+            self._advance(due.steps)
 
-    def _diagnose(self) -> None:
-        factor = self._speed.since_last(self._run.time)
-        values = {
-            'simulated time [s]': f'{self._run.time:.3f}',
-            'real-time factor': f'{factor:.4f}',
-            'overruns': self._schedule.overruns,
-            'rejected commands': self.command.rejected,
-            'J_eq applied [W]': f'{self._applied:g}',
-        }
-        words = 'paused' if self._control.paused else 'running'
-        self._diagnostics.publish(words, warn=self._schedule.overruns > 0, values=values)
+    def _advance(self, steps: int) -> None:
+        """Make steps; nothing that is published or that changes the input is passed over."""
+        while steps > 0:
+            count = min(steps, self._clock_every - self._run.k % self._clock_every)
+            self._apply()
+            self._run.step(np.array([self._applied, self._applied_T_E]), count, self._every)
+            for jump in self._run.take_jumps():
+                self._modes[jump.wire - 1] = jump.target
+                self._outlets.send('wire_modes', self._log_epoch + round(jump.t * 1e9), messages.wire_modes(self._modes))
+            if self._run.k % self._every == 0:
+                self._publish()
+            elif self._run.k % self._clock_every == 0:
+                self._outlets.send_clock(self._time(self._epoch))
+            steps -= count
 
-    def _step(self) -> None:
-        J_eq = self.command.at(self._run.time)
+    def _apply(self) -> None:
+        """The input of the next steps, told when it changes."""
+        J_eq, T_E, now = self.command.at(self._run.time), self._ambient.T_E, self._time(self._log_epoch)
         if J_eq != self._applied:
             self._applied = J_eq
-            self._applied_topic.publish(Float64(data=J_eq))
-        self._run.step(np.array([J_eq, self._ambient]))
-        for jump in self._run.take_jumps():
-            self._modes[jump.wire - 1] = jump.target
-            self._modes_topic.publish(messages.wire_modes(self._modes))
-        if self._run.k % self._every == 0:
-            self._publish()
+            self._outlets.send('J_eq_applied', now, Float64(data=J_eq))
+        if self._applied_T_E != T_E:
+            self._applied_T_E = T_E
+            self._outlets.send('T_E_applied', now, Float64(data=T_E))
+
+    def _time(self, epoch: int) -> int:
+        """The time [ns] of the end of the last step."""
+        return epoch + round(self._run.k * 1e9 / self._rate)
 
     def _publish(self) -> None:
-        row = self._run.sample
-        stamp = messages.stamp_of(self._epoch + round(self._run.k * 1e9 / self._rate))
-        self._joints.publish(messages.joint_state(stamp, row, sensed=True))
-        if self._true_joints is not None:
-            self._true_joints.publish(messages.joint_state(stamp, row, sensed=False))
-        self._wires.publish(messages.wire_state(stamp, row))
-        self._forces.publish(messages.wire_forces(row))
-        for wire, topic in enumerate(self._temperatures):
-            topic.publish(messages.temperature(stamp, row, wire))
-        self._fractions.publish(messages.phase_fractions(row))
+        row, stamp, log_time = self._run.sample, self._time(self._epoch), self._time(self._log_epoch)
         self._modes = [int(mode) for mode in messages.of_wires(row, 'mode')]
-        self._modes_topic.publish(messages.wire_modes(self._modes))
+        self._outlets.send_clock(stamp)
+        self._outlets.send_sample(stamp, log_time, row, self._modes)
+        if self._run.k % self._picture_every == 0:
+            self._outlets.send_markers(stamp, log_time, row, self._modes)
 
-    def _receive_ambient(self, message: Temperature) -> None:
-        kelvin = message.temperature + messages.FREEZING
-        low, high = DEFAULTS['environment.T_E'].bounds
-        if not low <= kelvin <= high:
-            self._node.get_logger().warning(
-                f'ambient_temperature = {message.temperature} deg C refused: expected {low - messages.FREEZING:g} to '
-                f'{high - messages.FREEZING:g} deg C',
-                throttle_duration_sec=WARNING_PERIOD,
-            )
-            return
-        self._ambient = kelvin
+    def _diagnose(self) -> None:
+        recorder, schedule = self._outlets.recorder, self._schedule
+        recording = 'no' if recorder is None else f'failed: {recorder.failed}' if recorder.failed else 'yes'
+        values = {
+            'simulated time [s]': f'{self._run.time:.3f}',
+            'real-time factor': f'{self._speed.since_last(self._run.time):.4f}',
+            'overruns': schedule.overruns,
+            'time left behind [s]': f'{schedule.lost:.3f}',
+            'rejected commands': self.command.rejected,
+            'clipped commands': self.command.clipped,
+            'rejected ambient temperatures': self._ambient.rejected,
+            'J_eq applied [W]': f'{self._applied:g}',
+            'recording': recording,
+        }
+        if recorder is not None:
+            values |= {'bag': str(recorder.path), 'messages in the bag': recorder.count}
+        problems = [
+            f'{schedule.overruns} overruns' if schedule.overruns else '',
+            f'recording {recording}' if recorder is not None and recorder.failed else '',
+            *self._strangers(),
+        ]
+        words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]
+        self._diagnostics.publish('; '.join(words), warn=len(words) > 1, values=values)
+
+    def _strangers(self) -> list[str]:
+        """What other nodes do that they should not."""
+        topics = ['joint_states', *(['/clock'] if self._is_clock else [])]
+        found = [
+            f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'
+            for topic in topics
+            if self._node.count_publishers(topic) > 1
+        ]
+        for topic, expected in INPUTS.items():
+            kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
+            found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
+        for words in set(found) - self._told:
+            self._logger.warning(words)
+        self._told |= set(found)
+        return found
 
     def _set_parameters(self, parameters: list[Any]) -> SetParametersResult:
         for parameter in parameters:
+            wrong = ''
             if parameter.name == 'environment.T_E':
-                self._ambient = float(parameter.value)
+                wrong = self._ambient.set(float(parameter.value))
+            elif parameter.name == 'use_sim_time' and parameter.value != self._follows:
+                wrong = 'use_sim_time: give it when the node starts (-p use_sim_time:=true)'
+            if wrong:
+                return SetParametersResult(successful=False, reason=wrong)
         return SetParametersResult(successful=True)
+
+
+def divisor(number: int, most: float) -> int:
+    """The largest divisor of `number` that is not larger than `most` (at least 1)."""
+    return max(d for d in range(1, number + 1) if number % d == 0 and (d == 1 or d <= most))

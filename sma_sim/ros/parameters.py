@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
 from sma_sim.model.effects.library import find_effects
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 
 LIVE = ('environment.T_E',)
 OF_ROS = ('use_sim_time', 'start_type_description_service')
@@ -65,6 +65,10 @@ def configure(node: Node) -> tuple[Config, Mapping[str, float]]:
             additional_constraints=f'one of {", ".join(choices)}',
         )  # fmt: skip
         node.declare_parameter(name, getattr(config, name), words, ignore_override=True)
+    for name, setting in SETTINGS.items():
+        kind = ParameterType.PARAMETER_BOOL if isinstance(setting.default, bool) else ParameterType.PARAMETER_STRING
+        words = ParameterDescriptor(description=setting.description, read_only=True, type=kind)
+        node.declare_parameter(name, config.settings[name], words, ignore_override=True)
     declare_effects(node, config, given)
     settings = {name.removeprefix('node.'): config.parameters[name] for name in DEFAULTS if name.startswith('node.')}
     return config, settings

@@ -1,40 +1,106 @@
-"""When the next step is due: simulated against wall time, without bursts."""
+"""When the next steps are due, without bursts: by the computer's clock, or by the clock of ROS."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 LATENESS_TO_MAKE_UP = 0.1  # [s]; beyond it the schedule moves, so that an overrun is not answered with a burst
+CLOCK_STEP_TO_FOLLOW = 0.5  # [s] that another clock may move at once before it counts as an overrun
+SHORTEST_SLEEP = 1e-3  # [s]; steps that are due within it are made together
+PATIENCE = 0.05  # [s] after which a wait returns with nothing due
 
 
-class Schedule:
-    """Due times of the steps at `rate` steps per simulated second and `factor` simulated seconds per second.
+class Due(NamedTuple):
+    """Steps to make now; by how much simulated time was left behind the clock [s]; by how much the clock went back [s]."""
 
-    A factor of 0 means as fast as possible.
-    """
+    steps: int
+    moved: float = 0.0
+    back: float = 0.0
+
+
+class Schedule(Protocol):
+    """What says when steps are due."""
+
+    overruns: int
+    lost: float  # [s] by which simulated time was left behind, in all
+    anchor: int  # time [ns] of the followed clock since which steps are counted
+
+    def restart(self) -> None:
+        """The next step is due one period from now."""
+
+    def wait(self) -> Due:
+        """Sleep until steps are due, but not for long."""
+
+
+class WallSchedule:
+    """`rate` steps per simulated second, `factor` simulated seconds per second; 0: as fast as possible."""
 
     def __init__(self, rate: float, factor: float) -> None:
-        self._period = 1.0 / (rate * factor) if factor > 0.0 else 0.0
-        self.overruns = 0
+        pace = rate * factor
+        self._steps = max(1, round(pace * SHORTEST_SLEEP)) if factor > 0.0 else max(1, round(rate * SHORTEST_SLEEP))
+        self._period = self._steps / pace if factor > 0.0 else 0.0
+        self.overruns, self.lost, self.anchor = 0, 0.0, 0
         self.restart()
 
     def restart(self) -> None:
         """The next step is due one period from now."""
         self._due = time.monotonic() + self._period
 
-    def wait(self) -> float:
-        """Sleep until the next step is due; by how much the schedule had to be moved [s], mostly 0."""
-        late = time.monotonic() - self._due
-        self._due += self._period
+    def wait(self) -> Due:
+        """Sleep until the next steps are due; nothing is due yet when that takes long."""
         if self._period == 0.0:
-            return 0.0
+            return Due(self._steps)
+        late = time.monotonic() - self._due
+        if late < -PATIENCE:
+            time.sleep(PATIENCE)
+            return Due(0)
+        self._due += self._period
         if late < 0.0:
             time.sleep(-late)
         elif late > LATENESS_TO_MAKE_UP:
             self.overruns += 1
+            self.lost += late
             self._due += late
-            return late
-        return 0.0
+            return Due(self._steps, moved=late)
+        return Due(self._steps)
+
+
+class ClockSchedule:
+    """`rate` steps per second of another clock; `now` tells its time [ns], 0 before it was heard of."""
+
+    def __init__(self, rate: float, now: Callable[[], int]) -> None:
+        self._rate, self._now = rate, now
+        self.overruns, self.lost, self.anchor = 0, 0.0, 0
+        self.restart()
+
+    def restart(self) -> None:
+        """The next step is due one period from now."""
+        self.anchor = self._last = self._now()
+        self._made = 0
+
+    def wait(self) -> Due:
+        """Look at the clock; sleep a moment when nothing is due."""
+        now = self._now()
+        if self.anchor == 0 or now < self._last:
+            back = (self._last - now) / 1e9 if self.anchor else 0.0
+            self.restart()
+            time.sleep(SHORTEST_SLEEP)
+            return Due(0, back=back)
+        self._last = now
+        steps = int((now - self.anchor) * self._rate / 1e9 + 1e-6) - self._made
+        if steps <= 0:
+            time.sleep(SHORTEST_SLEEP)
+            return Due(0)
+        if steps > max(1.0, CLOCK_STEP_TO_FOLLOW * self._rate):
+            moved = steps / self._rate
+            self.overruns += 1
+            self.lost += moved
+            self.restart()
+            return Due(0, moved=moved)
+        self._made += steps
+        return Due(steps)
 
 
 class Speed:

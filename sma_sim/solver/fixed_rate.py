@@ -30,6 +30,7 @@ from sma_sim.solver.simulate import (
 from sma_sim.solver.stepper import Segment
 
 STEPS_AT_ONCE = 10_000
+ROUNDING = 1e-4  # [steps] within which a time is that of a step: bags tell times in whole nanoseconds
 MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
 
 
@@ -67,9 +68,9 @@ class FixedRateRun:
         row: Vector = self._samples[0]
         return row
 
-    def step(self, u: Vector) -> None:
-        """One step under the input `u`: module (J_eq [W], T_E [K])."""
-        self.advance(np.reshape(u, (1, -1)), 1, self._samples)
+    def step(self, u: Vector, count: int = 1, every: int = 1) -> None:
+        """Steps under the input `u`: module (J_eq [W], T_E [K]); `sample` is renewed where `every` divides their number."""
+        self.advance(np.tile(u, (count, 1)), every, self._samples)
 
     def advance(self, inputs: NDArray[np.float64], every: int, samples: NDArray[np.float64]) -> int:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
@@ -93,7 +94,7 @@ class FixedRateRun:
 
 def held_inputs(source: Input, rate: float) -> tuple[int, NDArray[np.float64]]:
     """The first step and the input of every step: a row takes effect at the first step that begins with it or later."""
-    first = np.ceil(np.asarray(source.times, float) * rate - 1e-6).astype(int)
+    first = np.ceil(np.asarray(source.times, float) * rate - ROUNDING).astype(int)
     row = np.searchsorted(first, np.arange(first[0], max(first[-1], first[0] + 1)), side='right') - 1
     return int(first[0]), np.asarray(source.values, float)[row]
 

@@ -1,0 +1,79 @@
+"""`sma-sim bag`: what is in a bag, a whole bag from a broken one, CSV from a bag and back."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli.options import add_namespace_option
+from sma_sim.evidence.bag_files import open_bag, repair
+from sma_sim.evidence.bag_runs import write_mcap
+from sma_sim.evidence.bags import ORDER, read_bag
+from sma_sim.evidence.tables import check_writable, read_columns, read_header, write_columns
+from sma_sim.model.errors import UserError
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb and its own verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser('bag', help='look into bags, repair and convert them')
+    own = parser.add_subparsers(dest='bag_verb', required=True)
+    info = own.add_parser('info', help='topics, counts, duration, parameters')
+    info.add_argument('bag', type=Path, metavar='BAG')
+    info.set_defaults(run=tell)
+    mend = own.add_parser('repair', help='make a whole bag of one that breaks off (killed recorder, full disk)')
+    mend.add_argument('bag', type=Path, metavar='BAG')
+    mend.add_argument('--out', type=Path, metavar='NEW', help='folder of the new bag (default: BAG_repaired)')
+    mend.set_defaults(run=mend_bag)
+    convert = own.add_parser('convert', help='CSV from a bag, or an mcap file from a CSV')
+    convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV of a module')
+    convert.add_argument('target', type=Path, metavar='TO', help='name that ends in .csv or .mcap')
+    add_namespace_option(convert)
+    convert.set_defaults(run=convert_run)
+
+
+def tell(arguments: argparse.Namespace) -> int:
+    """Print what is in a bag."""
+    bag = open_bag(arguments.bag)
+    topics = bag.topics()
+    first, last = None, 0
+    for message in bag.messages():
+        first = message.log_time if first is None else min(first, message.log_time)
+        last = max(last, message.log_time)
+    duration = (last - first) / 1e9 if first is not None else 0.0
+    state = 'whole' if bag.whole else f'breaks off: `sma-sim bag repair {arguments.bag}` makes a whole one of it'
+    print(f'{arguments.bag}: {sum(count for _, count in topics.values())} messages, {duration:.3f} s, {state}')
+    for name, (kind, count) in sorted(topics.items()):
+        print(f'  {name:<28} {kind:<36} {count}')
+    if 'parameters' in bag.about:
+        parameters = json.loads(bag.about['parameters'])
+        effects = ', '.join(parameters['effects.active']) or 'none'
+        rate = float(bag.about['integration_rate'])
+        print(f'recorded by sma_module_sim: {parameters["model"]} model, effects {effects}, {rate:g} steps/s')
+    return 0
+
+
+def mend_bag(arguments: argparse.Namespace) -> int:
+    """Write what can be read as a new bag."""
+    path = arguments.bag
+    out = arguments.out or path.with_name(f'{path.stem if path.is_file() else path.name}_repaired')
+    count = repair(path, out)
+    print(f'{out}: {count} messages')
+    return 0
+
+
+def convert_run(arguments: argparse.Namespace) -> int:
+    """Write a run in another format."""
+    source, target = arguments.source, arguments.target
+    check_writable(target)
+    if target.suffix == '.csv':
+        write_columns(target, read_bag(source, arguments.namespace))
+    elif target.suffix == '.mcap':
+        header = read_header(source)
+        others = [name for name in ORDER if name in header and name not in ('time_s', 'J_eq_W', 'T_E_K')]
+        write_mcap(target, read_columns(source, ('time_s', 'J_eq_W'), ('T_E_K',), others))
+    else:
+        raise UserError(f'{target}: expected a name that ends in .csv or .mcap')
+    print(target)
+    return 0

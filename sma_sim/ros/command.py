@@ -1,0 +1,88 @@
+"""The command and the ambient temperature in force, and what was wrong with those that are not."""
+
+from __future__ import annotations
+
+import math
+
+from rclpy.node import Node
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import Float64
+
+from sma_sim.model.parameters import DEFAULTS
+from sma_sim.ros.messages import FREEZING
+
+WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
+
+
+class Command:
+    """The command that is in force; a bad one is refused or clipped, and that is said."""
+
+    def __init__(self, node: Node, J_max: float, timeout: float) -> None:
+        self._logger, self._J_max, self._timeout = node.get_logger(), J_max, timeout
+        self.clear()
+        self.rejected = 0
+        self.clipped = 0
+
+    def receive(self, message: Float64) -> None:
+        """Take a command, clipped to J_max; refuse one that is not a finite number."""
+        J_eq = float(message.data)
+        if not math.isfinite(J_eq):
+            self.rejected += 1
+            self._logger.warning(
+                f'J_eq = {J_eq} W refused: expected a finite number; the last good command stays in force',
+                throttle_duration_sec=WARNING_PERIOD,
+            )
+            return
+        if abs(J_eq) > self._J_max:
+            self.clipped += 1
+            self._logger.warning(
+                f'J_eq = {J_eq:g} W clipped to node.J_max = {self._J_max:g} W', throttle_duration_sec=WARNING_PERIOD
+            )
+        self._J_eq = min(max(J_eq, -self._J_max), self._J_max)
+        self._fresh = True
+
+    def clear(self) -> None:
+        """No command: heating off, until the next one."""
+        self._J_eq, self._arrived, self._fresh = 0.0, math.inf, False
+
+    def at(self, t: float) -> float:
+        """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
+        if self._fresh:
+            self._arrived, self._fresh = t, False
+        if self._timeout > 0.0 and t - self._arrived > self._timeout:
+            self._logger.warning(
+                f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
+            )
+            self.clear()
+        return self._J_eq
+
+
+class Ambient:
+    """The ambient temperature T_E [K] in force: the parameter's, until a message or a new value of it arrives."""
+
+    def __init__(self, node: Node, T_E: float) -> None:
+        self._logger = node.get_logger()
+        self.T_E = T_E
+        self.rejected = 0
+
+    def receive(self, message: Temperature) -> None:
+        """Take a temperature in deg C; refuse one out of range."""
+        low, high = DEFAULTS['environment.T_E'].bounds
+        kelvin = message.temperature + FREEZING
+        if low <= kelvin <= high:
+            self.T_E = kelvin
+            return
+        self.rejected += 1
+        self._logger.warning(
+            f'ambient_temperature = {message.temperature} deg C refused: expected {low - FREEZING:g} to '
+            f'{high - FREEZING:g} deg C',
+            throttle_duration_sec=WARNING_PERIOD,
+        )
+
+    def set(self, kelvin: float) -> str:
+        """Take a new value of the parameter; what is wrong with it, if anything."""
+        low, high = DEFAULTS['environment.T_E'].bounds
+        if not low <= kelvin <= high:
+            return f'environment.T_E = {kelvin} K: expected {low:g} to {high:g} K'
+        self.T_E = kelvin
+        return ''

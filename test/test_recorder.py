@@ -1,0 +1,138 @@
+"""The node's own bag over real DDS: replay bit for bit under load, kills, resets, refusals."""
+
+import multiprocessing
+import random
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rosbags.rosbag2 import Reader  # noqa: E402
+from sensor_msgs.msg import JointState, Temperature  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from sma_sim.cli.main import main  # noqa: E402
+from sma_sim.evidence.bag_files import open_bag, repair  # noqa: E402
+from sma_sim.evidence.bags import read_bag  # noqa: E402
+from sma_sim.evidence.tables import read_columns  # noqa: E402
+
+JOINTS = ((JointState, 'joint_states'),)
+KILLS = 5
+
+
+def burn(stop):
+    while not stop.is_set():
+        sum(range(10_000))
+
+
+def commands(one, values, pause):
+    """Send commands some time apart, while the client goes on listening."""
+    publisher = one.node.create_publisher(Float64, 'J_eq', 10)
+    one.until(lambda: publisher.get_subscription_count() == 1)
+    for value in values:
+        publisher.publish(Float64(data=value))
+        end = time.monotonic() + pause
+        one.until(lambda end=end: time.monotonic() > end)
+
+
+@pytest.mark.parametrize('rates', [(1000.0, 100.0), (3000.0, 50.0)])
+def test_replays_bit_for_bit_under_load(tmp_path, rates):
+    """Every column of the bag, from a node that fights for its processor."""
+    stop = multiprocessing.Event()
+    load = [multiprocessing.Process(target=burn, args=(stop,), daemon=True) for _ in range(3)]
+    words = ['-p', f'node.record:={tmp_path / "bag"}', '-p', f'node.integration_rate:={rates[0]}', '-p',
+             f'node.publish_rate:={rates[1]}']  # fmt: skip
+    with ros_client.Simulation(*words, topics=JOINTS) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        for process in load:
+            process.start()
+        ambient = one.node.create_publisher(Temperature, 'ambient_temperature', 10)
+        commands(one, (12.0, -3.0), 0.7)
+        ambient.publish(Temperature(temperature=31.7))
+        commands(one, (7.1, 0.0, -9.0), 0.7)
+        stop.set()
+        code, log = one.stop()
+        assert code == 0 and 'recorded' in log, log
+    for process in load:
+        process.join()
+    out = tmp_path / 'again.csv'
+    words = ['--integration-rate', f'{rates[0]}', '--rate', f'{rates[1]}']
+    assert main(['simulate', '--input', str(tmp_path / 'bag'), '--out', str(out), *words]) == 0
+    recorded = read_bag(tmp_path / 'bag')
+    whole = np.isfinite(recorded['alpha_rad'])
+    assert len(set(recorded['J_eq_W'])) >= 5 and len(set(recorded['T_E_K'])) == 2
+    again = read_columns(out, tuple(recorded))
+    for name, values in recorded.items():
+        if not name.startswith('mode'):
+            assert np.array_equal(values[whole], again[name]), name
+    with Reader(tmp_path / 'bag') as reader:
+        assert {'/joint_states', '/J_eq_applied', '/wire_modes', '/markers'} <= set(reader.topics)
+
+
+def test_killed_while_recording(tmp_path):
+    """SIGKILL at random moments: nothing older than a second before is lost."""
+    for number in range(KILLS):
+        bag = tmp_path / f'bag{number}'
+        with ros_client.Simulation('-p', f'node.record:={bag}', topics=JOINTS) as one:
+            seen = one.seen['joint_states']
+            one.until(lambda seen=seen: seen, ros_client.FIRST_MESSAGE)
+            end = time.monotonic() + 0.3 + random.uniform(0.0, 1.5)
+            one.until(lambda end=end: time.monotonic() > end)
+            one.process.kill()
+            one.process.wait()
+            last = seen[-1].header.stamp
+            first = seen[0].header.stamp
+        columns = read_bag(bag)
+        lasted = (last.sec - first.sec) + 1e-9 * (last.nanosec - first.nanosec)
+        assert columns['time_s'][-1] > lasted - 1.0 and np.diff(columns['time_s']) == pytest.approx(0.01, abs=0.01)
+        count = repair(bag, tmp_path / f'fixed{number}')
+        with Reader(tmp_path / f'fixed{number}') as reader:
+            assert reader.message_count == count
+
+
+def test_a_reset_begins_another_bag(tmp_path):
+    bag = tmp_path / 'bag'
+    with ros_client.Simulation('-p', f'node.record:={bag}', topics=JOINTS) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        reset = one.node.create_client(Trigger, '/sma_module_sim/reset')
+        one.until(reset.service_is_ready)
+        commands(one, (10.0,), 0.5)
+        future = reset.call_async(Trigger.Request())
+        one.until(future.done)
+        commands(one, (-4.0,), 0.5)
+        assert one.stop()[0] == 0
+    first, second = read_bag(bag), read_bag(tmp_path / 'bag_1')
+    assert open_bag(bag).whole and set(first['J_eq_W']) == {0.0, 10.0} and set(second['J_eq_W']) == {0.0, -4.0}
+    assert first['time_s'][0] == second['time_s'][0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'message'), [('taken', 'exists already'), ('a_file/bag', 'cannot make'), ('x' * 300, 'cannot make')]
+)
+def test_a_bag_that_cannot_be_made_stops_the_node(tmp_path, name, message):
+    (tmp_path / 'taken').mkdir()
+    (tmp_path / 'a_file').touch()
+    with ros_client.Simulation('-p', f'node.record:={tmp_path / name}') as one:
+        log, _ = one.process.communicate(timeout=ros_client.FIRST_MESSAGE)
+        assert one.process.returncode == 2 and message in log and 'Traceback' not in log, log
+
+
+def test_a_bag_whose_files_end_and_diagnostics(tmp_path):
+    """Files of half a second; the recorder's state is on /diagnostics, also when its folder is gone."""
+    topics = (*JOINTS, (DiagnosticArray, '/diagnostics'))
+    bag = tmp_path / 'bag'
+    with ros_client.Simulation('-p', f'node.record:={bag}', '-p', 'node.record_duration:=0.5', topics=topics) as one:
+        one.until(lambda: len(one.seen['joint_states']) > 300, ros_client.FIRST_MESSAGE)
+        values = {value.key: value.value for value in one.seen['/diagnostics'][-1].status[0].values}
+        assert values['recording'] == 'yes' and values['bag'] == str(bag) and int(values['messages in the bag']) > 1000
+        assert len(list(bag.glob('*.mcap'))) >= 5
+        shutil.rmtree(bag)
+        one.until(lambda: 'recording failed' in one.seen['/diagnostics'][-1].status[0].message)
+        count = len(one.seen['joint_states'])
+        one.until(lambda: len(one.seen['joint_states']) > count + 50)
+        code, log = one.stop()
+        assert code == 0 and 'No such file' in log, log
