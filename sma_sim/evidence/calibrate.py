@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import ROUGHLY, Descent, Progress, descend, feasible, start_point
+from sma_sim.evidence.descent import FIRST, LAST, Descent, Progress, descend, feasible, start_point
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
 from sma_sim.evidence.parallel import some_executor
@@ -32,7 +32,6 @@ Vector = NDArray[np.float64]
 Answer = TypeVar('Answer')
 RTOL = 1e-5  # of the simulations of a fit
 THINNED = 1000  # samples per run of the first descents
-MOST_FIRST, MOST_LAST = 25, 15  # iterations
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
 SAME = 2.0  # a descent that ends within this of the best's cost has found the same
@@ -93,11 +92,9 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Found:
-    """The best descent of one model, on all samples, and where the other starts led."""
+    """The best descent of one model (on thinned samples at first), and where the other starts led."""
 
     problem: Problem
-    thinned: Problem
-    held: tuple[Held, ...]
     best: Descent
     others: tuple[OtherStart, ...]
     validated: float = float('nan')
@@ -124,6 +121,7 @@ def calibrate(
             found = [replace(one, validated=validation(one, pool, stop)) for one in found]
         best = min(found, key=lambda one: (one.validated if np.isfinite(one.validated) else 0.0, one.best.cost))
         scores = {one.problem.config.model: one.validated for one in found if np.isfinite(one.validated)}
+        best = finished(campaign, best, options, pool, stop, progress)
         return result(best, scores, options, pool, stop, begun)
 
 
@@ -152,25 +150,32 @@ def prepared(campaign: Campaign, config: Config, options: Options, every: int) -
 def search(
     campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None
 ) -> Found:
-    """Descend from several starts on thinned samples, then from the best on all."""
+    """Descend from several starts on thinned samples."""
     longest = max(len(recording.time) for recording in campaign.recordings)
-    every = max(1, longest // THINNED)
-    thinned = prepared(campaign, config, options, every)
+    thinned = prepared(campaign, config, options, max(1, longest // THINNED))
     starts = starting_points(thinned, options, pool)
     jobs = [
-        partial(descend, thinned, z, pool, MOST_FIRST, stop, progress, f'{config.model}, start {k + 1}', ROUGHLY)
+        partial(descend, thinned, z, pool, FIRST, stop, progress, f'{config.model}, start {k + 1}')
         for k, z in enumerate(starts)
     ]
     descents = together(jobs, stop)
     best = min(descents, key=lambda one: one.cost)
-    problem = prepared(campaign, config, options, 1)
     others = tuple(
-        OtherStart(one.cost - best.cost, problem.values(one.z), one.cost - best.cost < SAME)
+        OtherStart(one.cost - best.cost, thinned.values(one.z), one.cost - best.cost < SAME)
         for one in descents if one is not best
     )  # fmt: skip
+    return Found(thinned, best, others)
+
+
+def finished(
+    campaign: Campaign, found: Found, options: Options, pool: Executor, stop: Event, progress: Progress | None
+) -> Found:
+    """The descent continued on all samples."""
+    config = found.problem.config
+    problem = prepared(campaign, config, options, 1)
     label = f'{config.model}, all samples'
-    last = together([partial(descend, problem, best.z, pool, MOST_LAST, stop, progress, label)], stop)[0]
-    return Found(problem, thinned, choose_free(config, options.free)[1], last, others)
+    last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
+    return replace(found, problem=problem, best=replace(last, iterations=last.iterations + found.best.iterations))
 
 
 def starting_points(problem: Problem, options: Options, pool: Executor) -> list[Vector]:
@@ -201,7 +206,7 @@ def validation(found: Found, pool: Executor, stop: Event) -> float:
     """The error on runs left out in turn, NaN where there is one run only."""
     if stop.is_set():
         return float('nan')
-    return together([lambda: cross_validated_error(found.thinned, found.best.z, pool, stop)], stop)[0]
+    return together([lambda: cross_validated_error(found.problem, found.best.z, pool, stop)], stop)[0]
 
 
 def result(
@@ -215,7 +220,8 @@ def result(
         sure = together([lambda: uncertainty(problem, z, pool)], stop)[0]
     channels = over_runs(problem, fits)
     return Calibration(
-        config=with_starts(problem.fitted(z), fits), free=problem.free, held=found.held, values=problem.values(z),
+        config=with_starts(problem.fitted(z), fits), free=problem.free,
+        held=choose_free(problem.config, options.free)[1], values=problem.values(z),
         delay=problem.delay_at(z), runs=fits, channels=channels, error=mean_error(channels), cost=found.best.cost,
         iterations=found.best.iterations, converged=found.best.converged, interrupted=stop.is_set(),
         at_bound=tuple(at_bound(problem, z)), cross_validation=dict(scores), other_starts=found.others,

@@ -21,11 +21,8 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-DAMPING, MOST_DAMPING = 1e-3, 1e6
-NEAR = 0.1  # relative gain of a step below which differences become central: valleys are narrow
-# Predicted decrease of half the sum of squares, per square of the error over noise, at which a descent ends: 0.01
-# moves no estimate by more than 0.14 of its standard deviation.
-ROUGHLY, FINELY = 0.3, 0.01
+MOST_DAMPING = 1e12
+NEAR = 0.1  # relative gain of a step below which differences become central
 LEAST_COST = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -48,6 +45,26 @@ class Descent:
     iterations: int
     converged: bool
 
+
+@dataclass(frozen=True)
+class Effort:
+    """How a descent goes: `most` iterations; `damping` of the first step; when it ends.
+
+    It ends when the next step is foretold to lower the cost by at most `enough` times the square of the error over
+    noise (0.01 moves no estimate by more than 0.14 of its standard deviation), or when the last one gained less than
+    the part `gain` of the cost. `near`: differences are central from the beginning.
+    """
+
+    most: int
+    damping: float
+    enough: float
+    gain: float
+    near: bool
+
+
+FIRST = Effort(most=20, damping=1e4, enough=0.3, gain=3e-4, near=False)  # from afar, on thinned samples
+REFIT = Effort(most=3, damping=1.0, enough=0.3, gain=3e-4, near=True)  # without some of the runs
+LAST = Effort(most=12, damping=1.0, enough=0.01, gain=0.0, near=True)  # on all samples
 
 Progress = Callable[[str, int, float], None]  # what is being done, iteration, cost
 
@@ -90,7 +107,7 @@ def summed(parts: Sequence[Normal], z: Vector, prior: float = 1.0) -> tuple[floa
 
 def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector, high: Vector) -> Vector:
     """The step that minimises the damped quadratic model within bounds (low < 0 < high, or equal)."""
-    damped = hessian + damping * np.diag(np.diag(hessian))
+    damped = hessian + damping * np.eye(len(gradient))
     factor = cholesky(damped, lower=False)
     target = -np.linalg.solve(factor.T, gradient)
     step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
@@ -107,38 +124,39 @@ def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
     return total
 
 
-def normal_parts(problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False) -> list[Normal]:
+def normal_parts(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> list[Normal]:
     """The normal equations of every run at z."""
     return [folded(linear, problem.robust) for linear in linearise(problem, z, executor, steps, central)]
 
 
 def descend(
-    problem: Problem, z: Vector, executor: Executor, most: int, stop: Event, progress: Progress | None = None,
-    label: str = '', enough: float = FINELY,
+    problem: Problem, z: Vector, executor: Executor, effort: Effort, stop: Event, progress: Progress | None = None,
+    label: str = '',
 ) -> Descent:  # fmt: skip
-    """Go down from z until the next step would gain nothing, for `most` iterations at the most.
+    """Go down from z with an effort. Raises SimulationError when the model cannot be run at the start.
 
-    Raises SimulationError when the model cannot be run at the start.
+    Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
+    central when a step gains little, because valleys are narrow.
     """
-    low, high = problem.limits()
-    half, damping = 0.5 * sum(run.samples for run in problem.runs), DAMPING
-    steps, central = None, False
-    for iteration in range(most):
+    half = 0.5 * sum(run.samples for run in problem.runs)
+    steps, central, damping = None, effort.near, effort.damping
+    for iteration in range(effort.most):
         parts = normal_parts(problem, z, executor, steps, central)
         cost, gradient, hessian = summed(parts, z)
         steps = better_steps(problem, hessian)
         if progress is not None:
             progress(label, iteration, cost)
-        least = enough * max(cost / half, LEAST_COST)
         if stop.is_set():
             return Descent(z, cost, iteration, False)
+        least = effort.enough * max(cost / half, LEAST_COST)
         step, gained, damping = accepted(problem, z, executor, (cost, gradient, hessian), damping, least)
-        if gained <= 0.0 and (central or damping <= MOST_DAMPING):
-            return Descent(z, cost, iteration, damping <= MOST_DAMPING)
-        near = gained < NEAR * cost
-        damping = DAMPING if near and not central else damping
-        z, central = z + step, central or near
-    return Descent(z, cost - gained, most, False)
+        z = z + step
+        if gained <= effort.gain * cost and (central or damping <= MOST_DAMPING):
+            return Descent(z, cost - gained, iteration, damping <= MOST_DAMPING)
+        central = central or gained < NEAR * cost
+    return Descent(z, cost - gained, effort.most, False)
 
 
 def accepted(

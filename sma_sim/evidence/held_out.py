@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import ROUGHLY, descend, start_point
+from sma_sim.evidence.descent import FIRST, LAST, REFIT, descend, start_point
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
@@ -18,8 +18,6 @@ from sma_sim.evidence.residuals import Prepared, error_over_noise, prepare, star
 from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
-MOST = 12  # iterations for the start of a run
-MOST_REFIT = 5  # iterations of a fit without some of the runs, which begins at the fit with them
 FOLDS = 5
 
 
@@ -65,7 +63,7 @@ def foretell(
 
     def one(run: Prepared) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
-        found = descend(problem, start_point(problem), executor, MOST, stop)
+        found = descend(problem, start_point(problem), executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop)
         return run_fits(problem, found.z, executor)[0]
 
     with ThreadPoolExecutor(len(runs)) as threads:
@@ -103,7 +101,7 @@ def cross_validated_error(problem: Problem, z: Vector, executor: Executor, stop:
         fewer = replace(problem, runs=runs)
         shared = len(problem.shared)
         at = np.concatenate([z[:shared], *(z[places[k][shared:]] for k in kept)])
-        found = descend(fewer, at, executor, MOST_REFIT, stop, enough=ROUGHLY).z
+        found = descend(fewer, at, executor, REFIT, stop).z
         out = tuple(problem.runs[k] for k in left_out)
         return [fit.error for fit in foretell(fewer.fitted(found), out, fewer.delay_at(found), executor, stop)]
 

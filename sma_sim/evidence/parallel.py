@@ -41,8 +41,8 @@ def workers_of(executor: Executor) -> int:
     """How many tasks an executor runs at once, as far as it tells."""
     client = getattr(executor, '_client', None)
     if client is not None:
-        return max(1, sum(client.nthreads().values()))
-    most = getattr(executor, '_max_workers', None)
+        return max(1, sum(int(threads) for threads in client.nthreads().values()))
+    most: object = getattr(executor, '_max_workers', None)
     return most if isinstance(most, int) else os.cpu_count() or 1
 
 
@@ -60,11 +60,11 @@ def some_executor(executor: Executor | None) -> Iterator[Executor]:
 def dask_executor(address: str) -> Iterator[Executor]:
     """An executor on the Dask cluster whose scheduler is at `address`, such as ``tcp://host:8786``. Raises UserError."""
     try:
-        from distributed import Client
+        from distributed import Client as client_type
     except ImportError as error:
         raise UserError('--scheduler needs Dask: pip install "sma_sim[dask]"') from error
     try:
-        client = Client(address, timeout=10)
+        client: Any = client_type(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
         raise UserError(f'--scheduler {address}: no Dask scheduler answers there ({error})') from error
     with client:

@@ -55,8 +55,9 @@ def start(
 ) -> bool:
     """Fill `y`, `mode` and `x_frozen` with a start at rest; False when no equilibrium was found.
 
-    `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A, inf for sigma = sigma_M. A fraction that no
-    mode admits is moved to the nearest one that does, where the stress lies on the edge of the hysteresis.
+    `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A, inf for sigma = sigma_M.
+    A fraction that no mode admits is moved to the nearest one that does, where the stress lies on the edge of the
+    hysteresis.
     """
     for i in range(p.wires):
         x_frozen[i], mode[i] = 0.5, TO_AUSTENITE if np.isinf(wanted[i]) else TO_MARTENSITE
