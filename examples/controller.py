@@ -1,0 +1,146 @@
+"""Closed loop on the angle: a PI controller from `joint_states` to `J_eq`, as a plain rclpy node to start yours from.
+
+    python examples/controller.py --ros-args -p alpha_target:=0.05
+
+Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz], state_timeout [s]; the first three may be
+changed while it runs. A std_msgs/Float64 on `alpha_target` [rad] sets the target too. Time is that of the stamps of
+`joint_states`, so the loop is the same at any real-time factor. The heating goes off when joint_states stop, and at the end.
+"""
+
+import math
+import signal
+import sys
+import threading
+import time
+
+import rclpy
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+JOINT = 'alpha'
+PARAMETERS = {  # name: default, smallest, largest, unit, whether it can be changed while running
+    'kp': (1000.0, 0.0, 1e6, 'W/rad', True),
+    'ki': (800.0, 0.0, 1e6, 'W/(rad s)', True),
+    'alpha_target': (0.0, -math.pi, math.pi, 'rad', True),
+    'J_max': (20.0, 0.0, 1e6, 'W', False),
+    'rate': (50.0, 0.1, 1e4, 'Hz', False),
+    'state_timeout': (0.5, 0.01, 1e3, 's', False),
+}
+WATCH_PERIOD, WARNING_PERIOD = 0.1, 5.0  # [s]
+
+
+class PI:
+    """Proportional and integral action with a limited output; the integral stands still while the limit holds it."""
+
+    def __init__(self, kp, ki, limit):
+        """Gains [output/error], [output/(error s)], largest output."""
+        self.kp, self.ki, self.limit = kp, ki, limit
+        self.integral = 0.0  # of the error, times ki: in units of the output
+
+    def __call__(self, error, dt):
+        """The output for an error that has lasted dt [s]."""
+        more = self.ki * error * dt
+        wanted = self.kp * error + self.integral + more
+        output = min(max(wanted, -self.limit), self.limit)
+        if output == wanted or more * wanted < 0.0:  # within the limit, or on the way back to it
+            self.integral += more
+        return output
+
+
+class AlphaController(Node):
+    """Answers joint states with commands."""
+
+    def __init__(self):
+        """Declare the parameters, connect to the topics."""
+        super().__init__('alpha_controller')
+        kp, ki, self.target, limit, rate, self.timeout = (self.declare(name) for name in PARAMETERS)
+        self.law, self.period = PI(kp, ki, limit), 1.0 / rate
+        self.last_stamp, self.last_arrival = None, None
+        self.command = self.create_publisher(Float64, 'J_eq', 10)
+        self.create_subscription(JointState, 'joint_states', self.on_joint_state, 10)
+        self.create_subscription(Float64, 'alpha_target', self.on_target, 10)
+        self.add_on_set_parameters_callback(self.on_parameters)
+        self.watch = self.create_timer(WATCH_PERIOD, self.on_watch, clock=rclpy.clock.Clock())
+        self.get_logger().info('waiting for joint_states')
+
+    def declare(self, name):
+        """Declare one parameter with its range; its value."""
+        default, low, high, unit, live = PARAMETERS[name]
+        bounds = FloatingPointRange(from_value=low, to_value=high)
+        words = ParameterDescriptor(description=f'[{unit}]', read_only=not live, floating_point_range=[bounds])
+        return self.declare_parameter(name, default, words).value
+
+    def on_parameters(self, parameters):
+        """Take new gains or a new target."""
+        for parameter in parameters:
+            if parameter.name == 'alpha_target':
+                self.target = parameter.value
+            elif parameter.name in ('kp', 'ki'):
+                setattr(self.law, parameter.name, parameter.value)
+        return SetParametersResult(successful=True)
+
+    def on_target(self, message):
+        """Take a new target, if it is an angle."""
+        _, low, high, _, _ = PARAMETERS['alpha_target']
+        if low <= message.data <= high:
+            self.target = message.data
+        else:
+            self.warn(f'alpha_target = {message.data} rad refused: expected {low:.4g} to {high:.4g}')
+
+    def on_joint_state(self, message):
+        """Answer with a command, `rate` times per second."""
+        if JOINT not in message.name or len(message.position) != len(message.name):
+            self.warn(f'joint_states without a position of {JOINT}: {list(message.name)}')
+            return
+        alpha = message.position[list(message.name).index(JOINT)]
+        if not math.isfinite(alpha):
+            self.warn(f'{JOINT} = {alpha} in joint_states: not used')
+            return
+        now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        self.last_arrival = time.monotonic()
+        if self.last_stamp is None or not 0.0 <= now - self.last_stamp < self.timeout + self.period:
+            self.law.integral, self.last_stamp = 0.0, now  # the first one, or the simulation was reset
+        elif now - self.last_stamp > self.period * (1.0 - 1e-6):
+            self.command.publish(Float64(data=self.law(self.target - alpha, now - self.last_stamp)))
+            self.last_stamp = now
+
+    def on_watch(self):
+        """Heating off once joint states have stopped."""
+        if self.last_arrival is not None and time.monotonic() - self.last_arrival > self.timeout:
+            self.warn(f'no joint_states for {self.timeout:g} s: heating off until they come back')
+            self.last_stamp, self.last_arrival = None, None
+            self.heating_off()
+
+    def heating_off(self):
+        """Command zero."""
+        self.command.publish(Float64(data=0.0))
+
+    def warn(self, words):
+        """Log a warning, not too often."""
+        self.get_logger().warning(words, throttle_duration_sec=WARNING_PERIOD)
+
+
+def main():
+    """Run until Ctrl-C or SIGTERM; the last word is a command of zero."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = AlphaController()
+    try:
+        while not stop.is_set():
+            rclpy.spin_once(node, timeout_sec=WATCH_PERIOD)
+        node.get_logger().info('stopped: heating off')
+    finally:
+        node.heating_off()
+        node.command.wait_for_all_acked(rclpy.duration.Duration(seconds=1.0))
+        node.destroy_node()
+        rclpy.shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""`sma-sim init`: write a parameter file for the user's own robot, asked for or given as flags."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sma_sim.cli.options import add_config_options, announce_compilation
+from sma_sim.cli.robot_check import at_rest, when_heated
+from sma_sim.cli.units import in_unit, to_si, typed_units
+from sma_sim.evidence.tables import check_writable, write_whole
+from sma_sim.model.config import Config, effect_folders_of, read_config
+from sma_sim.model.errors import UserError
+from sma_sim.model.parameter_file import number, parameter_file
+from sma_sim.model.parameters import DEFAULTS
+
+
+class Question(NamedTuple):
+    """A quantity as people measure it: `scale` times it is the parameter (a diameter is twice a radius)."""
+
+    flag: str
+    parameter: str
+    unit: str
+    words: str
+    scale: float = 1.0
+
+    @property
+    def si(self) -> str:
+        """SI unit of the parameter."""
+        return DEFAULTS[self.parameter].unit
+
+    def value(self, text: str) -> float:
+        """The parameter's value that `text` stands for, within its bounds. Raises UserError."""
+        value = self.scale * to_si(text, self.si, self.unit)
+        low, high = DEFAULTS[self.parameter].bounds
+        if not low <= value <= high:
+            raise UserError(f'{text.strip()} is out of range: expected {self.show(low)} to {self.show(high)}')
+        return value
+
+    def show(self, value: float) -> str:
+        """The parameter's value as people say it."""
+        return in_unit(value / self.scale, self.si, self.unit)
+
+
+QUESTIONS = (
+    Question('beam-length', 'beam.L', 'mm', 'length of the beam'),
+    Question('beam-diameter', 'beam.h', 'mm', 'diameter of the beam', 0.5),
+    Question('beam-modulus', 'beam.E', 'GPa', "Young's modulus of the beam"),
+    Question('plate-width', 'plate.W', 'mm', 'distance of the two bundles at the plate'),
+    Question('plate-mass', 'plate.m_H', 'g', 'mass of the plate'),
+    Question('wires', 'wire.n', '', 'wires in one bundle'),
+    Question('wire-diameter', 'wire.r0', 'mm', 'diameter of one wire', 0.5),
+    Question('wire-length', 'wire.l0', 'mm', 'length of a wire when hot and unloaded'),
+    Question('ambient', 'environment.T_E', 'degC', 'ambient temperature'),
+    Question('power-limit', 'node.J_max', 'W', 'largest heating power of one bundle'),
+)
+NOTHING = 'nothing was written'
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        'init', help='write a parameter file for a robot of your own',
+        description='Asks for the robot on a terminal. With a dimension among the options, or without a terminal, it does '
+        'not ask; what is not given is taken from --config, else from the paper.',
+    )  # fmt: skip
+    parser.add_argument('--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='default: robot.yaml')
+    parser.add_argument('--overwrite', action='store_true', help='replace FILE')
+    parser.add_argument('--no-questions', action='store_true', help='do not ask')
+    for one in QUESTIONS:
+        units = f'; in {one.unit}, or with its unit ({typed_units(one.si)})' if one.unit else ''
+        parser.add_argument(f'--{one.flag}', metavar='VALUE', help=one.words + units)
+    add_config_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Ask or take the flags, check that the robot can stand, write the file."""
+    check_place(arguments.out, arguments.overwrite)
+    config = read_config(arguments.config, arguments.words, arguments.effects)
+    values = flagged(arguments)
+    asking = sys.stdin.isatty() and not (values or arguments.words or arguments.effects or arguments.no_questions)
+    config = asked(arguments, config) if asking else with_values(arguments, values)
+    if not asking:
+        describe(config)
+    folders = effect_folders_of(arguments.config, arguments.words)
+    home = arguments.out.resolve().parent
+    text = parameter_file(config, [os.path.relpath(folder.resolve(), home) for folder in folders])
+    check_place(arguments.out, arguments.overwrite)  # once more: answers take a while
+    write_whole(arguments.out, lambda file: file.write(text))
+    print(arguments.out)
+    return 0
+
+
+def check_place(out: Path, overwrite: bool) -> None:
+    """Raise UserError where the file cannot be written or is there already."""
+    check_writable(out)
+    if out.exists() and not overwrite:
+        raise UserError(f'{out} exists already: give --overwrite to replace it, or another file with --out')
+
+
+def flagged(arguments: argparse.Namespace) -> dict[str, float]:
+    """The dimensions among the options. Raises UserError."""
+    values = {}
+    for one in QUESTIONS:
+        text = getattr(arguments, one.flag.replace('-', '_'))
+        if text is not None:
+            try:
+                values[one.parameter] = one.value(text)
+            except UserError as error:
+                raise UserError(f'--{one.flag}: {error}') from error
+    return values
+
+
+def with_values(arguments: argparse.Namespace, values: Mapping[str, float]) -> Config:
+    """The configuration of the options with `values` over it; a value given twice is refused."""
+    twice = [word for word in arguments.words if word.partition('=')[0].strip() in values]
+    if twice:
+        flag = next(one.flag for one in QUESTIONS if one.parameter == twice[0].partition('=')[0].strip())
+        raise UserError(f'--set {twice[0]} and --{flag} say the same: give one of them')
+    words = [f'{name}={number(value)}' for name, value in values.items()]
+    return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
+
+
+def describe(config: Config) -> None:
+    """Say how the robot rests and what heating does to it. Raises UserError when it cannot stand."""
+    if config.system == 'module':
+        announce_compilation()
+        print(at_rest(config), when_heated(config), sep='\n', file=sys.stderr)
+
+
+def asked(arguments: argparse.Namespace, config: Config) -> Config:
+    """The user's answers, asked for again when they make no robot."""
+    print('Your robot: type a value (a unit may follow), or just Enter for the one in brackets. Ctrl-C stops.')
+    while True:
+        values = {one.parameter: ask(one, config.parameters[one.parameter]) for one in QUESTIONS}
+        config = with_values(arguments, values)
+        try:
+            describe(config)
+        except UserError as error:
+            print(f'This robot cannot stand: {error}.\nOnce more, with your answers in the brackets:')
+        else:
+            return config
+
+
+def ask(one: Question, before: float) -> float:
+    """One answer, asked for until it makes sense."""
+    while True:
+        try:
+            text = input(f'{one.words} [{one.show(before)}]: ')
+        except EOFError as error:
+            print()
+            raise UserError(f'the input ended at {one.words!r}; {NOTHING}') from error
+        if not text.strip():
+            return before
+        try:
+            return one.value(text)
+        except UserError as error:
+            print(f'  {error}')

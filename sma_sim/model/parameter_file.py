@@ -1,0 +1,81 @@
+"""The commented YAML file of parameters: config/module.yaml, and what `sma-sim init` writes, from one place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+
+from sma_sim.model.config import CHOICES, Config
+from sma_sim.model.parameters import GROUPS, PAPER, SETTINGS, Parameter
+
+HEAD = f"""\
+# Parameters of sma_sim: a ROS 2 parameter file that the offline commands read too.
+# Values of {PAPER}, unless a comment says otherwise. SI units.
+/**:
+  ros__parameters:
+"""
+ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
+PATHS = 'folders with effect files of your own; relative ones start at this file'
+
+
+def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
+    """The text of a ROS 2 parameter file with every parameter of `config`: unit, meaning, and default where changed.
+
+    `effect_paths` are the folders of the user's effects, as they are to stand in the file.
+    """
+    lines = [f'{name}: {getattr(config, name)}  # {" | ".join(choices)}' for name, choices in CHOICES.items()]
+    for group, members in GROUPS.items():
+        lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
+        lines += [f'  {setting_line(name, config)}' for name in SETTINGS if name.startswith(f'{group}.')]
+    lines += effect_lines(config, effect_paths)
+    return HEAD + ''.join(f'    {one}\n' for one in lines)
+
+
+def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:
+    """The active effects and their parameters."""
+    yield 'effects:'
+    yield f'  active: {words([one.found.effect.name for one in config.effects])}  # {ACTIVE}'
+    yield f'  paths: {words(paths)}  # {PATHS}'
+    for one in config.effects:
+        yield f'  {one.found.effect.name}:'
+        for parameter, value in zip(one.found.effect.parameters, one.values, strict=True):
+            yield f'    {line(parameter, value)}'
+
+
+def line(parameter: Parameter, value: float) -> str:
+    """``name: value  # [unit] meaning``."""
+    same = value == parameter.default or math.isnan(value) and math.isnan(parameter.default)
+    note = f'; default {number(parameter.default)}' if not same else ''
+    source = f'; {parameter.source}' if same and parameter.source not in ('', PAPER) else ''
+    return f'{parameter.name}: {number(value)}  # [{parameter.unit}] {parameter.description}{source}{note}'
+
+
+def setting_line(name: str, config: Config) -> str:
+    """``name: value  # meaning`` of a text or a switch."""
+    value, setting = config.settings[name], SETTINGS[name]
+    text = str(value).lower() if isinstance(value, bool) else quoted(value)
+    return f'{setting.name}: {text}  # {setting.description}'
+
+
+def number(value: float) -> str:
+    """A number that YAML and ROS read back as the same double: with a point, and a sign in the exponent."""
+    if math.isnan(value):
+        return '.nan'
+    if value == 0.0 or 1e-4 <= abs(value) < 1e5:
+        return repr(value)
+    exact = Decimal(repr(value)).normalize()
+    exponent = exact.adjusted() // 3 * 3
+    mantissa = f'{exact.scaleb(-exponent):f}'
+    return f'{mantissa if "." in mantissa else mantissa + ".0"}e{exponent:+d}'
+
+
+def words(names: Sequence[str]) -> str:
+    """A list of words; ROS 2 cannot write an empty one."""
+    return '[' + ', '.join(quoted(name) for name in names or ['']) + ']'
+
+
+def quoted(word: str) -> str:
+    """A text as YAML reads it back."""
+    doubled = word.replace("'", "''")
+    return f"'{doubled}'"

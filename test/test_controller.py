@@ -1,0 +1,163 @@
+"""The example controller: its law, and the loop that it closes over real DDS."""
+
+import importlib.util
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from sma_sim.cli.main import main  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLE = ROOT / 'examples' / 'controller.py'
+SPEC = importlib.util.spec_from_file_location('example_controller', EXAMPLE)
+controller = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(controller)
+
+TOPICS = ((JointState, 'joint_states'), (Float64, 'J_eq'), (Float64, 'J_eq_applied'))
+ALPHA = 2
+ERRORS = st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=50)
+
+
+@given(ERRORS, st.floats(0.0, 2000.0), st.floats(0.0, 2000.0))
+def test_law_stays_within_its_limit_and_never_winds_up(errors, kp, ki):
+    law = controller.PI(kp, ki, 20.0)
+    for error in errors:
+        assert abs(law(error, 0.02)) <= 20.0
+        assert abs(law.integral) <= 20.0 + kp * 0.5 + ki * 0.5 * 0.02
+
+
+def test_law_leaves_its_limit_at_once():
+    law = controller.PI(10.0, 800.0, 20.0)
+    assert [law(0.5, 0.02) for _ in range(1000)][-1] == 20.0
+    assert law(-0.1, 0.02) < 20.0 - 1.0
+    assert controller.PI(10.0, 5.0, 20.0)(0.1, 0.2) == pytest.approx(10.0 * 0.1 + 5.0 * 0.1 * 0.2)
+
+
+class Loop(ros_client.Simulation):
+    """A module and the controller; `words` are the controller's."""
+
+    def __init__(self, *words, speed=4.0, node=()):
+        super().__init__('-p', f'node.real_time_factor:={speed}', *node, topics=TOPICS)
+        self.control = subprocess.Popen(
+            [sys.executable, str(EXAMPLE), '--ros-args', *words], env=self.environment, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        self.targets = self.node.create_publisher(Float64, 'alpha_target', 10)
+        self.until(lambda: self.seen['J_eq'], ros_client.FIRST_MESSAGE)
+        self.until(lambda: self.targets.get_subscription_count() == 1)
+
+    @property
+    def alphas(self):
+        """Angles seen so far [rad]."""
+        return [message.position[ALPHA] for message in self.seen['joint_states']]
+
+    def stays_at(self, target, tolerance, samples=100):
+        """Whether the angle has been near the target for a while."""
+        last = self.alphas[-samples:]
+        return len(last) == samples and max(abs(alpha - target) for alpha in last) < tolerance
+
+    def last(self, topic):
+        """The last number on a topic, NaN before there was one."""
+        return self.seen[topic][-1].data if self.seen[topic] else math.nan
+
+    def call(self, kind, name, request):
+        """Answer of a service."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def __exit__(self, *words):
+        if self.control.poll() is None:
+            self.control.kill()
+        self.control.wait()
+        self.control.stdout.close()
+        super().__exit__(*words)
+
+
+def test_reaches_its_target_and_another_one():
+    with Loop('-p', 'alpha_target:=0.05') as loop:
+        loop.until(lambda: loop.stays_at(0.05, 1e-3), 60.0)
+        loop.targets.publish(Float64(data=-0.06))
+        loop.until(lambda: loop.stays_at(-0.06, 1e-3), 60.0)
+        gain = [Parameter('kp', value=500.0).to_parameter_msg(), Parameter('J_max', value=5.0).to_parameter_msg()]
+        answers = loop.call(SetParameters, 'alpha_controller/set_parameters', SetParameters.Request(parameters=gain)).results
+        assert [answer.successful for answer in answers] == [True, False]
+        loop.targets.publish(Float64(data=math.nan))
+        loop.targets.publish(Float64(data=0.02))
+        loop.until(lambda: loop.stays_at(0.02, 1e-3), 60.0)
+        loop.control.send_signal(signal.SIGINT)
+        log, _ = loop.control.communicate(timeout=20)
+        assert loop.control.returncode == 0 and 'alpha_target = nan rad refused' in log and 'Traceback' not in log
+
+
+def test_saturates_and_leaves_the_limit_without_delay():
+    with Loop('-p', 'alpha_target:=0.5', '-p', 'kp:=100.0', '-p', 'J_max:=15.0') as loop:
+        loop.until(lambda: len(loop.seen['joint_states']) > 3000, 60.0)  # 30 s of simulated time
+        assert loop.last('J_eq') == 15.0 and max(message.data for message in loop.seen['J_eq']) == 15.0
+        count = len(loop.seen['joint_states'])
+        loop.targets.publish(Float64(data=0.0))
+        loop.until(lambda: loop.last('J_eq') < 0.0)
+        assert len(loop.seen['joint_states']) - count < 400  # at most 4 s; wound up, the integral needs 200 s
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_last_word_is_heating_off(number):
+    with Loop('-p', 'alpha_target:=0.05') as loop:
+        loop.until(lambda: loop.last('J_eq_applied') > 1.0)
+        loop.control.send_signal(number)
+        loop.until(lambda: loop.last('J_eq') == 0.0 and loop.last('J_eq_applied') == 0.0)
+        assert loop.control.wait(20) == 0
+
+
+def test_heating_off_after_the_controller_was_killed():
+    with Loop('-p', 'alpha_target:=0.05', node=('-p', 'node.command_timeout:=1.0')) as loop:
+        loop.until(lambda: loop.last('J_eq_applied') > 1.0)
+        loop.control.kill()
+        loop.until(lambda: loop.last('J_eq_applied') == 0.0)
+        assert loop.last('J_eq') > 1.0
+
+
+def test_heating_off_while_joint_states_stop_and_on_again():
+    with Loop('-p', 'alpha_target:=0.05') as loop:
+        loop.until(lambda: loop.last('J_eq') > 1.0)
+        loop.call(SetBool, 'sma_module_sim/pause', SetBool.Request(data=True))
+        loop.until(lambda: loop.last('J_eq') == 0.0)
+        loop.call(Trigger, 'sma_module_sim/reset', Trigger.Request())
+        loop.call(SetBool, 'sma_module_sim/pause', SetBool.Request(data=False))
+        loop.until(lambda: loop.stays_at(0.05, 1e-3), 60.0)
+
+
+def test_node_runs_a_file_of_init_as_it_is(tmp_path):
+    """What `sma-sim init` wrote is a parameter file of the node."""
+    robot = tmp_path / 'robot.yaml'
+    assert main(['init', '--out', str(robot), '--beam-length', '120', '--wire-length', '115', '--effect', 'gravity']) == 0
+    words = ('--params-file', str(robot))
+    with ros_client.Simulation(*words, topics=((JointState, 'joint_states'),)) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        assert one.seen['joint_states'][0].position[1] < -1e-5  # gravity across the beam
+        assert one.stop()[0] == 0
+
+
+def test_tracking_draws_its_picture(tmp_path):
+    words = [sys.executable, str(ROOT / 'examples' / 'tracking.py'), 'tracking.png', '--speed', '10']
+    with ros_client.Simulation(topics=()) as other:  # a module of somebody else does not disturb it
+        done = subprocess.run(words, cwd=tmp_path, env=other.environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    numbers = [float(word) for word in done.stdout.split() if word[0].isdigit() and word[-1].isdigit()]
+    assert len(numbers) == 2 and numbers[0] < 0.1 and numbers[1] < 0.5
+    assert (tmp_path / 'tracking.png').stat().st_size > 20_000

@@ -1,0 +1,50 @@
+"""What is installed beside the Python code, and that ROS is told of every package that is used."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+tomllib = pytest.importorskip('tomllib', reason='Python 3.11 reads TOML')
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text())
+INSTALLED = {
+    folder: sorted(file for pattern in patterns for file in ROOT.glob(pattern))
+    for folder, patterns in PROJECT['tool']['setuptools']['data-files'].items()
+}
+PYTHON = {'yaml': 'python3-yaml', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'numba': 'python3-numba',
+          'matplotlib': 'python3-matplotlib'}  # fmt: skip
+OF_ROS = ('rclpy', 'rcl_interfaces', 'launch', 'launch_ros', 'ament_index_python')
+
+
+def test_every_pattern_finds_something():
+    for folder, patterns in PROJECT['tool']['setuptools']['data-files'].items():
+        for pattern in patterns:
+            assert list(ROOT.glob(pattern)), f'{folder}: {pattern}'
+
+
+@pytest.mark.parametrize('folder', ['config', 'launch', 'examples', 'layouts'])
+def test_folders_are_installed_whole(folder):
+    files = sorted(file for file in (ROOT / folder).iterdir() if file.is_file())
+    assert INSTALLED[f'share/sma_sim/{folder}'] == files
+
+
+@pytest.mark.parametrize('file', sorted((ROOT / 'launch').iterdir()), ids=lambda file: file.name)
+def test_launch_files_use_what_is_installed(file):
+    names = re.findall(r"'/((?:config|launch|examples)/[\w.]+)'", file.read_text())
+    assert names
+    for name in names:
+        assert ROOT / name in INSTALLED[f'share/sma_sim/{Path(name).parent}']
+
+
+def test_one_version_and_every_ros_package_is_declared():
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    assert manifest.findtext('version') == PROJECT['project']['version']
+    declared = {one.text for one in manifest.findall('exec_depend')}
+    imports = re.compile(r'^\s*(?:from|import) (\w+)', re.M)
+    for file in (file for folder in ('sma_sim/ros', 'launch', 'examples') for file in (ROOT / folder).glob('*.py')):
+        for name in imports.findall(file.read_text()):
+            if name in PYTHON or name in OF_ROS or name.endswith(('_msgs', '_srvs')):
+                assert PYTHON.get(name, name) in declared, f'{file.name} imports {name}: add it to package.xml'
