@@ -6,10 +6,10 @@ import argparse
 import sys
 import traceback
 
-from sma_sim.cli import bag, effects, fit, init, paper, play, plot, simulate
+from sma_sim.cli import bag, compare, effects, fit, init, paper, play, plot, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (simulate, fit, play, plot, bag, effects, paper, init)
+VERBS = (simulate, fit, compare, play, plot, bag, effects, paper, init)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -19,6 +19,11 @@ QUIET_TIME = 2.0  # [s] before progress is shown
 def add_config_options(parser: argparse.ArgumentParser) -> None:
     """``--config``, ``--set`` and ``--effect``."""
     parser.add_argument('--config', type=Path, metavar='FILE', help='YAML parameter file (default: the paper\'s values)')
+    add_overriding_options(parser)
+
+
+def add_overriding_options(parser: argparse.ArgumentParser) -> None:
+    """``--set`` and ``--effect``."""
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE', dest='words', help='one parameter, such as wire.E_A=12e9'
     )

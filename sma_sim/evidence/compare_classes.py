@@ -154,4 +154,4 @@ def part_of_run(run: ComparedRun) -> Vector:
 def by_run(runs: Sequence[ComparedRun]) -> Dimension:
     """By run, in the order of the campaign."""
     names = tuple(run.name for run in runs)
-    return Dimension('run', names, 'it is the run {}', tuple(np.full(len(run.time), k) for k, run in enumerate(runs)))
+    return Dimension('run', names, 'the run is {}', tuple(np.full(len(run.time), k) for k, run in enumerate(runs)))

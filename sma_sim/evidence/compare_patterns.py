@@ -27,7 +27,8 @@ AT_NOISE = 1.05
 @dataclass(frozen=True)
 class Pattern:
     """A shape (`offset`, `scale`, `lag`) of the residual of a channel: the part `share` of the squared error that it
-    explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, and the sentence."""  # fmt: skip
+    explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, and the sentence.
+    """
 
     channel: str
     shape: str

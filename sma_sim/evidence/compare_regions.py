@@ -45,6 +45,14 @@ class Condition:
 
 
 @dataclass(frozen=True)
+class Conditions:
+    """Single conditions, and their masks as the rows of a matrix (conditions, n)."""
+
+    one_by_one: tuple[Condition, ...]
+    matrix: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
 class Region:
     """Samples (n,) that satisfy all conditions."""
 
@@ -65,7 +73,7 @@ class Sureness:
     trend: tuple[float, float, float]
 
 
-def conditions_of(ways: Sequence[Dimension], samples: Samples) -> list[Condition]:
+def conditions_of(ways: Sequence[Dimension], samples: Samples) -> Conditions:
     """All single conditions: classes, and joined bands where classes have an order."""
     found = []
     for way in ways:
@@ -76,7 +84,8 @@ def conditions_of(ways: Sequence[Dimension], samples: Samples) -> list[Condition
                 mask = (classes >= first) & (classes <= last)
                 if last - first < count - 1 and mask.any():
                     found.append(Condition(way, first, last, mask))
-    return found
+    matrix = np.array([one.mask for one in found], dtype=np.float32).reshape(len(found), len(samples.place))
+    return Conditions(tuple(found), matrix)
 
 
 def thinned(samples: Samples) -> Samples:
@@ -86,22 +95,22 @@ def thinned(samples: Samples) -> Samples:
     return Samples(samples.channel, *(getattr(samples, name)[::every] for name in names))
 
 
-def search(conditions: Sequence[Condition], error: Vector, time: Vector) -> Region | None:
+def search(conditions: Conditions, error: Vector, time: Vector) -> Region | None:
     """The region with the largest share of `error` minus share of `time`, (n,) weights that sum to 1; None for none."""
-    if not conditions:
+    inside, quality = np.ones(len(error), dtype=bool), 0.0
+    chosen: list[Condition] = []
+    if not conditions.one_by_one:
         return None
-    masks = np.array([one.mask for one in conditions], dtype=np.float32)
-    inside, chosen, quality = np.ones(len(error), dtype=bool), [], 0.0
     for _ in range(MOST_CONDITIONS):
         weight = np.where(inside, error - time, 0.0)
-        gains = masks @ weight.astype(np.float32)
-        parts = masks @ np.where(inside, time, 0.0).astype(np.float32)
+        gains = conditions.matrix @ weight.astype(np.float32)
+        parts = conditions.matrix @ np.where(inside, time, 0.0).astype(np.float32)
         best = int(np.argmax(np.where(parts >= LEAST_PART, gains, -np.inf)))
         if not gains[best] > quality + GAIN:
             break
         quality = float(gains[best])
-        chosen.append(conditions[best])
-        inside = inside & conditions[best].mask
+        chosen.append(conditions.one_by_one[best])
+        inside = inside & chosen[-1].mask
     return Region(tuple(chosen), inside) if chosen else None
 
 
@@ -117,7 +126,7 @@ def blocks_of(samples: Samples) -> Classes:
     return block
 
 
-def sureness(region: Region, conditions: Sequence[Condition], samples: Samples, error: Vector) -> Sureness:
+def sureness(region: Region, conditions: Conditions, samples: Samples, error: Vector) -> Sureness:
     """How sure a region is; `error` (n,) are the squared errors that were searched."""
     block = blocks_of(samples)
     count = int(block.max()) + 1
@@ -151,7 +160,7 @@ def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes
     return float(ratio(np.ones((1, count), dtype=np.int64))[0]), float(low), float(high)
 
 
-def found_again(region: Region, conditions: Sequence[Condition], error: Vector, block: Classes) -> float:
+def found_again(region: Region, conditions: Conditions, error: Vector, block: Classes) -> float:
     """In which part of random halves of the blocks the search finds a region that overlaps with this one."""
     random, count, again = np.random.default_rng(1), int(block.max()) + 1, 0
     for _ in range(HALVES):
