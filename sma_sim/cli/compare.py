@@ -24,6 +24,7 @@ from sma_sim.evidence.compare_summary import Summary, as_data, summarise
 from sma_sim.evidence.shown_units import shown
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
+from sma_sim.report.html.comparison_page import write_compare_page
 
 DEFAULTS = "the paper's values"
 MOST_TOLD = 8  # findings on the terminal
@@ -64,6 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
             'comparisons': [as_data(one) for one in summaries],
             'changes': [vars(one) for one in pairs], 'noise_std': fitted.noise_std,
         })  # fmt: skip
+    if arguments.report:
+        write_compare_page(arguments.report, summaries, pairs, (fitted, held))
     for path in (arguments.report, arguments.json):
         if path:
             print(path)

@@ -19,10 +19,14 @@ from sma_sim.cli.data import (
 )
 from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.calibrate import Calibration, Options, calibrate
+from sma_sim.evidence.compare import compared_calibration
+from sma_sim.evidence.compare_summary import summarise
+from sma_sim.evidence.free_parameters import values_of
 from sma_sim.evidence.held_out import RunFit, held_out
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.tables import write_whole
 from sma_sim.model.parameter_file import parameter_file
+from sma_sim.report.html.comparison_page import write_fit_page
 
 STOPPED = 130  # exit code after Ctrl-C
 
@@ -63,6 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
     print(fit_text(found, foretold))
     if arguments.json:
         write_json(arguments.json, fit_data(found, foretold, fitted))
+    if arguments.report:
+        comparison = compared_calibration(found, fitted, held, foretold, 'fitted')
+        write_fit_page(arguments.report, found, values_of(config), summarise(comparison), (fitted, held))
     for path in (arguments.out, arguments.report, arguments.json):
         if path:
             print(path)
