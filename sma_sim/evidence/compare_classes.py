@@ -22,6 +22,7 @@ MODE_LABELS = (
     'in mode 4 (to martensite)', 'in mode 5 (to austenite)',
 )  # fmt: skip
 assert MODE_LABELS[RESTING] == 'at rest'
+TRANSFORMING = ('no wire transforms', 'only wire 1 transforms', 'only wire 2 transforms', 'both wires transform')
 QUARTERS = ('first', 'second', 'third', 'last')
 
 
@@ -83,7 +84,7 @@ def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
     rates = [rate(run.time, run.states['alpha_rad']) for run in runs]
     moving = tuple(transforming(run) for run in runs)
     return [
-        Dimension('transforming wires', ('no wire', 'wire 1', 'wire 2', 'both wires'), '{} transforms', moving),
+        Dimension('transforming wires', TRANSFORMING, '{}', moving),
         signed('command', [run.states['J_eq_W'] for run in runs], 0.0,
                ('J_eq heats bundle 2', 'J_eq is 0', 'J_eq heats bundle 1'), '{}'),
         signed('direction of motion', rates, STILL * largest(rates),

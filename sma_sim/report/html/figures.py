@@ -26,7 +26,7 @@ def new_figure(rows: int = 1, heights: Sequence[float] | None = None, gap: float
     )
     figure.update_layout(
         template='none', font=FONT, paper_bgcolor='white', plot_bgcolor='white', hovermode='closest',
-        margin={'l': 58, 'r': 12, 't': 34, 'b': 44}, hoverlabel={'font': {'size': 12}},
+        margin={'l': 58, 'r': 36, 't': 34, 'b': 44}, hoverlabel={'font': {'size': 12}}, modebar={'orientation': 'v'},
         legend={'orientation': 'h', 'x': 0, 'xanchor': 'left', 'y': 1.0, 'yanchor': 'bottom', 'font': {'size': 11}},
     )  # fmt: skip
     figure.update_xaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, ticks='outside', tickcolor=GREY)

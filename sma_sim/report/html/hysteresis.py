@@ -45,10 +45,11 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str]) -> object:
     for name, values, colour, width in (
         ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.3),
     ):  # fmt: skip
-        figure.add_scattergl(
+        figure.add_scatter(
             x=x, y=small(factor * values[at]), name=name, mode='lines', line={'color': colour, 'width': width},
             hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.4g}}',
         )  # fmt: skip
+    figure.update_layout(margin_r=10)
     figure.update_xaxes(title_text=label)
     figure.update_yaxes(title_text=f'{channel} [{unit}]')
     return figure

@@ -12,6 +12,7 @@ from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
+MOST_CHANGE = 150.0  # [%]: wider intervals go beyond the figure
 HEADER = ('parameter', 'value', '95 % interval', 'unit', 'before', 'change')
 
 
@@ -67,7 +68,7 @@ def interval_figure(sure: Uncertainty, before: Mapping[str, float]) -> object:
     figure.add_vline(x=0.0, line={'color': GREY, 'dash': 'dot'})
     edges = [(edge, before[one.name]) for one in sure.intervals if one.seen for edge in (one.low, one.high)]
     if edges:
-        reach = 115.0 * max(abs(edge - first) / (abs(first) or 1.0) for edge, first in edges)
+        reach = min(MOST_CHANGE, 115.0 * max(abs(edge - first) / (abs(first) or 1.0) for edge, first in edges))
         figure.update_xaxes(range=[-reach, reach])
     figure.update_xaxes(title_text='change against the value before [%]')
     figure.update_yaxes(
@@ -102,7 +103,8 @@ def remarks(found: Calibration) -> list[str]:
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         words.append(f'error over noise of runs left out in turn: {scores}; the {found.config.model} model was taken')
-    words.append(f'the measurement is {1e3 * found.delay:.3g} ms later than the model')
+    side = 'later' if found.delay > 0.0 else 'earlier'
+    words.append(f'the measurement is {1e3 * abs(found.delay):.3g} ms {side} than the model')
     if found.interrupted:
         words.append('the fit was stopped: these are the best values so far, not the optimum')
     return words

@@ -16,7 +16,7 @@ from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
 BYTES = 2_500_000  # of all runs in the page: 30 runs still leave it below 10 MB
 PER_POINT = 28  # bytes of one point: time, measured, model and residual, as base64
-MOST_POINTS, LEAST_POINTS = 2500, 300  # per channel and run
+MOST_POINTS, LEAST_POINTS = 1600, 300  # per channel and run
 COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W'))}
 VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]
 
@@ -53,7 +53,8 @@ def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     draw_modes(figure, run, wires, len(heights))
     figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
     figure.update_layout(barmode='overlay', bargap=0.15)
-    figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=4)
+    figure.update_xaxes(range=[float(run.time[0]), float(run.time[-1])])
+    figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=5)
     return Plot(figure, height=int(total + 10 * len(heights) + 90))
 
 
@@ -64,12 +65,12 @@ def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: 
     time, first = small(run.time[at]), row == 1
     curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.2))
     for name, values, colour, width in curves:
-        figure.add_scattergl(
+        figure.add_scatter(
             x=time, y=small(factor * values[at]), name=name, legendgroup=name, showlegend=first, mode='lines',
             line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=row, col=1,
         )  # fmt: skip
     noise = run.noise[channel]
-    figure.add_scattergl(
+    figure.add_scatter(
         x=time, y=small(run.residual(channel)[at] / noise), name='residual', legendgroup='residual', showlegend=first,
         mode='lines', line={'color': '#5b5f66', 'width': 1}, row=row + 1, col=1,
         hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
@@ -84,7 +85,7 @@ def draw_command(figure: Any, run: ComparedRun, column: str, factor: float, row:
     values = factor * run.states[column]
     held = column != 'strain'
     at = np.unique(np.concatenate(stretches(np.unique(values, return_inverse=True)[1]))) if held else envelope(values, 800)
-    figure.add_scattergl(
+    figure.add_scatter(
         x=small(run.time[at]), y=small(values[at]), name='command', legendgroup='command', showlegend=False, mode='lines',
         line={'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})}, row=row, col=1,
         hovertemplate='%{y:.4g} at %{x:.2f} s',

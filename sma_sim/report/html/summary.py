@@ -11,7 +11,7 @@ from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY
 
-HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'correlation of neighbours')
+HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'neighbours')
 
 
 def summary_section(summary: Summary) -> Section:
@@ -24,7 +24,7 @@ def summary_section(summary: Summary) -> Section:
     note = (
         'Error over noise is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
-        'other, so something is missing in the model or in the measurement.'
+        'other (the last column is the correlation of neighbours), so something is missing in the model or in the measurement.'
     )
     rows = [score_row(kind, one) for kind, part in parts(summary) for one in part]
     blocks: list[Block] = [

@@ -67,5 +67,5 @@ def share_plot(title: str, labels: list[str], error: list[float], other: list[fl
         bargap=0.25, margin={'l': 10, 'r': 10, 't': 34, 'b': 30},
     )  # fmt: skip
     figure.update_yaxes(automargin=True, showgrid=False, type='category')
-    figure.update_xaxes(ticksuffix=' %', rangemode='tozero', nticks=5)
+    figure.update_xaxes(ticksuffix=' %', rangemode='tozero', nticks=4, tickangle=0)
     return Plot(figure, height=BAR * len(labels) + FRAME)

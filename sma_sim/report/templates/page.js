@@ -14,7 +14,9 @@
     figure.layout.height = place.clientHeight;
     figure.layout.autosize = true;
     if (touch) figure.layout.dragmode = false; // a finger scrolls the page; buttons zoom
-    const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ['select2d', 'lasso2d'] };
+    const small = place.closest('.grid') !== null; // no room for buttons
+    const config = { responsive: true, displaylogo: false, displayModeBar: small ? false : undefined,
+      modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
     Plotly.newPlot(place, figure.data, figure.layout, config).then(function () {
       place.dataset.state = 'drawn';
       page.drawn += 1;
