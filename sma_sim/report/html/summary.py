@@ -24,7 +24,7 @@ def summary_section(summary: Summary) -> Section:
     note = (
         'Error over noise is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
-        'other (the last column is the correlation of neighbours), so something is missing in the model or in the measurement.'
+        'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
     )
     rows = [score_row(kind, one) for kind, part in parts(summary) for one in part]
     blocks: list[Block] = [
