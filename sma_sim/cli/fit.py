@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from sma_sim.evidence.compare_summary import summarise
 from sma_sim.evidence.free_parameters import values_of
 from sma_sim.evidence.held_out import RunFit, held_out
 from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.run_by_run import Agreement, agreement
 from sma_sim.evidence.tables import write_whole
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
@@ -64,12 +66,16 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.out:
             write_fitted(arguments, found)
         foretold = foretell(found, held, executor)
+        runs = runs_of_wire(found, fitted, held, executor)
     print(fit_text(found, foretold))
+    if runs:
+        print('', *runs.sentences, sep='\n')
     if arguments.json:
-        write_json(arguments.json, fit_data(found, foretold, fitted))
+        runs_data = {'run_by_run': asdict(runs) if runs else None}
+        write_json(arguments.json, fit_data(found, foretold, fitted) | runs_data)
     if arguments.report:
         comparison = compared_calibration(found, fitted, held, foretold, 'fitted')
-        write_fit_page(arguments.report, found, values_of(config), summarise(comparison), (fitted, held))
+        write_fit_page(arguments.report, found, values_of(config), summarise(comparison), (fitted, held), runs)
     for path in (arguments.out, arguments.report, arguments.json):
         if path:
             print(path)
@@ -93,6 +99,13 @@ def foretell(found: Calibration, held: Campaign | None, executor: Executor) -> t
     if held is None or found.interrupted:
         return ()
     return held_out(found.config, held, found.delay, executor)
+
+
+def runs_of_wire(found: Calibration, fitted: Campaign, held: Campaign | None, executor: Executor) -> Agreement | None:
+    """A wire run by run, where there are several runs and the fit was not stopped."""
+    if found.config.system != 'wire' or found.interrupted:
+        return None
+    return agreement(found.config, fitted, held, executor)
 
 
 def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:

@@ -9,6 +9,8 @@ from sma_sim.evidence.calibrate import Calibration
 from sma_sim.evidence.compare_pairs import Change
 from sma_sim.evidence.compare_summary import Summary
 from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.run_by_run import Agreement
+from sma_sim.report.html.agreement import agreement_section
 from sma_sim.report.html.changes import changes_section
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.hysteresis import hysteresis_section
@@ -30,11 +32,13 @@ def comparison_sections(summary: Summary) -> list[Section]:
 
 
 def write_fit_page(
-    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Campaign, Campaign | None]
-) -> None:
-    """The page of a fit; `before` holds the values that it started from. Raises UserError."""
+    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Campaign, Campaign | None],
+    runs: Agreement | None = None,
+) -> None:  # fmt: skip
+    """The page of a fit; `before`: the values that it started from, `runs`: a wire run by run. Raises UserError."""
     first, *others = comparison_sections(summary)
-    sections = [first, parameters_section(found, before), *others, data_section(*data)]
+    parameters = [parameters_section(found, before), agreement_section(runs, found.config)]
+    sections = [first, *parameters, *others, data_section(*data)]
     write_page(path, f'Calibration: {found.config.model} model', sections)
 
 
