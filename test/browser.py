@@ -14,8 +14,8 @@ def open_browser(width=1400, height=900, phone=False):
         pytest.skip('no browser: apt-get install chromium chromium-driver')
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for word in ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage', f'--window-size={width},{height}'):
-        options.add_argument(word)
+    for word in ('headless=new', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage', f'window-size={width},{height}'):
+        options.add_argument(f'--{word}')
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
     if phone:
         metrics = {'width': width, 'height': height, 'pixelRatio': 2.0, 'touch': True}

@@ -11,10 +11,10 @@ from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
 MOST_RUNS = 24
 MOST_POINTS = 1500
-# By system: what is drawn over what (a state's column, its factor and its label).
+# By system: what is drawn over what (a state's column, its factor, its label, the least range).
 LOOPS = {
-    'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]'),),
-    'wire': (('stress', 'strain', 100.0, 'strain [%]'), ('stress', 'T_K', 1.0, 'temperature of the model [K]')),
+    'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),
+    'wire': (('stress', 'strain', 100.0, 'strain [%]', 0.0), ('stress', 'T_K', 1.0, 'temperature of the model [K]', 3.0)),
 }
 
 
@@ -24,7 +24,7 @@ def hysteresis_section(comparison: Comparison) -> Section:
         Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
         for run in comparison.runs[:MOST_RUNS]
         for loop in LOOPS[comparison.config.system]
-        if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > 0.0
+        if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
     ]
     if not plots:
         return Section('Hysteresis', [])
@@ -34,9 +34,9 @@ def hysteresis_section(comparison: Comparison) -> Section:
     return Section('Hysteresis', [Paragraph(words), Grid(plots)])
 
 
-def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str]) -> object:
+def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> object:
     """One loop."""
-    channel, column, scale, label = loop
+    channel, column, scale, label, _ = loop
     unit, factor = UNITS[channel]
     known = np.flatnonzero(np.isfinite(run.measured[channel]))
     at = known[:: -(-len(known) // MOST_POINTS)]

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from sma_sim.evidence.calibrate import Calibration
-from sma_sim.evidence.uncertainty import Uncertainty
+from sma_sim.evidence.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
-MOST_CHANGE = 150.0  # [%]: wider intervals go beyond the figure
+MOST_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
 HEADER = ('parameter', 'value', '95 % interval', 'unit', 'before', 'change')
 
 
@@ -49,32 +49,32 @@ def row(found: Calibration, name: str, unit: str, before: Mapping[str, float]) -
 
 
 def interval_figure(sure: Uncertainty, before: Mapping[str, float]) -> object:
-    """Intervals relative to the values before, best at the top."""
+    """Values and intervals over the (positive) values before, on a logarithmic axis."""
+    told = [one for one in reversed(sure.intervals) if before[one.name] > 0.0 and one.value > 0.0]
     figure = new_figure()
     for seen, colour, symbol, name in ((True, BLUE, 'circle', 'seen'), (False, ORANGE, 'circle-open', 'not seen alone')):
-        part = [one for one in reversed(sure.intervals) if one.seen == seen]
-        scale = [abs(before[one.name]) or 1.0 for one in part]
-        offset = [100.0 * (one.value - before[one.name]) / s for one, s in zip(part, scale, strict=True)]
+        part = [(one, before[one.name]) for one in told if one.seen == seen]
         figure.add_scatter(
-            x=offset, y=[one.name for one in part], mode='markers', name=name,
+            x=[one.value / first for one, first in part], y=[one.name for one, _ in part], mode='markers', name=name,
             marker={'color': colour, 'symbol': symbol, 'size': 9},
             error_x={
                 'type': 'data', 'symmetric': False, 'color': colour, 'thickness': 1.6,
-                'array': [100.0 * (one.high - one.value) / s for one, s in zip(part, scale, strict=True)],
-                'arrayminus': [100.0 * (one.value - one.low) / s for one, s in zip(part, scale, strict=True)],
+                'array': [(one.high - one.value) / first for one, first in part],
+                'arrayminus': [(one.value - max(one.low, 1e-3 * one.value)) / first for one, first in part],
             },
-            hovertemplate='%{y}: %{x:+.2f} %<extra></extra>',
+            hovertemplate='%{y}: x%{x:.4g}<extra></extra>',
         )  # fmt: skip
-    figure.add_vline(x=0.0, line={'color': GREY, 'dash': 'dot'})
-    edges = [(edge, before[one.name]) for one in sure.intervals if one.seen for edge in (one.low, one.high)]
-    if edges:
-        reach = min(MOST_CHANGE, 115.0 * max(abs(edge - first) / (abs(first) or 1.0) for edge, first in edges))
-        figure.update_xaxes(range=[-reach, reach])
-    figure.update_xaxes(title_text='change against the value before [%]')
-    figure.update_yaxes(
-        automargin=True, categoryorder='array', categoryarray=[one.name for one in reversed(sure.intervals)], type='category'
-    )
+    figure.add_vline(x=1.0, line={'color': GREY, 'dash': 'dot'})
+    reach = max((abs(np.log10(edge / before[one.name])) for one in told for edge in edges(one)), default=0.1)
+    figure.update_xaxes(title_text='over the value before', type='log', range=[-1.1 * reach, 1.1 * reach], nticks=6)
+    figure.update_yaxes(automargin=True, categoryorder='array', categoryarray=[one.name for one in told], type='category')
     return figure
+
+
+def edges(one: Interval) -> tuple[float, ...]:
+    """What must be in the figure: the value, and the interval unless it is very wide."""
+    wide = not one.seen or one.high > MOST_RATIO * one.value or one.low * MOST_RATIO < one.value
+    return (one.value,) if wide else (one.low, one.value, one.high)
 
 
 def correlation_figure(sure: Uncertainty) -> object:

@@ -39,7 +39,7 @@ def runs_section(comparison: Comparison) -> Section:
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     """One run."""
     channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
-    commands = COMMANDS[comparison.config.system]
+    commands = [one for one in COMMANDS[comparison.config.system] if np.ptp(run.states[one[0]]) > 0.0]
     wires = wires_of(comparison.config)
     heights = [VALUE, RESIDUAL] * len(channels) + [COMMAND] * len(commands) + [MODES * len(wires)]
     total = sum(heights)
