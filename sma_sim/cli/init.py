@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sma_sim.cli.options import add_config_options, announce_compilation
+from sma_sim.cli.options import add_config_options, announce_compilation, folders_beside
 from sma_sim.cli.robot_check import at_rest, when_heated
 from sma_sim.cli.units import in_unit, to_si, typed_units
 from sma_sim.evidence.tables import check_writable, write_whole
-from sma_sim.model.config import Config, effect_folders_of, read_config
+from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import number, parameter_file
 from sma_sim.model.parameters import DEFAULTS
@@ -87,9 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = asked(arguments, config) if asking else with_values(arguments, values)
     if not asking:
         describe(config)
-    folders = effect_folders_of(arguments.config, arguments.words)
-    home = arguments.out.resolve().parent
-    text = parameter_file(config, [os.path.relpath(folder.resolve(), home) for folder in folders])
+    text = parameter_file(config, folders_beside(arguments, arguments.out))
     check_place(arguments.out, arguments.overwrite)  # once more: answers take a while
     write_whole(arguments.out, lambda file: file.write(text))
     print(arguments.out)

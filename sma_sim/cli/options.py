@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sma_sim.model.config import Config, read_config
+from sma_sim.model.config import Config, effect_folders_of, read_config
 from sma_sim.solver.compile import is_compiled
 
 QUIET_TIME = 2.0  # [s] before progress is shown
@@ -18,6 +19,11 @@ QUIET_TIME = 2.0  # [s] before progress is shown
 def add_config_options(parser: argparse.ArgumentParser) -> None:
     """``--config``, ``--set`` and ``--effect``."""
     parser.add_argument('--config', type=Path, metavar='FILE', help='YAML parameter file (default: the paper\'s values)')
+    add_overriding_options(parser)
+
+
+def add_overriding_options(parser: argparse.ArgumentParser) -> None:
+    """``--set`` and ``--effect``."""
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE', dest='words', help='one parameter, such as wire.E_A=12e9'
     )
@@ -41,6 +47,13 @@ def config_from(arguments: argparse.Namespace, *words: str, recorded: Mapping[st
     return read_config(arguments.config, [*arguments.words, *words], arguments.effects, start or {})
 
 
+def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
+    """The folders of the user's effects, as a parameter file at `out` names them."""
+    home = out.resolve().parent
+    folders = effect_folders_of(arguments.config, arguments.words)
+    return [os.path.relpath(folder.resolve(), home) for folder in folders]
+
+
 def announce_compilation() -> None:
     """Say why the first start takes long."""
     if not is_compiled():
@@ -55,9 +68,14 @@ class Progress:
 
     def __call__(self, part: float) -> None:
         """Show that `part` (0 to 1) is done."""
+        self.tell(f'{100.0 * part:3.0f} %')
+
+    def tell(self, state: str) -> None:
+        """Show how far the work is, in words."""
         passed = time.monotonic() - self._start
         if passed > QUIET_TIME and sys.stderr.isatty():
-            print(f'\r{self._what}: {100.0 * part:3.0f} % after {passed:.0f} s', end='', file=sys.stderr, flush=True)
+            text = f'{self._what}: {state} after {passed:.0f} s'
+            print(f'\r{text:<79}', end='', file=sys.stderr, flush=True)
             self._shown = True
 
     def close(self) -> None:

@@ -34,7 +34,6 @@ from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
 from sma_sim.evidence.selection import Round, Told, Workplace, judged_error, pruned, select
 from sma_sim.model.config import Config
-from sma_sim.model.errors import UserError
 
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
@@ -63,7 +62,8 @@ class Step:
 class Diagnosis:
     """What was found. `calibration` is the fit of the last step on all samples; its `config` runs in the node.
 
-    `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without.
+    `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
+    `foretold`: the held-out runs under the last model.
     """
 
     verdict: str
@@ -72,6 +72,7 @@ class Diagnosis:
     rounds: tuple[Round, ...]
     calibration: Calibration
     held_out_ratio: dict[str, float]
+    foretold: tuple[RunFit, ...]
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     noise_std: dict[str, float]
@@ -89,36 +90,25 @@ class Request:
     options: Options = field(default_factory=lambda: Options(starts=STARTS))
 
 
-def split(campaign: Campaign, names: Sequence[str]) -> tuple[Campaign, Campaign]:
-    """Training and held-out recordings. Raises UserError for a name that no recording has, or when nothing is left."""
-    if not names and len(campaign.recordings) >= LEAST_TO_HOLD_OUT:
-        names = [campaign.recordings[-1].name]
-    wanted = {Path(name).stem if Path(name).suffix else name for name in names}
-    known = {recording.name for recording in campaign.recordings}
-    of_name = {name: {one for one in known if one == name or one.split('#')[0] == name} for name in wanted}
-    for name, found in of_name.items():
-        if not found:
-            raise UserError(f'--hold-out {name}: no recording of that name; there are {", ".join(sorted(known))}')
-    out = set().union(*of_name.values()) if of_name else set()
-    training = tuple(one for one in campaign.recordings if one.name not in out)
-    if not training:
-        raise UserError('--hold-out leaves nothing to fit: expected at least one recording beside those held out')
-    return replace(campaign, recordings=training), replace(
-        campaign, recordings=tuple(one for one in campaign.recordings if one.name in out)
-    )
+def some_held_out(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
+    """Training and held-out recordings: the last of several is held out where nothing else was chosen."""
+    if held is not None or len(campaign.recordings) < LEAST_TO_HOLD_OUT:
+        return campaign, held
+    *rest, last = campaign.recordings
+    return replace(campaign, recordings=tuple(rest)), replace(campaign, recordings=(last,))
 
 
 def diagnose(
-    campaign: Campaign, config: Config, hold_out: Sequence[str] = (), request: Request | None = None,
+    campaign: Campaign, config: Config, held: Campaign | None = None, request: Request | None = None,
     executor: Executor | None = None, told: Told = lambda words: None,
 ) -> Diagnosis:  # fmt: skip
     """Find what `config` lacks to explain the campaign's recordings.
 
-    `hold_out` names recordings that are only looked at in the end (default: the last of three or more). A
+    Those of `held` are only looked at in the end; without it the last of three or more recordings is held out. A
     KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be diagnosed.
     """
     begun, request, stop = time.perf_counter(), request or Request(), Event()
-    training, out = split(campaign, hold_out)
+    training, out = some_held_out(campaign, held)
     check(training, config, request.options)
     with some_executor(executor) as pool:
         place = Workplace(pool, stop, told, request.folders, request.seed)
@@ -131,11 +121,12 @@ def diagnose(
         told('the last fit, on all samples')
         final = final_fit(training, last, request, place, begun)
         steps = [step_of(training, out, one, request, place) for one in path[:-1]]
-        steps.append(step_of_final(final, out, last, place))
+        foretold = held_out(final.config, out, final.delay, pool) if out else ()
+        steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
     return Diagnosis(
-        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios,
-        tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings),
+        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios, foretold,
+        tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
     )  # fmt: skip
 
@@ -163,7 +154,7 @@ def final_fit(training: Campaign, last: Fitted, request: Request, place: Workpla
     return result(done, last.problem.config.parameters['solver.rtol'], scores, options, place.pool, place.stop, begun)
 
 
-def step_of(training: Campaign, out: Campaign, one: Fitted, request: Request, place: Workplace) -> Step:
+def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Request, place: Workplace) -> Step:
     """The errors of a model that was fitted on the way."""
     problem = replace(prepared(training, one.problem.config, request.options, 1), free=one.problem.free)
     channels = over_runs(problem, run_fits(problem, one.z, place.pool))
@@ -172,20 +163,24 @@ def step_of(training: Campaign, out: Campaign, one: Fitted, request: Request, pl
     return Step(one.effects, config.model, mean_error(channels), held, channels, held_channels, one.values)
 
 
-def step_of_final(final: Calibration, out: Campaign, last: Fitted, place: Workplace) -> Step:
+def step_of_final(final: Calibration, foretold: Sequence[RunFit], last: Fitted) -> Step:
     """The errors of the last model."""
-    held, channels = errors_held_out(final.config, out, final.delay, place)
-    return Step(
-        last.effects, final.config.model, final.error, held, dict(final.channels), channels, dict(final.values)
-    )  # fmt: skip
+    held, channels = summed_up(foretold)
+    model = final.config.model
+    return Step(last.effects, model, final.error, held, dict(final.channels), channels, dict(final.values))
 
 
-def errors_held_out(config: Config, out: Campaign, delay: float, place: Workplace) -> tuple[float, dict[str, float]]:
+def errors_held_out(
+    config: Config, out: Campaign | None, delay: float, place: Workplace
+) -> tuple[float, dict[str, float]]:
     """Error over noise of the held-out runs, in all and by channel; NaN where there are none."""
-    if not out.recordings:
-        return float('nan'), {}
-    fits = held_out(config, out, delay, place.pool)
-    channels = {name: mean_error(by_run(fits, name)) for name in fits[0].channels}
+    return summed_up(held_out(config, out, delay, place.pool) if out else ())
+
+
+def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
+    """Error over noise of several runs, in all and by channel."""
+    names = dict.fromkeys(name for fit in fits for name in fit.channels)
+    channels = {name: mean_error(by_run(fits, name)) for name in names}
     return mean_error(channels), channels
 
 
@@ -194,7 +189,7 @@ def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
     return {fit.name: fit.channels[channel] for fit in fits if channel in fit.channels}
 
 
-def held_out_ratios(first: Round, bare: Step, out: Campaign, place: Workplace) -> dict[str, float]:
+def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workplace) -> dict[str, float]:
     """By effect of the first round, the held-out error with it over that without."""
     ratios = {}
     for one in first.tried:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.solver.inputs import Input
+from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
 
 Vector = NDArray[np.float64]
@@ -161,6 +161,15 @@ def started(config: Config, source: Input, start: Sequence[float]) -> Config:
 def predict(config: Config, recording: Recording | Prepared, nuisance: Nuisance | None = None) -> dict[str, Vector]:
     """What the model shows at the recording's sample times: (k,) by channel, those of the system.
 
+    Raises SimulationError when a run cannot be made.
+    """
+    columns = model_columns(config, recording, nuisance)
+    return {name: columns[column] for name, column in CHANNEL_COLUMNS.items() if column in columns}
+
+
+def model_columns(config: Config, recording: Recording | Prepared, nuisance: Nuisance | None = None) -> dict[str, Vector]:
+    """The model's columns (file contract, inputs included) at the recording's sample times, (k,) each.
+
     Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
     """
     nuisance = nuisance or Nuisance()
@@ -174,9 +183,8 @@ def predict(config: Config, recording: Recording | Prepared, nuisance: Nuisance 
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     index = np.maximum(np.arange(len(times)) - early + 1, 0)
-    return {
-        name: trajectory[column][index] for name, column in CHANNEL_COLUMNS.items() if column in trajectory.columns
-    }  # fmt: skip
+    columns = inputs_at(source, asked) | trajectory.columns
+    return {name: column[index] for name, column in columns.items()}
 
 
 def weighted_residuals(config: Config, run: Prepared, nuisance: Nuisance | None = None) -> NDArray[np.float64]:

@@ -1,0 +1,211 @@
+"""`sma-sim fit`: calibrate the model on recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli.data import (
+    add_data_options,
+    check_outputs,
+    chosen_executor,
+    read_data,
+    system_words,
+    table_text,
+    write_json,
+)
+from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.evidence.calibrate import Calibration, Options, calibrate
+from sma_sim.evidence.compare import compared_calibration
+from sma_sim.evidence.compare_summary import summarise
+from sma_sim.evidence.free_parameters import values_of
+from sma_sim.evidence.held_out import RunFit, held_out
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.run_by_run import Agreement, agreement
+from sma_sim.evidence.tables import write_whole
+from sma_sim.model.parameter_file import parameter_file
+from sma_sim.report.html.comparison_page import write_fit_page
+
+STOPPED = 130  # exit code after Ctrl-C
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser('fit', help='calibrate the model on recordings')
+    add_data_options(parser)
+    parser.add_argument(
+        '--free', action='append', metavar='NAMES',
+        help='parameters to fit, joined by commas (default: those that such data can tell, and all of active effects)',
+    )  # fmt: skip
+    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument('--starts', type=int, default=3, metavar='N', help='descents from different places (default 3)')
+    parser.add_argument('--robust', action='store_true', help='outliers count less')
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the further starts')
+    parser.add_argument('-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file, for the node and --config')
+    add_config_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fit, foretell what was held out, write what was asked for."""
+    check_outputs(arguments, arguments.out)
+    config = config_from(arguments, *system_words(arguments))
+    fitted, held = read_data(arguments, config)
+    options = Options(names_of(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
+    announce_compilation()
+    progress = Progress('fitting')
+    with chosen_executor(arguments) as executor:
+        try:
+            found = calibrate(fitted, config, options, executor, lambda *state: progress.tell(step_words(*state)))
+        finally:
+            progress.close()
+        if arguments.out:
+            write_fitted(arguments, found)
+        foretold = foretell(found, held, executor)
+        runs = runs_of_wire(found, fitted, held, executor)
+    print(fit_text(found, foretold))
+    if runs:
+        print('', *runs.sentences, sep='\n')
+    if arguments.json:
+        runs_data = {'run_by_run': asdict(runs) if runs else None}
+        write_json(arguments.json, fit_data(found, foretold, fitted) | runs_data)
+    if arguments.report:
+        comparison = compared_calibration(found, fitted, held, foretold, 'fitted')
+        write_fit_page(arguments.report, found, values_of(config), summarise(comparison), (fitted, held), runs)
+    for path in (arguments.out, arguments.report, arguments.json):
+        if path:
+            print(path)
+    return STOPPED if found.interrupted else 0
+
+
+def names_of(words: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names that are joined by commas."""
+    if words is None:
+        return None
+    return tuple(name.strip() for word in words for name in word.split(',') if name.strip())
+
+
+def step_words(label: str, iteration: int, cost: float) -> str:
+    """What a fit is doing."""
+    return f'{label}, step {iteration}, cost {cost:.4g}'
+
+
+def foretell(found: Calibration, held: Campaign | None, executor: Executor) -> tuple[RunFit, ...]:
+    """The runs that were held out, unless the fit was stopped."""
+    if held is None or found.interrupted:
+        return ()
+    return held_out(found.config, held, found.delay, executor)
+
+
+def runs_of_wire(found: Calibration, fitted: Campaign, held: Campaign | None, executor: Executor) -> Agreement | None:
+    """A wire run by run, where there are several runs and the fit was not stopped."""
+    if found.config.system != 'wire' or found.interrupted:
+        return None
+    return agreement(found.config, fitted, held, executor)
+
+
+def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:
+    """Write the parameter file, with a line on where it comes from."""
+    names = ', '.join(fit.name for fit in found.runs)
+    origin = f'# Fitted by sma-sim fit to {names}: error over noise {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
+    text = origin + parameter_file(found.config, folders_beside(arguments, arguments.out))
+    write_whole(arguments.out, lambda file: file.write(text))
+
+
+def fit_text(found: Calibration, foretold: Sequence[RunFit]) -> str:
+    """The result for the terminal."""
+    lines = [
+        f'{found.config.model} model, {found.iterations} steps in {found.seconds:.1f} s'
+        + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else ''),
+        '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
+        table_text(('error over noise', *found.channels, 'all'), error_rows(found, foretold)),
+    ]  # fmt: skip
+    remarks = remarks_on(found)
+    return '\n'.join([*lines, *([''] if remarks else []), *remarks])
+
+
+def parameter_rows(found: Calibration) -> list[tuple[str, str, str, str]]:
+    """Name, value, interval, unit."""
+    sure = {one.name: one for one in found.uncertainty.intervals} if found.uncertainty else {}
+    rows = []
+    for one in found.free:
+        known = sure.get(one.name)
+        interval = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not seen'
+        rows.append((one.name, f'{found.values[one.name]:.5g}', interval, one.unit))
+    return rows
+
+
+def error_rows(found: Calibration, foretold: Sequence[RunFit]) -> list[tuple[str, ...]]:
+    """Errors of every run by channel, those held out last."""
+
+    def row(name: str, channels: Mapping[str, float], error: float) -> tuple[str, ...]:
+        return (name, *(f'{channels[c]:.3f}' if c in channels else '' for c in found.channels), f'{error:.3f}')
+
+    rows = [row(fit.name, fit.channels, fit.error) for fit in found.runs]
+    rows.append(row('fitted runs', found.channels, found.error))
+    return rows + [row(f'{fit.name} (held out)', fit.channels, fit.error) for fit in foretold]
+
+
+def remarks_on(found: Calibration) -> list[str]:
+    """What else a person must know."""
+    remarks = [f'not seen by these data: {one}' for one in (found.uncertainty.unseen if found.uncertainty else ())]
+    remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
+    remarks += [f'{one.name} was held: {one.reason}' for one in found.held]
+    other = [one for one in found.other_starts if not one.same]
+    if other:
+        remarks.append(f'{len(other)} of {len(found.other_starts) + 1} starts led elsewhere, to higher cost: see --json')
+    if found.cross_validation:
+        scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
+        remarks.append(f'error over noise of runs left out in turn: {scores}')
+    remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
+    return remarks
+
+
+def fit_data(found: Calibration, foretold: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
+    """The result for programs; SI units."""
+    sure = found.uncertainty
+    intervals = {one.name: one for one in sure.intervals} if sure else {}
+    return {
+        'model': found.config.model,
+        'parameters': {
+            one.name: {'value': found.values[one.name], 'unit': one.unit, **interval_data(intervals.get(one.name))}
+            for one in found.free
+        },
+        'delay': found.delay,
+        'delay_std': sure.delay_std if sure else None,
+        'error': {
+            'train': found.error, 'held_out': mean_error_of(foretold), 'channels': found.channels,
+            'runs': {fit.name: run_data(fit, held=False) for fit in found.runs}
+            | {fit.name: run_data(fit, held=True) for fit in foretold},
+        },
+        'cross_validation': found.cross_validation,
+        'unseen': sure.unseen if sure else None,
+        'directions': [{'std': one.std, 'weights': one.weights} for one in sure.directions] if sure else None,
+        'correlation': sure.correlation if sure else None,
+        'at_bound': found.at_bound,
+        'held': {one.name: one.reason for one in found.held},
+        'other_starts': [{'excess': one.excess, 'same': one.same, 'values': one.values} for one in found.other_starts],
+        'noise_std': campaign.noise_std,
+        'converged': found.converged,
+        'interrupted': found.interrupted,
+        'seconds': found.seconds,
+    }  # fmt: skip
+
+
+def interval_data(one: Any) -> dict[str, Any]:
+    """An interval as plain data."""
+    return {} if one is None else {name: getattr(one, name) for name in ('low', 'high', 'std', 'log', 'seen')}
+
+
+def run_data(fit: RunFit, held: bool) -> dict[str, Any]:
+    """The errors of one run as plain data."""
+    return {'error': fit.error, 'channels': fit.channels, 'held_out': held, 'x_M': fit.x_M, 'start': fit.start}
+
+
+def mean_error_of(fits: Sequence[RunFit]) -> float | None:
+    """The error over noise of several runs, None for none."""
+    return float((sum(fit.error**2 for fit in fits) / len(fits)) ** 0.5) if fits else None

@@ -1,0 +1,56 @@
+"""Section: the transformation stresses of a wire run by run, against the one line and the one width of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from sma_sim.evidence.run_by_run import Agreement, RunStress
+from sma_sim.model.config import Config
+from sma_sim.report.html.figures import new_figure
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section
+from sma_sim.report.palette import BLUE, ORANGE, RED
+
+WORDS = (
+    'Each run was fitted for its own sigma_MW0 and dsigma, everything else held at the calibration above. Marks: what each '
+    'run says (open: held out); lines: what the model has for all of them.'
+)
+
+
+def agreement_section(found: Agreement | None, config: Config) -> Section:
+    """Sentences and the transformation stresses over temperature; empty where runs cannot be told apart."""
+    if found is None:
+        return Section('Run by run', [])
+    blocks: list[Block] = [
+        Bullets(found.sentences), Plot(stress_figure(found.runs, config), WORDS, 380),
+        Paragraph('p: how likely so much spread would be if the model were right (Cochran\'s Q).', 'note'),
+    ]  # fmt: skip
+    return Section('Run by run', blocks)
+
+
+def stress_figure(runs: Sequence[RunStress], config: Config) -> object:
+    """sigma_A, sigma_MW and sigma_M over temperature."""
+    p = config.parameters
+    kinds: tuple[tuple[str, str, float, Callable[[RunStress], float]], ...] = (
+        ('sigma_A (to martensite)', RED, 0.5, lambda one: one.sigma_MW[0] + 0.5 * one.dsigma[0]),
+        ('sigma_MW', ORANGE, 0.0, lambda one: one.sigma_MW[0]),
+        ('sigma_M (to austenite)', BLUE, -0.5, lambda one: one.sigma_MW[0] - 0.5 * one.dsigma[0]),
+    )
+    figure = new_figure()
+    ends = [min(one.temperature for one in runs), max(one.temperature for one in runs)]
+    for name, colour, part, value in kinds:
+        line = [
+            1e-6 * (p['wire.sigma_MW0'] + p['wire.sigma_T'] * (T - p['wire.T0']) + part * p['wire.dsigma']) for T in ends
+        ]
+        figure.add_scatter(
+            x=ends, y=line, mode='lines', line={'color': colour, 'width': 1.5}, legendgroup=name, showlegend=False,
+            hoverinfo='skip',
+        )  # fmt: skip
+        figure.add_scatter(
+            x=[one.temperature for one in runs], y=[1e-6 * value(one) for one in runs], mode='markers', name=name,
+            legendgroup=name, text=[one.name + (' (held out)' if one.held_out else '') for one in runs],
+            marker={'color': colour, 'size': 10, 'symbol': ['circle-open' if one.held_out else 'circle' for one in runs]},
+            hovertemplate='%{text}: %{y:.4g} MPa at %{x:.1f} K<extra></extra>',
+        )  # fmt: skip
+    figure.update_xaxes(title_text='temperature [K]')
+    figure.update_yaxes(title_text='stress [MPa]')
+    return figure

@@ -1,0 +1,46 @@
+"""Section: two configurations side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sma_sim.evidence.compare_pairs import Change
+from sma_sim.evidence.compare_scores import total_error
+from sma_sim.evidence.compare_summary import Summary
+from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
+from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, Table
+from sma_sim.report.palette import GREY
+
+
+def changes_section(summaries: Sequence[Summary], pairs: Sequence[Change]) -> Section:
+    """Errors of both, and their ratios with intervals."""
+    rows = [
+        (one.comparison.label, one.comparison.config.model,
+         *(f'{total_error(list(part.values())):.3f}' if part else '' for part in (one.fitted, one.held_out)))
+        for one in summaries
+    ]  # fmt: skip
+    return Section('Side by side', [
+        Table(('configuration', 'model', 'error over noise', 'held out'), rows),
+        Plot(ratio_figure(pairs), 'RMSE of the second over that of the first, 95 %; below 1 the second is nearer.'),
+        Bullets([one.text for one in pairs]),
+        Paragraph('Intervals: stretches of the runs are drawn again, the same ones for both.', 'note'),
+    ])  # fmt: skip
+
+
+def ratio_figure(pairs: Sequence[Change]) -> object:
+    """Ratios by channel."""
+    figure = new_figure()
+    for held, name, colour in ((False, 'fitted', SHOWN), (True, 'held out', HELD_OUT)):
+        part = [one for one in pairs if one.held_out == held]
+        if part:
+            figure.add_scatter(
+                x=[one.channel for one in part], y=[one.ratio for one in part], mode='markers', name=name,
+                marker={'color': colour, 'size': 10},
+                error_y={
+                    'type': 'data', 'symmetric': False, 'color': colour,
+                    'array': [one.high - one.ratio for one in part], 'arrayminus': [one.ratio - one.low for one in part],
+                },
+            )  # fmt: skip
+    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
+    figure.update_yaxes(title_text='RMSE, second over first', rangemode='tozero')
+    return figure

@@ -1,0 +1,54 @@
+"""The pages of `sma-sim compare` and `sma-sim fit`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from sma_sim.evidence.calibrate import Calibration
+from sma_sim.evidence.compare_pairs import Change
+from sma_sim.evidence.compare_summary import Summary
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.run_by_run import Agreement
+from sma_sim.report.html.agreement import agreement_section
+from sma_sim.report.html.changes import changes_section
+from sma_sim.report.html.data import data_section
+from sma_sim.report.html.hysteresis import hysteresis_section
+from sma_sim.report.html.page import Section, write_page
+from sma_sim.report.html.parameters import parameters_section
+from sma_sim.report.html.runs import runs_section
+from sma_sim.report.html.states import states_section
+from sma_sim.report.html.summary import summary_section
+from sma_sim.report.html.where import where_section
+
+
+def comparison_sections(summary: Summary) -> list[Section]:
+    """What there is to see of one configuration beside a campaign."""
+    comparison = summary.comparison
+    return [
+        summary_section(summary), where_section(summary), runs_section(comparison), hysteresis_section(comparison),
+        states_section(comparison),
+    ]  # fmt: skip
+
+
+def write_fit_page(
+    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Campaign, Campaign | None],
+    runs: Agreement | None = None,
+) -> None:  # fmt: skip
+    """The page of a fit; `before`: the values that it started from, `runs`: a wire run by run. Raises UserError."""
+    first, *others = comparison_sections(summary)
+    parameters = [parameters_section(found, before), agreement_section(runs, found.config)]
+    sections = [first, *parameters, *others, data_section(*data)]
+    write_page(path, f'Calibration: {found.config.model} model', sections)
+
+
+def write_compare_page(
+    path: Path, summaries: Sequence[Summary], pairs: Sequence[Change], data: tuple[Campaign, Campaign | None]
+) -> None:
+    """The page of one or two configurations beside a campaign. Raises UserError."""
+    sections = [changes_section(summaries, pairs)] if pairs else []
+    for one in summaries:
+        label = f' ({one.comparison.label})' if len(summaries) > 1 else ''
+        sections += [Section(part.title + label, part.blocks) for part in comparison_sections(one)]
+    labels = ' and '.join(one.comparison.label for one in summaries)
+    write_page(path, f'Comparison: {labels}', [*sections, data_section(*data)])

@@ -1,0 +1,25 @@
+"""Section: what was measured, what was repaired on the way, and how noisy it is."""
+
+from __future__ import annotations
+
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.shown_units import shown
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
+
+
+def data_section(fitted: Campaign, held: Campaign | None) -> Section:
+    """Recordings, noise, notes."""
+    rows = [
+        (one.name, kind, f'{len(one.time)}', f'{one.time[-1] - one.time[0]:.1f} s', ', '.join(one.channels),
+         'exact' if one.exact_commands else 'sampled')
+        for campaign, kind in ((fitted, 'fitted'), (held, 'held out')) if campaign is not None
+        for one in campaign.recordings
+    ]  # fmt: skip
+    noise = ', '.join(f'{channel} {shown(channel, std)}' for channel, std in fitted.noise_std.items())
+    notes = [f'{one.name}: {note}' for part in (fitted, held) if part for one in part.recordings for note in one.notes]
+    notes += fitted.notes
+    blocks: list[Block] = [
+        Table(('recording', 'used', 'samples', 'length', 'channels', 'instants of commands'), rows),
+        Paragraph(f'Noise (standard deviation): {noise}.'),
+    ]
+    return Section('Data', [*blocks, *([Bullets(notes)] if notes else [])])

@@ -1,0 +1,62 @@
+"""How all interactive figures look, and how much of a long series they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.report.palette import BLUE, GREY, RED
+
+Vector = NDArray[np.float64]
+MEASURED, SHOWN = GREY, BLUE
+HELD_OUT = RED
+GRID = '#e5e8ec'
+FONT = {'family': 'system-ui, -apple-system, Segoe UI, Roboto, sans-serif', 'size': 12, 'color': '#1f2328'}
+
+
+def new_figure(rows: int = 1, heights: Sequence[float] | None = None, gap: float = 0.02) -> Any:
+    """An empty figure: `rows` of axes below each other that share their x axis."""
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(
+        rows=rows, cols=1, shared_xaxes=True, row_heights=None if heights is None else list(heights), vertical_spacing=gap
+    )
+    figure.update_layout(
+        template='none', font=FONT, paper_bgcolor='white', plot_bgcolor='white', hovermode='closest',
+        margin={'l': 58, 'r': 36, 't': 34, 'b': 44}, hoverlabel={'font': {'size': 12}}, modebar={'orientation': 'v'},
+        legend={'orientation': 'h', 'x': 0, 'xanchor': 'left', 'y': 1.0, 'yanchor': 'bottom', 'font': {'size': 11}},
+    )  # fmt: skip
+    figure.update_xaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, ticks='outside', tickcolor=GREY)
+    figure.update_yaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, title_standoff=6)
+    return figure
+
+
+def small(values: Vector) -> NDArray[np.float32]:
+    """Numbers as a page carries them: 4 bytes are more than a screen shows."""
+    return np.asarray(values, dtype=np.float32)
+
+
+def envelope(values: Vector, most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` of the values (k,) that keep what a line through them looks like.
+
+    Of every stretch the smallest and the largest are kept, so that no spike is lost; NaN are left out.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) <= most:
+        return known
+    edges = np.linspace(0, len(known), max(most // 2, 1) + 1).astype(int)
+    chosen = [
+        (first + int(np.argmin(values[known[first:last]])), first + int(np.argmax(values[known[first:last]])))
+        for first, last in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    found: NDArray[np.int64] = known[np.unique(np.array(chosen))]
+    return found
+
+
+def stretches(labels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where stretches of equal labels (k,) begin, and where each ends (the last one at k - 1)."""
+    begin = np.concatenate([[0], np.flatnonzero(np.diff(labels)) + 1])
+    return begin, np.append(begin[1:], len(labels) - 1)

@@ -1,0 +1,55 @@
+"""Section: the loops that hysteresis draws, measured and model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sma_sim.evidence.compare import ComparedRun, Comparison
+from sma_sim.evidence.shown_units import SHOWN as UNITS
+from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
+from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
+
+MOST_RUNS = 24
+MOST_POINTS = 1500
+# By system: what is drawn over what (a state's column, its factor, its label, the least range).
+LOOPS = {
+    'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),
+    'wire': (('stress', 'strain', 100.0, 'strain [%]', 0.0), ('stress', 'T_K', 1.0, 'temperature of the model [K]', 3.0)),
+}
+
+
+def hysteresis_section(comparison: Comparison) -> Section:
+    """A figure per run and loop."""
+    plots = [
+        Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
+        for run in comparison.runs[:MOST_RUNS]
+        for loop in LOOPS[comparison.config.system]
+        if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
+    ]
+    if not plots:
+        return Section('Hysteresis', [])
+    words = 'Measured (grey) and model (blue).'
+    if len(comparison.runs) > MOST_RUNS:
+        words += f' The first {MOST_RUNS} of {len(comparison.runs)} runs.'
+    return Section('Hysteresis', [Paragraph(words), Grid(plots)])
+
+
+def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> object:
+    """One loop."""
+    channel, column, scale, label, _ = loop
+    unit, factor = UNITS[channel]
+    known = np.flatnonzero(np.isfinite(run.measured[channel]))
+    at = known[:: -(-len(known) // MOST_POINTS)]
+    x = small(scale * run.states[column][at])
+    figure = new_figure()
+    for name, values, colour, width in (
+        ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.3),
+    ):  # fmt: skip
+        figure.add_scatter(
+            x=x, y=small(factor * values[at]), name=name, mode='lines', line={'color': colour, 'width': width},
+            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.4g}}',
+        )  # fmt: skip
+    figure.update_layout(margin_r=10)
+    figure.update_xaxes(title_text=label)
+    figure.update_yaxes(title_text=f'{channel} [{unit}]')
+    return figure

@@ -1,0 +1,176 @@
+"""One self-contained HTML page from sections of words, tables and interactive figures.
+
+A section is made by a function of evidence dataclasses in a file of its own; the page knows nothing of what they say.
+plotly.js is written into the page once, so that it works offline; figures are drawn when they come into view, those in
+closed tabs when these are opened. `window.smaPage` tells how many figures there are and how many are drawn.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.tables import write_whole
+from sma_sim.model.errors import UserError
+
+TEMPLATES = Path(__file__).parents[1] / 'templates'
+Cell = str
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A paragraph of plain text; `kind` 'lead' for the one to read first, 'note' for small print."""
+
+    text: str
+    kind: str = ''
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of plain sentences, numbered where their order matters."""
+
+    items: Sequence[str]
+    numbered: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; cells are plain text, the first column is to the left, the others to the right."""
+
+    header: Sequence[Cell]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ''
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plotly figure (`plotly.graph_objects.Figure`) with a caption; `height` [px]."""
+
+    figure: Any
+    caption: str = ''
+    height: int = 320
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Small figures beside each other, as many in a row as the screen has room for."""
+
+    plots: Sequence[Plot]
+
+
+@dataclass(frozen=True)
+class Tabs:
+    """Blocks of which one at a time is shown, chosen by its label."""
+
+    tabs: Sequence[tuple[str, Sequence[Block]]]
+
+
+Block = Paragraph | Bullets | Table | Plot | Grid | Tabs
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page with its heading, reached from the menu at the top."""
+
+    title: str
+    blocks: Sequence[Block]
+
+
+def write_page(path: Path, title: str, sections: Sequence[Section]) -> None:
+    """Write one self-contained page (offline; about 5 MB are plotly.js). Raises UserError.
+
+    Sections without blocks are left out. All text is escaped: names from files can do no harm.
+    """
+    text = page_text(title, [one for one in sections if one.blocks])
+    write_whole(path, lambda file: file.write(text))
+
+
+def page_text(title: str, sections: Sequence[Section]) -> str:
+    """The text of a page."""
+    numbers = count()
+    menu = ''.join(f'<a href="#part{k}">{html.escape(one.title)}</a>' for k, one in enumerate(sections))
+    body = ''.join(
+        f'<section id="part{k}"><h2>{html.escape(one.title)}</h2>{blocks_html(one.blocks, numbers)}</section>'
+        for k, one in enumerate(sections)
+    )
+    parts = {
+        'title': html.escape(title), 'menu': menu, 'body': body, 'style': template('page.css'),
+        'script': template('page.js'), 'plotly': plotly_script(),
+    }  # fmt: skip
+    page, text = template('page.html').split('{{'), ''
+    for piece in page[1:]:
+        name, _, rest = piece.partition('}}')
+        text += parts[name] + rest
+    return page[0] + text
+
+
+def template(name: str) -> str:
+    """A file of the page's frame."""
+    return (TEMPLATES / name).read_text(encoding='utf-8')
+
+
+def plotly_script() -> str:
+    """plotly.js. Raises UserError where plotly is missing."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise UserError('--report needs plotly: pip install plotly') from error
+    return str(get_plotlyjs()).replace('</script', '<\\/script')
+
+
+def blocks_html(blocks: Sequence[Block], numbers: count[int]) -> str:
+    """Blocks one after the other."""
+    return ''.join(block_html(block, numbers) for block in blocks)
+
+
+def block_html(block: Block, numbers: count[int]) -> str:
+    """One block."""
+    if isinstance(block, Paragraph):
+        return f'<p class="{block.kind}">{html.escape(block.text)}</p>'
+    if isinstance(block, Bullets):
+        kind = 'ol' if block.numbered else 'ul'
+        return f'<{kind}>{"".join(f"<li>{html.escape(item)}</li>" for item in block.items)}</{kind}>'
+    if isinstance(block, Table):
+        return table_html(block)
+    if isinstance(block, Plot):
+        return plot_html(block, next(numbers))
+    if isinstance(block, Grid):
+        return f'<div class="grid">{blocks_html(block.plots, numbers)}</div>'
+    return tabs_html(block, numbers)
+
+
+def table_html(table: Table) -> str:
+    """A table that scrolls sideways where it is too wide."""
+    head = ''.join(f'<th>{html.escape(cell)}</th>' for cell in table.header)
+    rows = ''.join('<tr>' + ''.join(f'<td>{html.escape(cell)}</td>' for cell in row) + '</tr>' for row in table.rows)
+    caption = f'<caption>{html.escape(table.caption)}</caption>' if table.caption else ''
+    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+
+
+def plot_html(plot: Plot, number: int) -> str:
+    """A place for a figure, and its data."""
+    data = str(plot.figure.to_json()).replace('</', '<\\/')
+    caption = f'<figcaption>{html.escape(plot.caption)}</figcaption>' if plot.caption else ''
+    return (
+        f'<figure><div class="plot" id="plot{number}" style="height:{plot.height}px"></div>'
+        f'<script type="application/json" id="data{number}">{data}</script>{caption}</figure>'
+    )
+
+
+def tabs_html(tabs: Tabs, numbers: count[int]) -> str:
+    """Buttons and the panes that they show, the first open."""
+    if len(tabs.tabs) == 1:
+        return blocks_html(tabs.tabs[0][1], numbers)
+    buttons = ''.join(
+        f'<button type="button" role="tab" aria-selected="{str(k == 0).lower()}">{html.escape(label)}</button>'
+        for k, (label, _) in enumerate(tabs.tabs)
+    )
+    panes = ''.join(
+        f'<div class="pane" role="tabpanel"{"" if k == 0 else " hidden"}>{blocks_html(blocks, numbers)}</div>'
+        for k, (_, blocks) in enumerate(tabs.tabs)
+    )
+    return f'<div class="tabs"><div class="buttons" role="tablist">{buttons}</div>{panes}</div>'

@@ -1,0 +1,112 @@
+"""Section: every run, measured against model, with residuals, command and the mode bands of each wire beneath."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.compare import ComparedRun, Comparison
+from sma_sim.evidence.compare_states import RESTING, wires_of
+from sma_sim.evidence.shown_units import SHOWN as UNITS
+from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
+from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
+from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
+
+BYTES = 2_500_000  # of all runs in the page: 30 runs still leave it below 10 MB
+PER_POINT = 28  # bytes of one point: time, measured, model and residual, as base64
+MOST_POINTS, LEAST_POINTS = 1600, 300  # per channel and run
+COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W'))}
+VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]
+
+
+def runs_section(comparison: Comparison) -> Section:
+    """A tab per run."""
+    points = BYTES // (PER_POINT * len(comparison.runs) * len(comparison.channels))
+    points = int(np.clip(points, LEAST_POINTS, MOST_POINTS))
+    tabs: list[tuple[str, list[Block]]] = [
+        (run.name + (' (held out)' if run.held_out else ''), [run_plot(comparison, run, points)]) for run in comparison.runs
+    ]
+    words = (
+        'Measured (grey) against model (blue); below each the residual, measured - model, in units of the noise (the band '
+        'is +-2). At the bottom the active mode of each wire in the model. Drag to zoom, double-click to go back; the '
+        'legend switches curves off.'
+    )
+    return Section('Measured against model', [Paragraph(words), Tabs(tabs)])
+
+
+def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
+    """One run."""
+    channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
+    commands = [one for one in COMMANDS[comparison.config.system] if np.ptp(run.states[one[0]]) > 0.0]
+    wires = wires_of(comparison.config)
+    heights = [VALUE, RESIDUAL] * len(channels) + [COMMAND] * len(commands) + [MODES * len(wires)]
+    total = sum(heights)
+    figure = new_figure(len(heights), [height / total for height in heights], gap=10 / (total + 10 * len(heights)))
+    for k, channel in enumerate(channels):
+        draw_channel(figure, run, channel, 2 * k + 1, points)
+    for k, (column, label, factor, unit) in enumerate(commands):
+        row = 2 * len(channels) + 1 + k
+        draw_command(figure, run, column, factor, row)
+        figure.update_yaxes(title_text=f'{label} [{unit}]', row=row, col=1)
+    draw_modes(figure, run, wires, len(heights))
+    figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
+    figure.update_layout(barmode='overlay', bargap=0.15)
+    figure.update_xaxes(range=[float(run.time[0]), float(run.time[-1])])
+    figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=5)
+    return Plot(figure, height=int(total + 10 * len(heights) + 90))
+
+
+def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: int) -> None:
+    """Measured, model and residual of one channel in two rows."""
+    unit, factor = UNITS[channel]
+    at = envelope(run.residual(channel), points)
+    time, first = small(run.time[at]), row == 1
+    curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.2))
+    for name, values, colour, width in curves:
+        figure.add_scatter(
+            x=time, y=small(factor * values[at]), name=name, legendgroup=name, showlegend=first, mode='lines',
+            line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=row, col=1,
+        )  # fmt: skip
+    noise = run.noise[channel]
+    figure.add_scatter(
+        x=time, y=small(run.residual(channel)[at] / noise), name='residual', legendgroup='residual', showlegend=first,
+        mode='lines', line={'color': '#5b5f66', 'width': 1}, row=row + 1, col=1,
+        hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
+    )  # fmt: skip
+    figure.add_hrect(y0=-2, y1=2, fillcolor=SHOWN, opacity=0.12, line_width=0, row=row + 1, col=1)
+    figure.update_yaxes(title_text=f'{channel} [{unit}]', row=row, col=1)
+    figure.update_yaxes(title_text='res.', row=row + 1, col=1)
+
+
+def draw_command(figure: Any, run: ComparedRun, column: str, factor: float, row: int) -> None:
+    """The input at the samples, only where it changes."""
+    values = factor * run.states[column]
+    held = column != 'strain'
+    at = np.unique(np.concatenate(stretches(np.unique(values, return_inverse=True)[1]))) if held else envelope(values, 800)
+    figure.add_scatter(
+        x=small(run.time[at]), y=small(values[at]), name='command', legendgroup='command', showlegend=False, mode='lines',
+        line={'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})}, row=row, col=1,
+        hovertemplate='%{y:.4g} at %{x:.2f} s',
+    )  # fmt: skip
+
+
+def draw_modes(figure: Any, run: ComparedRun, wires: dict[str, str], row: int) -> None:
+    """A band per wire; one trace per mode, so that the legend switches it."""
+    names = {RESTING: 'at rest', **{mode: f'mode {name}' for mode, name in MODE_NAMES.items()}}
+    colours = {RESTING: '#eceef1', **MODE_COLOURS}
+    bars: dict[int, list[tuple[str, float, float]]] = {}
+    for suffix, wire in wires.items():
+        labels: NDArray[np.int64] = run.states[f'class{suffix}'].astype(np.int64)
+        begin, end = stretches(labels)
+        for first, last in zip(begin, end, strict=True):
+            bars.setdefault(int(labels[first]), []).append((wire, float(run.time[first]), float(run.time[last])))
+    for mode in sorted(bars):
+        rows, starts, ends = zip(*bars[mode], strict=True)
+        figure.add_bar(
+            y=list(rows), base=small(np.array(starts)), x=small(np.array(ends) - np.array(starts)), orientation='h',
+            name=names[mode], marker={'color': colours[mode], 'line': {'width': 0}}, row=row, col=1,
+            hovertemplate=f'{names[mode]}, from %{{base:.2f}} s for %{{x:.2f}} s',
+        )  # fmt: skip
+    figure.update_yaxes(categoryorder='array', categoryarray=list(wires.values())[::-1], showgrid=False, row=row, col=1)

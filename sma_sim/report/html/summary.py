@@ -1,0 +1,80 @@
+"""Section: how well the model fits, by channel and by run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sma_sim.evidence.compare_scores import Score, total_error
+from sma_sim.evidence.compare_summary import Summary
+from sma_sim.evidence.shown_units import shown
+from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
+from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
+from sma_sim.report.palette import GREY
+
+HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'neighbours')
+
+
+def summary_section(summary: Summary) -> Section:
+    """Totals, the scores as a figure and as a table, errors of every run."""
+    runs = summary.comparison.runs
+    held = [run.name for run in runs if run.held_out]
+    words = f'Error over noise {total_error(list(summary.fitted.values())):.3g} on {count(len(runs) - len(held))}'
+    if held:
+        words += f', {total_error(list(summary.held_out.values())):.3g} on {count(len(held))} held out ({", ".join(held)})'
+    note = (
+        'Error over noise is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
+        'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
+        'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
+    )
+    rows = [score_row(kind, one) for kind, part in parts(summary) for one in part]
+    blocks: list[Block] = [
+        Paragraph(words + '.', 'lead'), Plot(score_figure(summary), height=300), Table(HEADER, rows),
+        Paragraph(note, 'note'), run_table(summary),
+    ]  # fmt: skip
+    return Section('How well it fits', blocks)
+
+
+def count(runs: int) -> str:
+    """So many runs."""
+    return f'{runs} run' + ('' if runs == 1 else 's')
+
+
+def parts(summary: Summary) -> list[tuple[str, Sequence[Score]]]:
+    """Scores of the fitted runs, and of those held out."""
+    return [('fitted', list(summary.fitted.values())), ('held out', list(summary.held_out.values()))]
+
+
+def score_figure(summary: Summary) -> object:
+    """Error over noise by channel."""
+    figure = new_figure()
+    for (kind, part), colour in zip(parts(summary), (SHOWN, HELD_OUT), strict=True):
+        if part:
+            figure.add_bar(
+                x=[one.channel for one in part], y=[round(one.over_noise, 4) for one in part], name=kind,
+                marker_color=colour, hovertemplate='%{x}: %{y:.3f} x noise',
+            )  # fmt: skip
+    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
+    figure.update_layout(barmode='group', bargap=0.35)
+    figure.update_yaxes(title_text='RMSE over noise', rangemode='tozero')
+    return figure
+
+
+def score_row(kind: str, one: Score) -> tuple[str, ...]:
+    """One channel."""
+    white = one.whiteness
+    return (
+        one.channel, kind, shown(one.channel, one.rmse), f'{100 * one.share:.2f} %', f'{one.over_noise:.3f}',
+        shown(one.channel, one.bias), f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
+    )  # fmt: skip
+
+
+def run_table(summary: Summary) -> Table:
+    """Error over noise of every run by channel."""
+    channels = summary.comparison.channels
+    rows = []
+    for run in summary.comparison.runs:
+        found = summary.runs[run.name]
+        cells = [f'{found[name].over_noise:.3f}' if name in found else '' for name in channels]
+        label = run.name + (' (held out)' if run.held_out else '')
+        rows.append((label, *cells, f'{total_error(list(found.values())):.3f}'))
+    return Table(('run', *channels, 'all'), rows, 'Error over noise of every run')

@@ -1,0 +1,71 @@
+"""Section: where the error is, in words, and split by everything that the samples can be sorted by."""
+
+from __future__ import annotations
+
+from sma_sim.evidence.compare_spectrum import Band
+from sma_sim.evidence.compare_splits import Split, splits_of
+from sma_sim.evidence.compare_summary import Summary
+from sma_sim.evidence.shown_units import shown
+from sma_sim.report.html.figures import SHOWN, new_figure
+from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Tabs
+from sma_sim.report.palette import GREY
+
+BAR, FRAME = 38, 92  # heights [px]
+
+
+def where_section(summary: Summary) -> Section:
+    """The ranked sentences, then a tab of splits per channel."""
+    words = [*(one.text for one in summary.patterns), *(one.text for one in summary.findings)]
+    nothing = Paragraph('It is spread evenly, or is no more than noise.', 'lead')
+    first: Block = Bullets(words, numbered=True) if words else nothing
+    note = (
+        'Share of the squared error (blue) beside the share of the samples (grey): longer blue than grey means that the '
+        'error concentrates there. The sentences above come from a search over these classes and their combinations; '
+        'stretches of the runs are drawn again for the intervals, and the search is repeated on random halves of the data.'
+    )
+    tabs: list[tuple[str, list[Block]]] = [
+        (channel, [Grid([*(split_plot(one) for one in splits_of(summary.splits, channel)),
+                         *([band_plot(channel, summary.bands[channel])] if summary.bands[channel] else [])])])
+        for channel in summary.comparison.channels
+    ]  # fmt: skip
+    return Section('Where the error is', [first, Paragraph(note, 'note'), Tabs(tabs)])
+
+
+def split_plot(split: Split) -> Plot:
+    """One channel by one way to sort."""
+    shares = split.shares[::-1]
+    words = [
+        f'RMSE {shown(split.channel, one.rmse)}, {one.over_noise:.2f} x noise, bias {shown(split.channel, one.bias)}'
+        for one in shares
+    ]
+    return share_plot(
+        f'by {split.by}', [one.label for one in shares], [one.error for one in shares], [one.time for one in shares], words
+    )
+
+
+def band_plot(channel: str, bands: tuple[Band, ...]) -> Plot:
+    """One channel by frequency: share of the squared error, and what white noise would have there."""
+    total = sum(band.rms**2 for band in bands)
+    noise = [(band.rms / band.over_noise) ** 2 / total if band.over_noise > 0.0 else 0.0 for band in bands]
+    words = [f'RMS {shown(channel, band.rms)}, {band.over_noise:.2f} x noise' for band in bands]
+    labels = [f'{band.low:g} to {band.high:g} Hz' for band in bands]
+    return share_plot(
+        'by frequency (grey: the noise)', labels[::-1], [band.share for band in bands][::-1], noise[::-1], words[::-1]
+    )
+
+
+def share_plot(title: str, labels: list[str], error: list[float], other: list[float], words: list[str]) -> Plot:
+    """Horizontal bars of two shares."""
+    figure = new_figure()
+    for name, shares, colour in (('samples', other, GREY), ('squared error', error, SHOWN)):
+        figure.add_bar(
+            y=labels, x=[round(100.0 * share, 3) for share in shares], orientation='h', name=name, marker_color=colour,
+            customdata=words, hovertemplate='%{x:.1f} %<br>%{customdata}', showlegend=False,
+        )  # fmt: skip
+    figure.update_layout(
+        title={'text': title, 'font': {'size': 13}, 'x': 0, 'xref': 'paper', 'xanchor': 'left'}, barmode='group',
+        bargap=0.25, margin={'l': 10, 'r': 10, 't': 34, 'b': 30},
+    )  # fmt: skip
+    figure.update_yaxes(automargin=True, showgrid=False, type='category')
+    figure.update_xaxes(ticksuffix=' %', rangemode='tozero', nticks=4, tickangle=0)
+    return Plot(figure, height=BAR * len(labels) + FRAME)

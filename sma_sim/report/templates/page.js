@@ -1,0 +1,48 @@
+'use strict';
+(function () {
+  const places = Array.from(document.querySelectorAll('.plot'));
+  const touch = window.matchMedia('(pointer: coarse)').matches;
+  const page = { total: places.length, drawn: 0, failed: [] };
+  window.smaPage = page;
+
+  function draw(place) {
+    if (place.dataset.state) return;
+    place.dataset.state = 'drawing';
+    const data = document.getElementById(place.id.replace('plot', 'data'));
+    const figure = JSON.parse(data.textContent);
+    data.remove();
+    figure.layout.height = place.clientHeight;
+    figure.layout.autosize = true;
+    if (touch) figure.layout.dragmode = false; // a finger scrolls the page; buttons zoom
+    const small = place.closest('.grid') !== null; // no room for buttons
+    const config = { responsive: true, displaylogo: false, displayModeBar: small ? false : undefined,
+      modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
+    Plotly.newPlot(place, figure.data, figure.layout, config).then(function () {
+      place.dataset.state = 'drawn';
+      page.drawn += 1;
+    }).catch(function (error) {
+      page.failed.push(place.id);
+      console.error(place.id, error);
+    });
+  }
+
+  const watch = new IntersectionObserver(function (entries) {
+    for (const entry of entries) {
+      if (entry.isIntersecting) { watch.unobserve(entry.target); draw(entry.target); }
+    }
+  }, { rootMargin: '600px' });
+  places.forEach(function (place) { watch.observe(place); });
+
+  for (const tabs of document.querySelectorAll('.tabs')) {
+    const buttons = Array.from(tabs.querySelector('.buttons').children);
+    const panes = Array.from(tabs.children).filter(function (one) { return one.classList.contains('pane'); });
+    buttons.forEach(function (button, chosen) {
+      button.addEventListener('click', function () {
+        buttons.forEach(function (one, k) { one.setAttribute('aria-selected', String(k === chosen)); });
+        panes.forEach(function (one, k) { one.hidden = k !== chosen; });
+        panes[chosen].querySelectorAll('.js-plotly-plot').forEach(function (one) { Plotly.Plots.resize(one); });
+      });
+    });
+  }
+  window.addEventListener('beforeprint', function () { places.forEach(draw); });
+})();
