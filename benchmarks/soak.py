@@ -66,7 +66,12 @@ class Module:
     def begin(self) -> None:
         """Count from now on."""
         self.stamps, self.delays = self.stamps[-1:], self.delays[-1:]
+        self.behind, self.overruns = float(self.said['time left behind [s]']), int(self.said['overruns'])
         self.cpu, self.memory, self.wall = cpu_seconds(self.process.pid), resident_memory(self.process.pid), time.monotonic()
+
+    def left_behind(self) -> float:
+        """Time that the node says it has lost since the beginning [s]."""
+        return float(self.said['time left behind [s]']) - self.behind
 
     def result(self) -> dict[str, Any]:
         """What happened since."""
@@ -74,10 +79,10 @@ class Module:
         part = max(1, len(self.delays) // 10)
         numbers = {
             'samples': len(self.stamps) - 1,
-            'samples_missed_unannounced': int(np.sum(np.diff(self.stamps) > 1.5 * PERIOD)),
-            'overruns': int(self.said['overruns']),
-            'left_behind_s': float(self.said['time left behind [s]']),
-            'drift_ms': 1e3 * (min(self.delays[-part:]) - min(self.delays[:part])),
+            'samples_lost': int(np.sum(np.diff(self.stamps) > 1.5 * PERIOD)),
+            'overruns': int(self.said['overruns']) - self.overruns,
+            'left_behind_s': self.left_behind(),
+            'drift_unannounced_ms': 1e3 * (min(self.delays[-part:]) - min(self.delays[:part]) - self.left_behind()),
             'share_of_a_core': (cpu_seconds(self.process.pid) - self.cpu) / passed,
             'memory_growth_MB': resident_memory(self.process.pid) - self.memory,
             'recorded_messages': int(self.said['messages in the bag']),

@@ -18,7 +18,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
-from sma_sim.report.style import BLUE, GREY, ORANGE, RED, axes_of, new_figure, save
+from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
+from sma_sim.report.style import axes_of, new_figure, save
 
 NAMESPACE = '/tracking'
 STEPS = ((0.0, 0.0), (2.0, 4.0), (17.0, -6.0), (37.0, 2.0))  # from [s], angle [deg]

@@ -15,6 +15,7 @@ from launch import LaunchDescription
 
 SHARE = get_package_share_directory('sma_sim')
 MODULE, CONTROLLER = SHARE + '/launch/module.launch.py', SHARE + '/examples/controller.py'
+PARAMETERS = SHARE + '/config/module.yaml'
 
 
 def start(context):
@@ -25,8 +26,8 @@ def start(context):
     except ValueError as error:  # said before anything runs: launch leaves behind what it has started
         raise RuntimeError(f'alpha_target:={text}: expected an angle in rad, such as 0.05') from error
     controller = Node(
-        executable=CONTROLLER,
-        prefix=f'"{sys.executable}"',
+        executable=sys.executable,
+        arguments=[CONTROLLER],
         name='alpha_controller',
         exec_name='alpha_controller',
         namespace=LaunchConfiguration('namespace'),
@@ -41,7 +42,7 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument('alpha_target', default_value='0.0', description='wanted angle [rad]'),
-            DeclareLaunchArgument('params_file', default_value=SHARE + '/config/module.yaml', description='ROS 2 parameter file'),
+            DeclareLaunchArgument('params_file', default_value=PARAMETERS, description='ROS 2 parameter file'),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of the topics'),
             DeclareLaunchArgument('record', default_value='', description='bag that the node writes; empty: none'),
             RegisterEventHandler(OnProcessExit(on_exit=[Shutdown(reason='a part of the loop has ended')])),

@@ -1,5 +1,6 @@
 """Start a simulated module: `ros2 launch sma_sim module.launch.py [params_file:=FILE] [namespace:=NAME] [record:=BAG]`."""
 
+import sys
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
@@ -17,8 +18,9 @@ def start(context):
     if not Path(file).is_file():  # launch itself would only warn, and the node run with its defaults
         raise RuntimeError(f'params_file: there is no file {file}')
     node = Node(
-        package='sma_sim',
-        executable='sma_module_sim',
+        executable=sys.executable,  # pip puts no scripts where ROS looks for them; this finds the node of any install
+        arguments=['-m', 'sma_sim.ros.main'],
+        exec_name='sma_module_sim',
         namespace=LaunchConfiguration('namespace'),
         ros_arguments=['--params-file', file, *(['-p', f"node.record:='{record}'"] if record else [])],
         output='screen',

@@ -1,5 +1,9 @@
 """Simulation of soft robots driven by shape-memory-alloy (SMA) wires."""
 
+from sma_sim.evidence.calibrate import Calibration, Options, calibrate
+from sma_sim.evidence.held_out import held_out
+from sma_sim.evidence.recording import Campaign, Recording
+from sma_sim.evidence.residuals import Nuisance, predict
 from sma_sim.model.config import Config, default_parameters, read_config
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.library import find_effects
@@ -9,16 +13,24 @@ from sma_sim.solver.inputs import Input, module_input, wire_input
 from sma_sim.solver.simulate import Model, Trajectory, simulate
 
 __all__ = [
+    'Calibration',
+    'Campaign',
     'Config',
     'Effect',
     'Input',
     'Model',
+    'Nuisance',
+    'Options',
     'Parameter',
+    'Recording',
     'Trajectory',
     'UserError',
+    'calibrate',
     'default_parameters',
     'find_effects',
+    'held_out',
     'module_input',
+    'predict',
     'read_config',
     'simulate',
     'wire_input',

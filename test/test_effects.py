@@ -1,6 +1,7 @@
 """One standard test that every effect passes, and what is special to a port."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from sma_sim.model.effects.library import FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.material import stress
-from sma_sim.model.parameters import BeamConstants, WireConstants, beam_constants, wire_constants
+from sma_sim.model.parameters import DEFAULTS, BeamConstants, WireConstants, beam_constants, wire_constants
 from sma_sim.model.transformation import offsets
 from sma_sim.solver.kernels import native_effect
 
@@ -22,20 +23,50 @@ COMMAND = Input(
     np.column_stack([[0.0, 12.0, -10.0, 4.0, 0.0], np.full(5, 298.0)]),
     (False, False),
 )
-PULL = Input(np.array([0.0, 4.0, 6.0, 8.0]), np.array([[0, 0.1, 298], [0.06, 0.4, 298], [0.03, 0, 298], [0.05, 0, 298.0]]),
-             (True, False, False))  # fmt: skip
-SAMPLES = {'module': np.arange(0.0, 20.0, 0.05), 'wire': np.arange(0.0, 8.0, 0.02)}
+PULL = Input(
+    np.array([0.0, 4.0, 6.0, 8.0, 10.0]),
+    np.array([[0, 0.1, 298], [0.06, 0.4, 298], [0.03, 0, 298], [0.05, 0, 298], [0, 0, 298.0]]),
+    (True, False, False),
+)
+SAMPLES = {'module': np.arange(0.0, 20.0, 0.05), 'wire': np.arange(0.0, 10.0, 0.02)}
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'effects.md'
+# Where an effect shows: wires that run out of martensite, wires that would push.
+CONDITIONS = {
+    'pretension_mismatch': {'wire__l0': 99e-3},
+    'functional_fatigue': {'wire__l0': 99e-3},
+    'slack': {'wire__sigma_MW0': 45e6},
+}
+LIBRARY = {
+    'actuation': 'driver_lag driver_deadband power_gain_mismatch resistance_feedback',
+    'wire_heat': 'natural_convection radiation ambient_heating thermal_crosstalk latent_heat_scale',
+    'wire_strain': 'thermal_expansion pretension_mismatch attachment_compliance functional_fatigue',
+    'transformation_stress': 'clausius_clapeyron_mismatch polycrystal r_phase',
+    'wire_force': 'guide_friction slack',
+    'structure_force': 'gravity beam_creep beam_nonlinearity joint_friction',
+    'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment',
+}
 SEEN = {'module': ('alpha_rad', 'U_y_m', 'T_1_K', 'F_2_N'), 'wire': ('stress_Pa', 'T_K')}
 
 
-def run(system, kind, effects, rtol=1e-5):
-    model = make_model(system, kind, effects, solver__rtol=rtol)
+def run(system, kind, effects, rtol=1e-5, **parameters):
+    model = make_model(system, kind, effects, solver__rtol=rtol, **parameters)
     return simulate(model, COMMAND if system == 'module' else PULL, SAMPLES[system])
 
 
-def acts_on(name, system):
-    effect = find_effects()[name].effect
-    return system == 'module' or effect.port != 'structure_force'
+def random_input(system, random):
+    times = np.concatenate([[0.0], np.cumsum(random.uniform(0.5, 4.0, 8))])
+    T_E = random.uniform(290, 310)
+    if system == 'module':
+        J_eq, linear = random.uniform(-18, 18, 9), bool(random.integers(2))
+        return Input(times, np.column_stack([J_eq, np.full(9, T_E)]), (linear, False))
+    strain = np.concatenate([[0.03], random.uniform(0.0, 0.07, 8)])
+    return Input(times, np.column_stack([strain, random.uniform(0, 1.2, 9), np.full(9, T_E)]), (True, False, False))
+
+
+def test_library_is_complete():
+    for port, names in LIBRARY.items():
+        for name in names.split():
+            assert find_effects()[name].effect.port == port
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -43,13 +74,22 @@ def test_declaration(name):
     effect = find_effects()[name].effect
     assert effect.name == name and effect.equation and effect.source and effect.description
     assert any(p.neutral is not None for p in effect.parameters)
-    if effect.port in ('wire_strain', 'transformation_stress'):
-        assert effect.energy
+    row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f'| `{name}` |'))
+    assert f'| {effect.port} |' in row and row.endswith(f'| {effect.signature} | {", ".join(effect.confused_with)} |')
+    assert effect.signature and effect.confused_with and set(effect.systems) <= {'module', 'wire'}
+    assert effect.energy or effect.port in ('actuation', 'sensing')
     for p in effect.parameters:
         low, high = p.bounds
         assert p.unit and p.description and low <= p.default <= high
         assert p.neutral is None or low <= p.neutral <= high
         assert p.realistic is not None and low <= p.realistic[0] < p.realistic[1] <= high
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_what_it_is_confused_with(name):
+    """Parameters and effects that exist; of two effects each names the other."""
+    for other in find_effects()[name].effect.confused_with:
+        assert other == 'delay' or other in DEFAULTS or name in find_effects()[other].effect.confused_with, other
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -67,21 +107,39 @@ def test_neutral_is_the_bare_model_to_rounding(name, system, kind):
             other.y[len(point.y) :] = 0.0
             other.y[: len(point.y)], other.x[:], other.u[:], other.du[:] = point.y, point.x, point.u, point.du
             shown = other.evaluate()[0][: len(point.y)]
-            assert shown == pytest.approx(expected, rel=1e-8, abs=1e-9)
+            assert shown == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('system', ['module', 'wire'])
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_runs_in_every_system_and_changes_it(name, system, kind):
-    bare, still, rich = run(system, kind, []), run(system, kind, [neutral(name)]), run(system, kind, [active(name)])
-    assert rich.completed
+    where = CONDITIONS.get(name, {})
+    bare, still, rich = (run(system, kind, effects, **where) for effects in ([], [neutral(name)], [active(name)]))
+    assert rich.completed and rich.chattering == 0
     changed = []
     for column, tolerance in zip(SEEN[system], (2e-5, 2e-7, 5e-3, 2e-2) if system == 'module' else (1e5, 5e-3), strict=True):
         assert np.isfinite(rich[column]).all()
         assert still[column] == pytest.approx(bare[column], abs=tolerance)
         changed.append(np.abs(rich[column] - bare[column]).max() > 3.0 * tolerance)
-    assert any(changed) == acts_on(name, system)
+    assert any(changed) == (system in find_effects()[name].effect.systems)
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('system', ['module', 'wire'])
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_random_commands_at_both_ends_of_the_realistic_range(name, system, kind):
+    effect = find_effects()[name].effect
+    if system not in effect.systems:
+        pytest.skip(f'{name} has no meaning for a {system}')
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        source = random_input(system, random)
+        values = [p.realistic[random.integers(2)] for p in effect.parameters]
+        model = make_model(system, kind, [active(name, values)], **CONDITIONS.get(name, {}))
+        rich = simulate(model, source, np.linspace(0.0, source.times[-1], 200), max_steps=60_000)
+        assert rich.completed and rich.chattering == 0, (values, rich.reason)
+        assert all(np.isfinite(column).all() for column in rich.columns.values())
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -106,7 +164,8 @@ def test_native_kernel_is_the_python_one(name):
             continue
         call_kernel(address, *(array.ctypes.data for array in arrays))
         given = (s, constants, p, m) if effect.states and kernel is not effect.start else (s, constants, p)
-        assert arrays[-1][:count] == pytest.approx(np.atleast_1d(kernel(*given)), rel=1e-12)
+        expected = np.atleast_1d(kernel(*given))
+        assert arrays[-1][:count] == pytest.approx(np.pad(expected, (0, count - len(expected))), rel=1e-12)
 
 
 STRESS_EFFECTS = [n for n in NAMES if find_effects()[n].effect.port in ('wire_strain', 'transformation_stress')]
@@ -130,6 +189,8 @@ def test_transforming_wire_stays_on_its_stress(name, mode):
             assert point.obs[0, O_SIGMA] == pytest.approx(point.obs[0, level], abs=5.0)
             assert point.obs[0, O_S_A] > point.obs[0, O_S_M]
             dx = point.obs[0, O_DX]
+            if find_effects()[name].effect.states and (dx > 0.0) != (mode == TO_MARTENSITE):
+                continue  # rates of memory are linear in dx_M/dt for the sign that the mode allows
             slope = (point.along(h)[1][0, O_X] - point.along(-h)[1][0, O_X]) / (2 * h)
             assert dx == pytest.approx(slope, rel=1e-4, abs=1e-4)
     assert count > 20
@@ -187,7 +248,7 @@ def test_memory_accumulates_over_a_run():
     travelled = np.abs(np.diff(tired['x_M'])).sum()
     assert travelled > 0.5
     w = make_model('wire').compiled.wire
-    strain = np.interp(8.0 - 0.02, PULL.times, PULL.values[:, 0])
+    strain = np.interp(SAMPLES['wire'][-1], PULL.times, PULL.values[:, 0])
     x, sigma = tired['x_M'][-1], tired['stress_Pa'][-1]
     elastic = sigma * (x / w.E_M + (1 - x) / w.E_A)
     assert strain - w.eps_T * x - elastic == pytest.approx(2e-3 * travelled, rel=1e-2)

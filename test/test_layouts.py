@@ -81,6 +81,7 @@ def test_paths_lead_to_numbers_of_the_running_node():
     with ros_client.Simulation() as one:
         one.until(lambda: one.node.count_publishers(COMMAND) == 1, ros_client.FIRST_MESSAGE)
         topics = {name: kinds[0] for name, kinds in one.node.get_topic_names_and_types()} | OF_CONTROLLER
+        assert set(foxglove()['configById']['3D!module']['topics']) <= set(topics)
         used = {split(path, topics)[0] for path in wanted}
         latest = {}
         for topic in used:

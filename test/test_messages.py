@@ -209,5 +209,5 @@ def test_edited_effect_takes_effect(step, tmp_path):
 
 
 def test_unknown_effect_to_list(capsys):
-    assert main(['effects', 'gravitation']) == 2
+    assert main(['effects', 'gravty']) == 2
     assert 'did you mean gravity' in capsys.readouterr().err

@@ -2,13 +2,15 @@
 
 import subprocess
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of, write_recording
 
+from sma_sim.evidence.bag_files import open_bag
+from sma_sim.evidence.bag_runs import write_mcap
+from sma_sim.evidence.bag_writer import BagWriter
 from sma_sim.evidence.recordings import read_campaign, read_recording
 from sma_sim.evidence.repair import outliers
 from sma_sim.model.errors import UserError
@@ -187,27 +189,28 @@ def test_a_folder_stands_for_its_recordings(tmp_path):
     assert sum(note.startswith('b: ') for note in said) == len(campaign.recordings[1].notes)
 
 
-def test_bags_join(tmp_path, monkeypatch):
-    """A bag's columns are the union of the stamps of its topics."""
+def test_bags_of_a_folder(tmp_path):
+    """Two bag files in a folder are two recordings; one that breaks off is read as far as it goes, and that is said."""
     columns = with_switching_rows(module_columns(), [2.0071, 5.513], [5.0, 0.0])
-    columns['J_eq_W'][1:][np.diff(columns['J_eq_W']) == 0.0] = np.nan
-    asked = []
-
-    def read_bag(path):
-        asked.append(path)
-        return {name: column.copy() for name, column in columns.items()}
-
-    monkeypatch.setitem(sys.modules, 'sma_sim.evidence.bags', types.SimpleNamespace(read_bag=read_bag))
-    folder = tmp_path / 'bag_1'
-    folder.mkdir()
-    (folder / 'metadata.yaml').write_text('')
-    (tmp_path / 'bag_2.mcap').write_bytes(b'')
-    campaign = read_campaign([tmp_path], 'module', 298.0)
-    assert asked == [folder, tmp_path / 'bag_2.mcap']
-    assert [recording.name for recording in campaign.recordings] == ['bag_1', 'bag_2']
+    write_mcap(tmp_path / 'a.mcap', columns)
+    plain = BagWriter(tmp_path / 'killed')
+    numbers = {}
+    for message in open_bag(tmp_path / 'a.mcap').messages():
+        if message.topic not in numbers:
+            numbers[message.topic] = plain.add(message.topic, message.kind)
+        plain.write(numbers[message.topic], message.log_time, message.cdr)
+        if message.log_time >= 7 * 10**9:
+            break
+    plain.flush()
+    said = []
+    campaign = read_campaign([tmp_path], 'module', 298.0, told=said.append)
+    assert [recording.name for recording in campaign.recordings] == ['a', 'killed']
+    assert any(note.startswith('killed: the bag breaks off') for note in said)
+    assert campaign.recordings[0].time[-1] > 11.0 and 6.9 < campaign.recordings[1].time[-1] < 7.1
     for recording in campaign.recordings:
         assert recording.exact_commands and np.isfinite(recording.channels['alpha']).all()
-        assert list(recording.source.times[1:][np.diff(recording.source.values[:, 0]) != 0.0]) == [2.0071, 5.513]
+        changes = recording.source.times[1:][np.diff(recording.source.values[:, 0]) != 0.0]
+        assert changes == pytest.approx([2.0071, 5.513] if changes[0] > 2.0 else [1.0, 2.0071, 5.513], abs=1e-8)
 
 
 def test_rows_before_the_first_command_are_left_out(tmp_path):
@@ -280,6 +283,9 @@ def test_the_electric_runs_of_a_real_wire():
 MEMORY = """
 import resource, sys
 from pathlib import Path
+from sma_sim.evidence.bag_files import open_bag
+from sma_sim.evidence.bag_runs import write_mcap
+from sma_sim.evidence.bag_writer import BagWriter
 from sma_sim.evidence.recordings import read_recording
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 (recording,) = read_recording(Path(sys.argv[1]), 'module', 298.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.model.config import effect_folders_of, suggestion
-from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.effects.library import find_effects
 from sma_sim.model.errors import UserError
 
@@ -49,14 +49,21 @@ def as_data(effect: Effect) -> dict[str, Any]:
         }
         for p in effect.parameters
     ]  # fmt: skip
-    words = {name: getattr(effect, name) for name in ('name', 'port', 'equation', 'source', 'description', 'energy')}
-    return {**words, 'states': effect.states, 'parameters': parameters}
+    words = ('name', 'port', 'equation', 'source', 'description', 'energy', 'signature', 'confused_with', 'systems')
+    return {name: getattr(effect, name) for name in (*words, 'states')} | {'parameters': parameters}
 
 
 def as_text(effect: Effect) -> str:
     """An effect for a person to read."""
-    lines = [f'{effect.name}  ({effect.port})', f'    {effect.equation}']
-    for words in (effect.description, f'source: {effect.source}', f'energy: {effect.energy}' if effect.energy else ''):
+    only = '' if effect.systems == SYSTEMS else f', {" and ".join(effect.systems)} only'
+    lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']
+    told = {
+        'signature': effect.signature,
+        'confused with': ', '.join(effect.confused_with),
+        'source': effect.source,
+        'energy': effect.energy,
+    }
+    for words in (effect.description, *(f'{word}: {text}' for word, text in told.items() if text)):
         lines += textwrap.wrap(words, WIDTH, initial_indent='    ', subsequent_indent='      ')
     for p in effect.parameters:
         low, high = p.bounds

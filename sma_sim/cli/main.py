@@ -9,7 +9,7 @@ import traceback
 from sma_sim.cli import bag, compare, effects, fit, init, paper, play, plot, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (simulate, fit, compare, play, plot, bag, effects, paper, init)
+VERBS = (init, simulate, fit, compare, play, plot, bag, effects, paper)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -59,10 +59,16 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder with a storage file or metadata in it, or a storage file."""
+    """Whether a path is a bag: a storage file, or a folder with metadata or with storage files named after it."""
     if path.is_dir():
-        return (path / METADATA).exists() or bool(storage_files(path))
+        return (path / METADATA).is_file() or any(own_number(path, file) for file in storage_files(path))
     return path.suffix in STORAGES
+
+
+def own_number(folder: Path, file: Path) -> bool:
+    """Whether a file is named as a recorder names the files of a bag: `name_0.mcap`, or `name.mcap`."""
+    name, _, number = file.stem.rpartition('_')
+    return file.stem == folder.name or name == folder.name and number.isdigit()
 
 
 def open_bag(path: Path) -> Bag:

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import FIRST, LAST, Descent, Progress, descend, feasible, start_point
+from sma_sim.evidence.descent import FIRST, LAST, Descent, Progress, cost_at, descend, feasible, start_point
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
 from sma_sim.evidence.parallel import some_executor
@@ -30,10 +30,13 @@ from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 Answer = TypeVar('Answer')
-RTOL = 1e-5  # of the simulations of a fit
+RTOL, LAST_RTOL = 1e-5, 1e-6  # of the simulations of the first descents and of the last
 THINNED = 1000  # samples per run of the first descents
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
+# Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
+# priors weigh nothing then. In stages, because the valley of sharp weights is narrow.
+CLEAN, SHARPER, POLISHED_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
 SAME = 2.0  # a descent that ends within this of the best's cost has found the same
 MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
@@ -48,7 +51,7 @@ class Options:
 
     free: tuple[str, ...] | None = None
     model: str = 'auto'
-    starts: int = 3
+    starts: int = 2
     robust: bool = False
     seed: int = 0
     intervals: bool = True
@@ -122,7 +125,7 @@ def calibrate(
         best = min(found, key=lambda one: (one.validated if np.isfinite(one.validated) else 0.0, one.best.cost))
         scores = {one.problem.config.model: one.validated for one in found if np.isfinite(one.validated)}
         best = finished(campaign, best, options, pool, stop, progress)
-        return result(best, scores, options, pool, stop, begun)
+        return result(best, config.parameters['solver.rtol'], scores, options, pool, stop, begun)
 
 
 def check(campaign: Campaign, config: Config, options: Options) -> None:
@@ -172,10 +175,29 @@ def finished(
 ) -> Found:
     """The descent continued on all samples."""
     config = found.problem.config
-    problem = prepared(campaign, config, options, 1)
+    problem = prepared(campaign, config, options, 1).at_tolerance(LAST_RTOL)
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
-    return replace(found, problem=problem, best=replace(last, iterations=last.iterations + found.best.iterations))
+    last = replace(last, iterations=last.iterations + found.best.iterations)
+    for sharper in SHARPER:
+        error = data_error(problem, last)
+        if error * sharper > 10.0 * CLEAN or stop.is_set():
+            break
+        problem = prepared(campaign, config, options, 1).at_tolerance(POLISHED_RTOL)
+        sharp = problem.weighted(sharper)
+        polished = together([partial(descend, sharp, last.z, pool, LAST, stop, progress, f'{label}, sharper')], stop)[0]
+        last = at_stated_noise(problem, polished, last.iterations, pool)
+    return replace(found, problem=problem, best=last)
+
+
+def data_error(problem: Problem, found: Descent) -> float:
+    """The error over noise, without the prior's share of the cost."""
+    return float(np.sqrt(max(2.0 * found.cost - float(found.z @ found.z), 0.0) / problem.samples))
+
+
+def at_stated_noise(problem: Problem, polished: Descent, before: int, pool: Executor) -> Descent:
+    """A descent with sharper weights, its cost at the stated noise."""
+    return replace(polished, cost=cost_at(problem, polished.z, pool), iterations=before + polished.iterations)
 
 
 def starting_points(problem: Problem, options: Options, pool: Executor) -> list[Vector]:
@@ -210,7 +232,7 @@ def validation(found: Found, pool: Executor, stop: Event) -> float:
 
 
 def result(
-    found: Found, scores: Mapping[str, float], options: Options, pool: Executor, stop: Event, begun: float
+    found: Found, rtol: float, scores: Mapping[str, float], options: Options, pool: Executor, stop: Event, begun: float
 ) -> Calibration:
     """What is reported of the chosen model."""
     problem, z = found.problem, found.best.z
@@ -220,7 +242,7 @@ def result(
         sure = together([lambda: uncertainty(problem, z, pool)], stop)[0]
     channels = over_runs(problem, fits)
     return Calibration(
-        config=with_starts(problem.fitted(z), fits), free=problem.free,
+        config=with_starts(problem.at_tolerance(rtol).fitted(z), fits), free=problem.free,
         held=choose_free(problem.config, options.free)[1], values=problem.values(z),
         delay=problem.delay_at(z), runs=fits, channels=channels, error=mean_error(channels), cost=found.best.cost,
         iterations=found.best.iterations, converged=found.best.converged, interrupted=stop.is_set(),

@@ -140,12 +140,12 @@ def descend(
     Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
     central when a step gains little, because valleys are narrow.
     """
-    half = 0.5 * sum(run.samples for run in problem.runs)
-    steps, central, damping = None, effort.near, effort.damping
+    half = 0.5 * problem.samples
+    central, damping = effort.near, effort.damping
+    steps = measured_steps(problem, z, executor) if effort.near else None
     for iteration in range(effort.most):
         parts = normal_parts(problem, z, executor, steps, central)
         cost, gradient, hessian = summed(parts, z)
-        steps = better_steps(problem, hessian)
         if progress is not None:
             progress(label, iteration, cost)
         if stop.is_set():
@@ -156,7 +156,13 @@ def descend(
         if gained <= effort.gain * cost and (central or damping <= MOST_DAMPING):
             return Descent(z, cost - gained, iteration, damping <= MOST_DAMPING)
         central = central or gained < NEAR * cost
+        steps = better_steps(problem, hessian, central)
     return Descent(z, cost - gained, effort.most, False)
+
+
+def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
+    """Steps of central differences that suit the neighbourhood of z, from one-sided differences."""
+    return better_steps(problem, summed(normal_parts(problem, z, executor), z)[2], central=True)
 
 
 def accepted(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +61,11 @@ def some_executor(executor: Executor | None) -> Iterator[Executor]:
 def dask_executor(address: str) -> Iterator[Executor]:
     """An executor on the Dask cluster whose scheduler is at `address`, such as ``tcp://host:8786``. Raises UserError."""
     try:
-        from distributed import Client as client_type
+        distributed: Any = import_module('distributed')
     except ImportError as error:
         raise UserError('--scheduler needs Dask: pip install "sma_sim[dask]"') from error
     try:
-        client: Any = client_type(address, timeout=10)
+        client = distributed.Client(address, timeout=5)
     except (OSError, ValueError, TimeoutError) as error:
         raise UserError(f'--scheduler {address}: no Dask scheduler answers there ({error})') from error
     with client:

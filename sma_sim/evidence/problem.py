@@ -17,9 +17,10 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-# Difference steps, in standard deviations of the priors: such that residuals change by CHANGE (root mean square; the
-# solver's own error is some 1e-3 of it), so that a column is wrong by as little as its size allows.
-FIRST_STEP, LEAST_STEP, MOST_STEP, CHANGE = 0.02, 1e-4, 0.04, 0.06
+FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
+MOST_OWN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
+BEND = 4.0  # higher derivatives relative to the one before, in z
+SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/calibration.md)
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
@@ -90,6 +91,15 @@ class Problem:
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
         return self.delay if self.delay is not None else DELAY.value(float(z[len(self.free)]))
+
+    def weighted(self, factor: float) -> Problem:
+        """The same with all weights multiplied."""
+        return replace(self, runs=tuple(replace(run, weight=factor * run.weight) for run in self.runs))
+
+    @property
+    def samples(self) -> int:
+        """Measured values that count."""
+        return sum(run.samples for run in self.runs)
 
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
@@ -202,9 +212,16 @@ def assembled(
     return Linear(place, base, jacobian)
 
 
-def better_steps(problem: Problem, hessian: Matrix) -> Vector:
-    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation."""
-    samples = max(1, sum(run.samples for run in problem.runs))
-    change = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / samples)
-    steps: Vector = np.clip(CHANGE / change, LEAST_STEP, MOST_STEP)
+def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
+    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
+
+    With e the solver's error, s the sensitivity and b the BEND, one-sided differences are wrong by e/h + s b h/2, central
+    ones by e/h + s b^2 h^2/6: the steps are where that is least.
+    """
+    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
+    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
+    ratio = error / sensitivity
+    best = np.cbrt(3.0 * ratio / BEND**2) if central else np.sqrt(2.0 * ratio / BEND)
+    most = np.where(np.arange(len(best)) < len(problem.shared), MOST_STEP, MOST_OWN_STEP)
+    steps: Vector = np.clip(best, LEAST_STEP, most)
     return steps

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.assemble import NothingMeasuredError, Place, recordings_of
+from sma_sim.evidence.bag_files import is_bag
 from sma_sim.evidence.mapping import ColumnMap, read_mapping
 from sma_sim.evidence.noise import noise_of
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, Campaign, Recording, Vector
-from sma_sim.evidence.sources import COLUMNS_OF, checked_noise, is_bag, read_noise_file, read_source, recordings_in
+from sma_sim.evidence.sources import COLUMNS_OF, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.errors import UserError
 
 INVISIBLE = 1e-4  # of what a channel spans: noise below it does not matter beside any model

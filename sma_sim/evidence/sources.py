@@ -8,6 +8,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from sma_sim.evidence.bag_files import is_bag, open_bag
+from sma_sim.evidence.bags import read_bag
 from sma_sim.evidence.cells import Layout, Vector, read_cells
 from sma_sim.evidence.mapping import ColumnMap, columns_of, converted
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, CHANNELS_OF, HIDDEN_COLUMNS, INPUT_COLUMNS, NEEDED_COLUMNS
@@ -15,19 +17,12 @@ from sma_sim.evidence.tables import read_header
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 
-BAG_SUFFIXES = ('.mcap', '.db3')
-BAG_FOLDER = 'metadata.yaml'
 META = 'meta.json'
 COLUMNS_OF = {
     system: (*INPUT_COLUMNS[system], *(CHANNEL_COLUMNS[channel] for channel in channels))
     for system, channels in CHANNELS_OF.items()
 }
 Columns = dict[str, Vector]
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: its folder or its file."""
-    return path.suffix in BAG_SUFFIXES or (path / BAG_FOLDER).is_file()
 
 
 def recordings_in(path: Path) -> list[Path]:
@@ -50,14 +45,11 @@ def read_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, l
 
 def read_bag_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    try:
-        from sma_sim.evidence.bags import read_bag  # its libraries are not needed for CSV
-    except ImportError as error:
-        raise UserError(f'cannot read the bag {path}: {error}; reading bags needs one package more') from error
     found = read_bag(path)
     rows = len(found['time_s'])
     origins = columns_of(path, mapping, COLUMNS_OF[system], list(found))
-    return {name: converted(entry, found, rows) for name, entry in origins.items()}, []
+    notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']
+    return {name: converted(entry, found, rows) for name, entry in origins.items()}, notes
 
 
 def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:

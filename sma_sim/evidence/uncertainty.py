@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from sma_sim.evidence.descent import Normal, folded, robust_weights
+from sma_sim.evidence.descent import Normal, folded, measured_steps, robust_weights
 from sma_sim.evidence.free_parameters import REACH, FreeParameter
 from sma_sim.evidence.problem import Linear, Problem, linearise
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-RTOL = 1e-6  # of the simulations whose differences make the Jacobian
-STEP = 0.04  # central difference steps, in standard deviations of the priors
+RTOL = 1e-7  # of the simulations whose differences make the Jacobian
 UNSEEN = 1.0  # eigenvalue below which data say less of a direction than its prior
 PART = 0.15  # of the largest: smaller components of a direction are left out of its sentence
 LEAST_BLOCK, MOST_BLOCKS = 10, 10  # samples; a block is at most this fraction of a run
@@ -70,7 +69,8 @@ class Uncertainty:
 
 def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
-    linear = linearise(problem.at_tolerance(RTOL), z, executor, np.full(len(z), STEP), central=True)
+    precise = problem.at_tolerance(RTOL)
+    linear = linearise(precise, z, executor, measured_steps(precise, z, executor), central=True)
     times = correlation_times(problem, linear)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)

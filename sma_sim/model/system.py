@@ -24,7 +24,6 @@ from sma_sim.model.effects.ports import (
     TRANSFORMATION_STRESS,
     WIRE_FORCE,
     WIRE_HEAT,
-    WIRE_STRAIN,
     call_effect,
 )
 from sma_sim.model.kinetics import mas_rate
@@ -46,7 +45,7 @@ from sma_sim.model.layout import (
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
-from sma_sim.model.transformation import fraction_rate, has_memory, phase_and_stress
+from sma_sim.model.transformation import fraction_rate, phase_and_stress
 
 
 def flow(
@@ -58,8 +57,9 @@ def flow(
         share_state(t, y, T_E, p)
     kinematics(y, u, du, p, obs)
     for i in range(p.wires):
-        obs[i, O_J] = heating(i, y, u, p, obs, dy)
         phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
+    for i in range(p.wires):
+        obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
         if p.effects.port_start[STRUCTURE_FORCE] > p.effects.port_start[WIRE_HEAT]:
             focus(i, y, p, obs)
@@ -72,7 +72,9 @@ def flow(
 
 
 def kinematics(y: Vector, u: Vector, du: Vector, p: System, obs: Vector) -> None:
-    """Length, strain and their rates of each wire: from the pose (module) or from the input (wire)."""
+    """Commanded heating, length, strain and their rates of each wire: from the pose (module) or the input (wire)."""
+    for i in range(p.wires):
+        obs[i, O_J] = commanded_heating(i, u, p)
     if not p.module:
         obs[0, O_EPS], obs[0, O_DEPS] = u[0], du[0]
         obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + u[0]), p.wire.l0 * du[0]
@@ -93,9 +95,9 @@ def commanded_heating(i: int, u: Vector, p: System) -> float:
     return max(side, 0.0) / p.wire.n
 
 
-def heating(i: int, y: Vector, u: Vector, p: System, obs: Vector, dy: Vector) -> float:
+def heating(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     """Heating of one wire [W] after the actuation chain."""
-    J = commanded_heating(i, u, p)
+    J = obs[i, O_J]
     e = p.effects
     if e.port_start[ACTUATION + 1] > e.port_start[ACTUATION]:
         focus(i, y, p, obs)
@@ -110,39 +112,54 @@ def heating(i: int, y: Vector, u: Vector, p: System, obs: Vector, dy: Vector) ->
 def wire_rates(i: int, y: Vector, T_E: float, mode: int, p: System, dy: Vector, obs: Vector) -> None:
     """dT/dt and dx_M/dt of wire `i` (MAS9, L3; X4 to X8 as the total derivative of sigma = sigma_A or sigma_M)."""
     w, T, x, sigma = p.wire, y[p.first_T + i], obs[i, O_X], obs[i, O_SIGMA]
-    heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, y, p, obs, dy)
-    capacity = heat_capacity(T, x, w)
-    latent = latent_heat(T, sigma, w)
+    dx = 0.0
     if p.mas:
         dx = mas_rate(sigma, x, T, obs[i, O_S_A], obs[i, O_S_M], w)
         dy[p.first_x + i] = dx
-    else:
-        dx = 0.0
-        if mode == TO_MARTENSITE or mode == TO_AUSTENITE:
-            dx = fraction_rate(i, heat, capacity, latent, mode, y, p, obs)
+    heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, dx, y, p)
+    capacity = heat_capacity(T, x, w)
+    latent = latent_heat(T, sigma, w)
+    if not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE):
+        latent += extra_latent_heat(i, 1.0 if mode == TO_MARTENSITE else -1.0, y, p)
+        dx = fraction_rate(i, heat, capacity, latent, mode, y, p, obs)
     obs[i, O_DX] = dx
     dy[p.first_T + i] = (heat + latent * dx) / capacity
 
 
-def extra_heat(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
-    """Heat that effects bring into wire `i` [W]."""
+def extra_heat(i: int, dx: float, y: Vector, p: System) -> float:
+    """Heat that effects bring into wire `i` [W] while it transforms at the rate `dx`."""
     e = p.effects
     heat = 0.0
     if e.port_start[WIRE_HEAT + 1] > e.port_start[WIRE_HEAT]:
+        e.s[S_DX] = dx
         for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
-            add_rates(k, i, e.wire, y, e, dy)
             call_effect(e.value[k], k, i, e.wire, y, e)
             heat += e.out[0]
     return heat
 
 
+def extra_latent_heat(i: int, sign: float, y: Vector, p: System) -> float:
+    """Heat that effects bring into wire `i` per unit of x_M [J], for dx_M/dt of the given sign (1 or -1)."""
+    e = p.effects
+    latent = 0.0
+    for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
+        if e.depends_on_dx[k] != 0:
+            e.s[S_DX] = sign
+            call_effect(e.value[k], k, i, e.wire, y, e)
+            latent += e.out[0] * sign
+            e.s[S_DX] = 0.0
+            call_effect(e.value[k], k, i, e.wire, y, e)
+            latent -= e.out[0] * sign
+    return latent
+
+
 def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
-    """Force of one wire on the structure [N] (MAS4), and the rates of the memory of strain and stress effects."""
+    """Force of one wire on the structure [N] (MAS4), and the rates of the memory of heat, strain and stress effects."""
     e = p.effects
     force = p.wire.section * obs[i, O_SIGMA]
-    if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_FORCE] or has_memory(e):
+    if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_HEAT]:
         e.s[S_T], e.s[S_X], e.s[S_DX], e.s[S_F] = y[p.first_T + i], obs[i, O_X], obs[i, O_DX], force
-        for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
+        for k in range(e.port_start[WIRE_HEAT], e.port_start[TRANSFORMATION_STRESS + 1]):
             add_rates(k, i, e.wire, y, e, dy)
         for k in range(e.port_start[WIRE_FORCE], e.port_start[WIRE_FORCE + 1]):
             add_rates(k, i, e.wire, y, e, dy)

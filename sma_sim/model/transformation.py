@@ -11,6 +11,9 @@ from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.calls import focus
 from sma_sim.model.effects.ports import (
     S_DX,
+    S_EPS,
+    S_LENGTH,
+    S_STRAIN,
     S_T,
     S_X,
     TRANSFORMATION_STRESS,
@@ -18,11 +21,11 @@ from sma_sim.model.effects.ports import (
     EffectTable,
     call_effect,
 )
-from sma_sim.model.layout import O_DEPS, O_EPS, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, System, Vector
+from sma_sim.model.layout import O_DEPS, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, System, Vector
 from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigma_M, stress
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.
-X_STEP, T_STEP, MEMORY_STEP = 1e-7, 1e-4, 1e-7
+X_STEP, EPS_STEP, T_STEP, MEMORY_STEP = 1e-7, 1e-7, 1e-4, 1e-7
 SECANT_STEPS = 60
 FRACTION_TOLERANCE = 1e-13
 LARGEST_CHANGE, SMALLEST_SLOPE = 0.2, -0.3  # of the secant method
@@ -32,10 +35,13 @@ def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, fl
     """Strain e [-] and shifts of sigma_A and sigma_M [Pa] that effects add at temperature T and fraction x."""
     e = p.effects
     strain, shift_A, shift_M = 0.0, 0.0, 0.0
-    e.s[S_T], e.s[S_X] = T, x
+    e.s[S_T], e.s[S_X], e.s[S_STRAIN] = T, x, 0.0
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[WIRE_STRAIN + 1]):
         call_effect(e.value[k], k, i, e.wire, y, e)
         strain += e.out[0]
+        shift_A += e.out[1]
+        shift_M += e.out[2]
+        e.s[S_STRAIN] = strain
     for k in range(e.port_start[TRANSFORMATION_STRESS], e.port_start[TRANSFORMATION_STRESS + 1]):
         call_effect(e.value[k], k, i, e.wire, y, e)
         shift_A += e.out[0]
@@ -52,6 +58,14 @@ def offsets_depend_on_x(e: EffectTable) -> bool:
     """Whether any of them depends on x_M, so that x_M is an implicit function in modes 4 and 5."""
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
         if e.depends_on_x[k] != 0:
+            return True
+    return False
+
+
+def offsets_depend_on_eps(e: EffectTable) -> bool:
+    """Whether any of them depends on the strain of the wire."""
+    for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
+        if e.depends_on_eps[k] != 0:
             return True
     return False
 
@@ -128,6 +142,7 @@ def fraction_rate(
     w, T, x, sigma = p.wire, y[p.first_T + i], obs[i, O_X], obs[i, O_SIGMA]
     by_eps = 1.0 / compliance(x, w)
     by_x, by_T, drift = -(w.eps_T + sigma * w.d) * by_eps, -w.sigma_T, 0.0
+    drawn = by_eps * obs[i, O_DEPS]
     e = p.effects
     if has_offsets(e):
         strain = obs[i, O_STRAIN]
@@ -136,12 +151,16 @@ def fraction_rate(
         if offsets_depend_on_x(e):
             step = X_STEP if x < 0.5 else -X_STEP
             by_x += added(i, T, x + step, strain, shift, by_eps, mode, y, p) / step
+        if offsets_depend_on_eps(e):
+            e.s[S_EPS], e.s[S_LENGTH] = obs[i, O_EPS] + EPS_STEP, obs[i, O_LENGTH] + EPS_STEP * w.l0
+            drawn += added(i, T, x, strain, shift, by_eps, mode, y, p) / EPS_STEP * obs[i, O_DEPS]
+            e.s[S_EPS], e.s[S_LENGTH] = obs[i, O_EPS], obs[i, O_LENGTH]
         if has_memory(e):
             e.s[S_T], e.s[S_X] = T, x
             sign = 1.0 if mode == TO_MARTENSITE else -1.0
             drift = memory_drift(i, 0.0, T, x, strain, shift, by_eps, mode, y, p)
             by_x += (memory_drift(i, sign, T, x, strain, shift, by_eps, mode, y, p) - drift) * sign
-    return -(by_eps * obs[i, O_DEPS] + by_T * heat / capacity + drift) / (by_x + by_T * latent / capacity)
+    return -(drawn + by_T * heat / capacity + drift) / (by_x + by_T * latent / capacity)
 
 
 def added(

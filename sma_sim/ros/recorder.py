@@ -10,7 +10,7 @@ from pathlib import Path
 from sma_sim.evidence.bag_writer import BagWriter
 from sma_sim.model.errors import UserError
 
-FLUSH_PERIOD = 0.3  # [s]; what is older survives a kill
+FLUSH_PERIOD = 0.6  # [s]; what is older survives a kill; each flush adds to the bag's index
 MOST_WAITING = 500_000  # messages that may wait for a slow disk
 MEGABYTE = 10**6
 

@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from threading import RLock
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -22,6 +23,7 @@ from numba.extending import intrinsic
 
 from sma_sim.model.effects.ports import call_kernel
 
+_one_at_a_time = RLock()
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
 # The large functions; all others are small and are inlined where they are called.
@@ -87,9 +89,10 @@ class Compiler:
 
     def function(self, python: Callable[..., Any]) -> Any:
         """The compiled twin of `python`; its callees of our own packages are compiled with it."""
-        if python not in self._done:
-            self._done[python] = self._jit(self._with_compiled_callees(python))
-        return self._done[python]
+        with _one_at_a_time:
+            if python not in self._done:
+                self._done[python] = self._jit(self._with_compiled_callees(python))
+            return self._done[python]
 
     def _with_compiled_callees(self, python: Callable[..., Any], *more: Callable[..., Any]) -> FunctionType:
         assert isinstance(python, FunctionType)
@@ -128,14 +131,15 @@ class Compiler:
         return self._cached(lambda: numba.cfunc(signature, cache=True, error_model='numpy')(twin))
 
     def _cached(self, build: Callable[[], Any]) -> Any:
-        # numba reads its cache folder when it makes a dispatcher, and only then.
+        # numba reads its cache folder, a setting of the whole process, when it makes a dispatcher, and only then.
         settings: Any = numba.config
-        before = settings.CACHE_DIR
-        settings.CACHE_DIR = str(self.folder)
-        try:
-            return build()
-        finally:
-            settings.CACHE_DIR = before
+        with _one_at_a_time:
+            before = settings.CACHE_DIR
+            settings.CACHE_DIR = str(self.folder)
+            try:
+                return build()
+            finally:
+                settings.CACHE_DIR = before
 
 
 @cache

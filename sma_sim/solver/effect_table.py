@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.effects.library import ActiveEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
 from sma_sim.model.layout import System
@@ -41,7 +41,8 @@ def effect_table(
     active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
 ) -> tuple[EffectTable, list[float]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
-    ordered = sorted(active, key=lambda a: a.found.effect.place)
+    acting = [a for a in active if SYSTEMS[0 if module else 1] in a.found.effect.systems]
+    ordered = sorted(acting, key=lambda a: a.found.effect.place)
     effects = [a.found.effect for a in ordered]
     ports = np.array([effect.place[0] for effect in effects], dtype=np.int64)
     natives = [native_effect(a.found).addresses for a in ordered]
@@ -62,6 +63,8 @@ def effect_table(
         scale=np.array(scales, dtype=float),
         slot=np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
         depends_on_x=np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
+        depends_on_eps=np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
+        depends_on_dx=np.array([effect.reads('dx') for effect in effects], dtype=np.int64),
         parameter_start=np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
         parameters=np.array([v for a in ordered for v in a.values], dtype=float),
         s=np.zeros(S_SIZE),

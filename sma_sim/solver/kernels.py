@@ -12,7 +12,7 @@ import numba
 
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.library import EffectError, FoundEffect
-from sma_sim.model.effects.ports import PORT_NAMES, PORT_OUTPUTS, State
+from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.compile import Compiler, content_key
 
@@ -102,6 +102,7 @@ def reason_of(error: Exception) -> str:
 
 def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool) -> bool:
     """Whether a kernel returns a tuple rather than a float, found by calling it once. Raises EffectError."""
+    may_be_one = role == 'value' and PORT_MAY_RETURN_ONE[PORT_NAMES.index(effect.port)]
     constants, memory_type = constants_of(effect), record('Memory', effect.states)
     parameters = record('Parameters', [p.name for p in effect.parameters])
     given: list[Any] = [
@@ -114,13 +115,14 @@ def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs
     try:
         value = kernel(*given)
     except ArithmeticError:
-        return outputs != 1
+        return outputs != 1 and not may_be_one
     except Exception as error:
         raise EffectError(f'effect {effect.name!r}: its {role} fails: {type(error).__name__}: {error}') from error
     count = len(value) if isinstance(value, tuple) else 1
-    if count != outputs:
+    if count != outputs and not (count == 1 and may_be_one):
         what = f'port {effect.port} takes' if role == 'value' else f'its states {", ".join(effect.states)} are'
-        raise EffectError(f'effect {effect.name!r}: its {role} returns {count} numbers, {what} {outputs}')
+        wanted = f'1 or {outputs}' if may_be_one else f'{outputs}'
+        raise EffectError(f'effect {effect.name!r}: its {role} returns {count} numbers, {what} {wanted}')
     return isinstance(value, tuple)
 
 
@@ -136,5 +138,6 @@ def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool, is_tuple
         lines.append(f'    {letter}_ = carray({letter}, {size})')
         lines.append(f'    {letter}__ = {kind}({", ".join(f"{letter}_[{i}]" for i in range(size))})')
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
-    lines += [f'    out_[{i}] = result[{i}]' for i in range(outputs)] if is_tuple else ['    out_[0] = result']
+    values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
+    lines += [f'    out_[{i}] = {value}' for i, value in enumerate(values)]
     return '\n'.join(lines) + '\n'

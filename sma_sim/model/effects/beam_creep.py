@@ -9,6 +9,7 @@ from sma_sim.model.parameters import Parameter
 EFFECT = Effect(
     name='beam_creep',
     port='structure_force',
+    systems=('module',),
     equation='F = phi K z, tau dz/dt = q - z',
     source='Zener model: Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 5.7',
     parameters=(
@@ -24,5 +25,8 @@ EFFECT = Effect(
         p.phi * (b.k_y * m.z_y - b.k_ya * m.z_alpha),
         p.phi * (b.k_a * m.z_alpha - b.k_ya * m.z_y),
     ),
-    description='the pose creeps on after a step and back after it; the beam is relaxed at the start',
+    energy='the relaxing spring and its damper dissipate; nothing of it reaches the wires',
+    description='the beam is relaxed at the start',
+    signature='the pose creeps on after a step and back after it, while forces and temperatures hardly change',
+    confused_with=('ambient_heating', 'beam.E', 'gravity'),
 )

@@ -73,21 +73,31 @@ def add_rates(k: int, instance: int, constants: Vector, y: Vector, e: EffectTabl
 def start_states(y: Vector, p: System, obs: Vector) -> None:
     """Set the extra states of the effects to their first values, for the pose in `y` and the wires in `obs`."""
     e = p.effects
-    for port in range(SENSING + 1):
-        for k in range(e.port_start[port], e.port_start[port + 1]):
-            if e.start[k] == 0:
-                continue
-            if port == SENSING:
-                for channel in range(9):
-                    if e.slot[k, channel] >= 0:
-                        e.s[S_VALUE], e.s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
-                        start_instance(k, e.slot[k, channel], e.wire, y, e)
-            elif port == STRUCTURE_FORCE:
-                start_instance(k, 0, e.beam, y, e)
-            else:
-                for i in range(p.wires):
-                    focus(i, y, p, obs)
-                    start_instance(k, i, e.wire, y, e)
+    for k in range(e.port_start[SENSING]):
+        if e.start[k] == 0:
+            continue
+        if k >= e.port_start[STRUCTURE_FORCE]:
+            start_instance(k, 0, e.beam, y, e)
+        else:
+            for i in range(p.wires):
+                focus(i, y, p, obs)
+                start_instance(k, i, e.wire, y, e)
+    if e.port_start[SENSING + 1] > e.port_start[SENSING]:
+        for channel in range(9):
+            if p.module == (channel < 7):
+                start_sensor(channel, y, p, obs)
+
+
+def start_sensor(channel: int, y: Vector, p: System, obs: Vector) -> None:
+    """First values of the sensing chain of a channel: each effect starts at what those before it show."""
+    e = p.effects
+    e.s[S_VALUE], e.s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
+    for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
+        if e.slot[k, channel] >= 0:
+            if e.start[k] != 0:
+                start_instance(k, e.slot[k, channel], e.wire, y, e)
+            call_effect(e.value[k], k, e.slot[k, channel], e.wire, y, e)
+            e.s[S_VALUE] = e.out[0]
 
 
 def start_instance(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable) -> None:

@@ -19,5 +19,7 @@ EFFECT = Effect(
     scale=(0.5,),
     rate=lambda s, w, p, m: (s.J - m.P) / max(p.tau, FASTEST),
     kernel=lambda s, w, p, m: m.P if p.tau > FASTEST else s.J,
-    description='heating sets in late and goes on after switching off; to first order the same as a delay',
+    description='heating sets in late and goes on after switching off; its integral is kept',
+    signature='temperature, then pose, follow every step of the command late by about tau; a kink becomes smooth',
+    confused_with=('delay', 'sensor_lag', 'wire.c_V', 'latent_heat_scale'),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import FunctionType, ModuleType
 from typing import Any
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
@@ -11,8 +12,10 @@ from sma_sim.model.parameters import Parameter
 
 CHAIN = {
     'actuation': ('gain', 'deadband', 'saturation', 'lag'),
+    'wire_strain': ('', 'series'),
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
+SYSTEMS = ('module', 'wire')
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,9 @@ class Effect:
     effect's parameters by name. With extra states the signature is ``kernel(s, w, p, m)`` where `m` has them by
     name; `rate` gives their derivatives and `start` their first values (default 0). `scale` is the size of an
     extra state, for the error control (relative to its channel on sensing). `channels` are those that a sensing
-    effect acts on. `energy` says how the effect enters the energy balance.
+    effect acts on, `systems` those in which the effect has a meaning (in others it is left out). `energy` says how the
+    effect enters the energy balance, `signature` what it leaves in measurements, and `confused_with` names what leaves
+    nearly the same: effects, parameters by their full names, or 'delay' of the recording.
     """
 
     name: str
@@ -39,9 +44,12 @@ class Effect:
     start: Callable[..., Any] | None = None
     stage: str = ''
     channels: tuple[str, ...] = CHANNELS
+    systems: tuple[str, ...] = SYSTEMS
     depends_on_x: bool = False
     energy: str = ''
     description: str = ''
+    signature: str = ''
+    confused_with: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:
@@ -55,10 +63,33 @@ class Effect:
     @property
     def uses_time(self) -> bool:
         """Whether a kernel reads the time ``s.t``, so that the flow depends on it."""
-        return any('t' in f.__code__.co_names for f in (self.kernel, self.rate) if f is not None)
+        return self.reads('t')
+
+    def reads(self, *fields: str) -> bool:
+        """Whether the kernel or the rate, or a function that they call, reads one of these fields of the state."""
+        names: set[str] = set()
+        for function in (self.kernel, self.rate):
+            if function is not None:
+                names |= names_read(function, set())
+        return not names.isdisjoint(fields)
 
     @property
     def place(self) -> tuple[int, int]:
         """Port and place in the port's chain: the order in which effects act."""
         stages = CHAIN.get(self.port, ('',))
         return PORT_NAMES.index(self.port), stages.index(self.stage) if self.stage in stages else 0
+
+
+def names_read(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> set[str]:
+    """Names of globals and attributes in a Python function and in those that it calls; `seen` are left out."""
+    if not isinstance(function, FunctionType) or function in seen or function.__module__.startswith('numpy'):
+        return set()
+    seen.add(function)
+    names = set(function.__code__.co_names)
+    for name in tuple(names):
+        callee = function.__globals__.get(name)
+        members = [getattr(callee, other, None) for other in tuple(names)] if isinstance(callee, ModuleType) else [callee]
+        for member in members:
+            if isinstance(member, FunctionType):
+                names |= names_read(member, seen)
+    return names

@@ -9,6 +9,7 @@ from sma_sim.model.parameters import Parameter
 EFFECT = Effect(
     name='gravity',
     port='structure_force',
+    systems=('module',),
     equation='F = m_H (g_x, g_y, 0)',
     source="Newton's law; the paper neglects it",
     parameters=(
@@ -16,5 +17,8 @@ EFFECT = Effect(
         Parameter('g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the beam', '', 0.0, (-9.81, 9.81)),
     ),
     kernel=lambda s, b, p: (b.m_H * p.g_x, b.m_H * p.g_y, 0.0),
-    description='bends the beam to one side at rest; the same force at every angle',
+    energy='the force of a potential, none is lost',
+    description='the same force at every angle',
+    signature='bent to one side at rest; the same offset of force in all poses',
+    confused_with=('sensor_bias', 'power_gain_mismatch', 'beam_creep'),
 )

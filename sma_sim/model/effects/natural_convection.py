@@ -16,5 +16,10 @@ EFFECT = Effect(
         Parameter('m', 0.25, '-', (0.0, 1.0), 'exponent: 1/4 laminar, smaller for thin wires', '', None, (0.05, 0.34)),
     ),
     kernel=lambda s, w, p: -p.k * w.area * abs(s.T - s.T_E) ** p.m * (s.T - s.T_E),
-    description='cooling is faster when hot; confused with a larger lambda where temperatures vary little',
+    energy='heat to the air, cools a wire above T_E always',
+    description='free convection on top of the constant lambda',
+    signature='cooling is faster when hot; the time to cool depends on how hot the wire was',
+    confused_with=(
+        'wire.lambda', 'radiation', 'thermal_crosstalk', 'resistance_feedback', 'polycrystal', 'driver_deadband',
+    ),  # fmt: skip
 )

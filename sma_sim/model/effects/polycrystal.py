@@ -42,5 +42,7 @@ EFFECT = Effect(
     kernel=shifts,
     depends_on_x=True,
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
-    description='plateaus have a slope and round ends; confused with a different E_M and sigma_T',
+    description='grains transform one after the other; inner loops when the wire turns back half way',
+    signature='plateaus have a slope and round ends; partial cycles run inside the full loop',
+    confused_with=('wire.sigma_T', 'plate.W', 'thermal_crosstalk', 'natural_convection'),
 )

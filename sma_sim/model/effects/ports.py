@@ -18,7 +18,8 @@ PORT_NAMES = (
     'structure_force',
     'sensing',
 )
-PORT_OUTPUTS = (1, 1, 1, 2, 1, 3, 1)  # numbers that a kernel returns
+PORT_OUTPUTS = (1, 1, 3, 2, 1, 3, 1)  # numbers that a kernel returns
+PORT_MAY_RETURN_ONE = (False, False, True, False, False, False, False)  # the others are zero then
 
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
 
@@ -29,7 +30,11 @@ class State(NamedTuple):
     Per wire: T, x, eps, deps (its rate), l, v, and the same of the other wire; J [W], the heating of one wire, on
     its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
     structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on its way through the
-    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1.
+    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1. `strain` is what the effects before it have
+    added on wire_strain.
+
+    Order: strain and stress ports (there J is the command, before the actuation chain), actuation, wire_heat,
+    wire_force, structure_force, sensing. Heat may depend on dx, in proportion to it for each sign.
     """
 
     t: float
@@ -55,6 +60,7 @@ class State(NamedTuple):
     dalpha: float
     value: float
     channel: float
+    strain: float
 
 
 (
@@ -75,7 +81,7 @@ class State(NamedTuple):
     S_X_OTHER,
     S_POSE,
 ) = range(16)
-S_POSE_RATE, S_VALUE, S_CHANNEL, S_SIZE = 18, 21, 22, 23
+S_POSE_RATE, S_VALUE, S_CHANNEL, S_STRAIN, S_SIZE = 18, 21, 22, 23, 24
 
 
 class EffectTable(NamedTuple):
@@ -85,7 +91,8 @@ class EffectTable(NamedTuple):
     `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
     of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
-    gives the instance of a sensing effect on a channel, -1 where it does not act.
+    gives the instance of a sensing effect on a channel, -1 where it does not act. What effects add on strain and stress
+    ports may depend on x and eps (`depends_on_x`, `depends_on_eps`), on wire_heat on dx (`depends_on_dx`).
     """
 
     port_start: NDArray[np.int64]
@@ -97,6 +104,8 @@ class EffectTable(NamedTuple):
     scale: NDArray[np.float64]
     slot: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
+    depends_on_eps: NDArray[np.int64]
+    depends_on_dx: NDArray[np.int64]
     parameter_start: NDArray[np.int64]
     parameters: NDArray[np.float64]
     s: NDArray[np.float64]

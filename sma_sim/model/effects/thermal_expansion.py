@@ -17,5 +17,7 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: p.a * (s.T - p.T_ref),
     energy='does not enter: its heat, Om sigma a dT/dt, is below 1 % of the latent heat',
-    description='a hot wire is longer: works against the contraction; confused with sigma_T',
+    description='works against the contraction of the transformation',
+    signature='a hot wire is longer by a strain in proportion to its temperature, where nothing transforms too',
+    confused_with=('attachment_compliance', 'pretension_mismatch', 'functional_fatigue', 'wire.E_A'),
 )

@@ -1,0 +1,120 @@
+"""How often 95 % intervals hold the truth, and the error on a run that was not fitted; parameters 5 to 15 % off.
+
+    python benchmarks/intervals.py [--seeds 60] [--runs 3] [--hybrid 0] [--json FILE]
+
+Every seed: other parameters, commands and noise (2 um, 10 um, 0.02 deg, 0.05 N); runs of 100 s at 50 Hz and one that is
+held out. Data are made by the MAS model and fitted by it, or both by the hybrid model (--hybrid 1). Seeds that are in
+intervals.jsonl already are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import random_command, report
+
+from sma_sim import Campaign, Config, Model, Options, Recording, calibrate, default_parameters, held_out, simulate
+from sma_sim.evidence.free_parameters import default_names
+from sma_sim.evidence.recording import CHANNEL_COLUMNS
+
+NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': float(np.radians(0.02)), 'F_1': 0.05, 'F_2': 0.05}
+RATE, DURATION = 50.0, 100.0
+FILE = Path('intervals.jsonl')
+
+
+def off(random: np.random.Generator) -> float:
+    """A factor that is 5 to 15 % off, either way."""
+    return float(1.0 + random.choice([-1.0, 1.0]) * random.uniform(0.05, 0.15))
+
+
+def true_config(seed: int, model: str) -> Config:
+    """The paper's values with everything off that a fit may change; of l0, the pre-strain."""
+    random, values = np.random.default_rng([seed, 1]), default_parameters()
+    for name in default_names(Config(model=model)):
+        if name == 'wire.l0':
+            strain = (values['beam.L'] / values['wire.l0'] - 1.0) * off(random)
+            values['wire.l0'] = values['beam.L'] / (1.0 + strain)
+        else:
+            values[name] *= off(random)
+    return Config(values, 'module', model)
+
+
+def recorded(truth: Config, seed: int, run: int) -> Recording:
+    """One noisy recording."""
+    random, source = np.random.default_rng([seed, 2, run]), random_command(1000 * seed + run)
+    times = np.arange(int(RATE * DURATION)) / RATE
+    exact = replace(truth, parameters={**truth.parameters, 'solver.rtol': 1e-7})
+    seen = simulate(Model(exact), source, times)
+    channels = {
+        name: seen[CHANNEL_COLUMNS[name]] + noise * random.normal(size=len(times)) for name, noise in NOISE.items()
+    }
+    return Recording(f'run{run}', 'module', times, channels, source)
+
+
+def one_seed(seed: int, runs: int, model: str) -> dict[str, Any]:
+    """Fit one campaign and compare its intervals with the truth."""
+    truth = true_config(seed, model)
+    recordings = tuple(recorded(truth, seed, run) for run in range(runs + 1))
+    begun = time.process_time()
+    found = calibrate(Campaign(recordings[:-1], NOISE), Config(), Options(model=model))
+    seconds = time.process_time() - begun
+    out = held_out(found.config, Campaign(recordings[-1:], NOISE), found.delay)
+    assert found.uncertainty is not None
+    parameters = {
+        one.name: {
+            'inside': bool(one.low <= truth.parameters[one.name] <= one.high), 'seen': one.seen, 'std': one.std,
+            'error': one.value / truth.parameters[one.name] - 1.0,
+        }
+        for one in found.uncertainty.intervals
+    }  # fmt: skip
+    return {'seed': seed, 'runs': runs, 'model': model, 'parameters': parameters, 'held_out': out[0].error,
+            'cpu_seconds': seconds, 'wall_seconds': found.seconds}  # fmt: skip
+
+
+def kept(file: Path) -> list[dict[str, Any]]:
+    """The seeds that were run before."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Coverage by parameter and pooled (of what was seen), held-out error and time."""
+    inside: dict[str, list[bool]] = defaultdict(list)
+    unseen: dict[str, int] = defaultdict(int)
+    for row in rows:
+        for name, one in row['parameters'].items():
+            unseen[name] += not one['seen']
+            if one['seen']:
+                inside[name].append(one['inside'])
+    each = {
+        name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()
+    }
+    errors = [row['held_out'] for row in rows]
+    return {
+        'seeds': len(rows), 'pooled coverage': float(np.mean([hit for hits in inside.values() for hit in hits])),
+        'parameters': each, 'held out': {'median': float(np.median(errors)), 'worst': float(np.max(errors))},
+        'cpu seconds of a fit': {'median': float(np.median([row['cpu_seconds'] for row in rows]))},
+    }  # fmt: skip
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Run the seeds that are missing, and sum up."""
+    model = 'hybrid' if arguments.hybrid else 'mas'
+    wanted = {(seed, arguments.runs, model) for seed in range(arguments.seeds)}
+    done = {(row['seed'], row['runs'], row['model']) for row in kept(FILE)}
+    for seed, runs, _ in sorted(wanted - done):
+        row = one_seed(seed, runs, model)
+        with FILE.open('a') as file:
+            file.write(json.dumps(row) + '\n')
+        print(f'seed {seed}: held out {row["held_out"]:.3f}, {row["wall_seconds"]:.1f} s', flush=True)
+    return table([row for row in kept(FILE) if (row['seed'], row['runs'], row['model']) in wanted])
+
+
+if __name__ == '__main__':
+    report(__doc__ or '', measure, seeds=60, runs=3, hybrid=0)

@@ -1,0 +1,26 @@
+"""Dry friction against the turning of the plate.
+
+M = -M_c tanh((dalpha/dt)/w_s)   [N m]        Coulomb friction, regularised: below w_s it creeps
+"""
+
+import math
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='joint_friction',
+    port='structure_force',
+    systems=('module',),
+    equation='M = -M_c tanh((dalpha/dt)/w_s)',
+    source='Coulomb friction: Olsson et al., European Journal of Control 4 (1998) 176',
+    parameters=(
+        Parameter('M_c', 0.02, 'N m', (0.0, 100.0), 'moment of friction', '', 0.0, (2e-3, 0.2)),
+        Parameter('w_s', 5e-3, 'rad/s', (1e-5, 100.0), 'speed at which friction is fully developed', '', None, (1e-3, 0.05)),
+    ),
+    kernel=lambda s, b, p: (0.0, 0.0, -p.M_c * math.tanh(s.dalpha / p.w_s)),
+    energy='dissipates M_c |dalpha/dt|; the heat goes into the joint, not into the wires',
+    description='the same moment at every angle, always against the motion',
+    signature='alpha lags behind at every reversal by the same angle, fast or slow; small commands move nothing',
+    confused_with=('guide_friction', 'beam.b_alpha', 'wire.dsigma'),
+)

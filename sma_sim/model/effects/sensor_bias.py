@@ -1,0 +1,36 @@
+"""Offsets of the position sensors (of the load cell, on a wire).
+
+shown = value + offset of the channel
+"""
+
+from typing import Any
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import State
+from sma_sim.model.parameters import Parameter, WireConstants
+
+
+def shifted(s: State, w: WireConstants, p: Any) -> float:
+    """The value with the offset of its channel."""
+    offset: float = p.U_x if s.channel == 0 else p.U_y if s.channel == 1 else p.alpha if s.channel == 2 else p.stress
+    return s.value + offset
+
+
+EFFECT = Effect(
+    name='sensor_bias',
+    port='sensing',
+    stage='bias',
+    channels=('U_x', 'U_y', 'alpha', 'stress'),
+    equation='shown = value + offset',
+    source='zero error of a sensor: JCGM 200, International Vocabulary of Metrology, 4.28',
+    parameters=(
+        Parameter('U_x', 1e-5, 'm', (-1.0, 1.0), 'offset of U_x', '', 0.0, (-1e-4, 1e-4)),
+        Parameter('U_y', 2e-4, 'm', (-1.0, 1.0), 'offset of U_y', '', 0.0, (-2e-3, 2e-3)),
+        Parameter('alpha', 0.01, 'rad', (-3.0, 3.0), 'offset of alpha', '', 0.0, (-0.1, 0.1)),
+        Parameter('stress', 2e6, 'Pa', (-1e10, 1e10), 'offset of the load cell over the section', '', 0.0, (-2e7, 2e7)),
+    ),
+    kernel=shifted,
+    description='the motion itself is as modelled',
+    signature='a constant error of the shown channel, at rest too; forces and temperatures agree',
+    confused_with=('gravity', 'sensor_misalignment', 'power_gain_mismatch', 'sensor_gain', 'wire.sigma_MW0'),
+)

@@ -1,0 +1,202 @@
+"""Calibration: known parameters come back, models are told apart, work is spread, wrong use is said."""
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import NOISE, campaign, config, scaled
+
+import sma_sim.evidence.calibrate as calibration
+from sma_sim import (
+    Campaign,
+    Model,
+    Options,
+    Recording,
+    UserError,
+    calibrate,
+    held_out,
+    read_config,
+    simulate,
+    wire_input,
+)  # fmt: skip
+from sma_sim.evidence.free_parameters import choose_free
+from sma_sim.evidence.parallel import Parcel, dask_executor, workers_of
+
+OFF = {
+    'wire__sigma_T': 1.08, 'wire__c_V': 0.9, 'wire__lambda': 1.12, 'wire__sigma_MW0': 0.95, 'wire__dsigma': 1.07,
+    'beam__E': 0.93, 'beam__b_alpha': 1.1,
+}  # fmt: skip
+NAMES = tuple(name.replace('__', '.') for name in OFF)
+QUICK = Options(free=NAMES, model='hybrid', starts=1, intervals=False)
+FEW = Options(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1, intervals=False)
+
+
+@pytest.fixture(scope='module')
+def small():
+    """One short run with two parameters off."""
+    return campaign(scaled(config(), wire__lambda=1.1, beam__E=0.95), [1], noise=1.0, rate=5.0)
+
+
+@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+def test_noise_free_data_give_the_parameters_back(model):
+    truth = scaled(config(model, initial__x_M_1=0.565, initial__x_M_2=0.565), **OFF)
+    found = calibrate(campaign(truth, [1, 2], rate=8.0), config(model), replace(QUICK, model=model))
+    for name in NAMES:
+        assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
+    assert found.error < 0.01
+    assert abs(found.delay) < 1e-5
+
+
+def test_the_better_model_is_chosen_and_foretells():
+    truth = scaled(config('mas'), wire__E_A=0.9, wire__V_L=1.1, **OFF)
+    runs = campaign(truth, [1, 2, 3], noise=1.0, rate=25.0)
+    options = Options(free=(*NAMES, 'wire.E_A'), starts=1, intervals=False)
+    found = calibrate(Campaign(runs.recordings[:2], NOISE), config(), options)
+    assert found.config.model == 'mas'
+    assert found.cross_validation['mas'] < found.cross_validation['hybrid']
+    out = Campaign(runs.recordings[2:], NOISE)
+    assert held_out(found.config, out, found.delay)[0].error < 1.1
+    hybrid = calibrate(Campaign(runs.recordings[:2], NOISE), config(), replace(options, model='hybrid'))
+    assert held_out(hybrid.config, out, hybrid.delay)[0].error < 1.3
+
+
+def test_delay_and_starts_are_nuisances():
+    truth = config(initial__x_M_1=0.55, initial__x_M_2=0.55)
+    found = calibrate(campaign(truth, [4], noise=1.0, delay=0.12), config(), FEW)
+    assert found.delay == pytest.approx(0.12, abs=2e-3)
+    assert found.runs[0].x_M == pytest.approx((0.55, 0.55), abs=2e-3)
+    assert found.config.parameters['initial.x_M_1'] == found.runs[0].x_M[0]
+
+
+def test_sampled_commands_find_their_instants():
+    """Commands known at 5 Hz only: without their instants the error is well above the noise."""
+    exact = campaign(config(), [6], noise=1.0)
+    run = exact.recordings[0]
+    rows = np.arange(0.0, 40.2, 0.2)
+    held = np.searchsorted(run.source.times, rows, side='right') - 1
+    sampled = replace(run, source=replace(run.source, times=rows, values=run.source.values[held]), exact_commands=False)
+    found = calibrate(Campaign((sampled,), NOISE), config(), FEW)
+    late = calibrate(Campaign((replace(sampled, exact_commands=True),), NOISE), config(), FEW)
+    assert found.error < 1.1 < 1.5 < late.error
+    instants = [t for t in run.source.times[1:] if t < 39.0]
+    row = np.ceil(np.array(instants) / 0.2) * 0.2
+    assert row - 0.2 * np.array(found.runs[0].switches[: len(row)]) == pytest.approx(instants, abs=0.02)
+
+
+def test_robust_loss_bears_outliers():
+    runs = campaign(config(), [5], noise=1.0)
+    random = np.random.default_rng(0)
+    wild = {name: np.where(random.random(len(v)) < 0.03, v + 300.0 * NOISE[name], v)
+            for name, v in runs.recordings[0].channels.items()}  # fmt: skip
+    spoilt = Campaign((replace(runs.recordings[0], channels=wild),), NOISE)
+    plain, robust = (calibrate(spoilt, config(), replace(FEW, robust=each)) for each in (False, True))
+    error = {name: abs(robust.values[name] / config().parameters[name] - 1.0) for name in FEW.free}
+    assert max(error.values()) < 2e-3
+    assert abs(plain.values['wire.lambda'] / 450.0 - 1.0) > 3.0 * error['wire.lambda']
+
+
+def test_wire_from_its_test_bench():
+    """Loops of one wire at two temperatures, in stress and temperature."""
+    truth = scaled(config(system='wire'), wire__E_A=1.1, wire__E_M=0.9, wire__dsigma=1.1, wire__sigma_T=0.9)
+    runs = []
+    for T_E in (315.0, 335.0):
+        source = wire_input([0, 60, 120, 180], [0, 0.075, 0.02, 0.05], [0, 0, 0.2, 0.2], T_E)
+        times = np.arange(0.0, 180.0, 0.5)
+        seen = simulate(Model(scaled(truth, solver__rtol=1e-2)), source, times)
+        runs.append(Recording(f'{T_E} K', 'wire', times, {'stress': seen['stress_Pa'], 'T': seen['T_K']}, source))
+        assert seen.completed
+    found = calibrate(Campaign(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
+                      Options(model='hybrid', starts=1, intervals=False))  # fmt: skip
+    for name in ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.c_V'):
+        assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
+
+
+def test_ctrl_c_keeps_the_best_so_far(small, monkeypatch):
+    waits = iter([KeyboardInterrupt, None])
+
+    def interrupted(futures):
+        if next(waits, None) is KeyboardInterrupt:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(calibration, 'wait', interrupted)
+    told = []
+    found = calibrate(small, config(), FEW, progress=lambda label, iteration, cost: told.append((label, cost)))
+    assert found.interrupted and not found.converged
+    assert set(found.values) == set(FEW.free) and np.isfinite(found.error)
+    assert told and told[0][0] == 'hybrid, start 1'
+
+
+def test_further_starts_are_reported(small):
+    found = calibrate(small, config(), replace(FEW, starts=3))
+    assert len(found.other_starts) == 2
+    assert all(other.same and other.excess < 2.0 for other in found.other_starts)
+
+
+def test_bounds_are_reported(small):
+    """A beam that is far stiffer than the prior reaches."""
+    start = scaled(config(), beam__L=1.0, wire__V_L=1.0, beam__E=1.0 / 13.0)
+    found = calibrate(small, start, replace(FEW, free=('beam.E',)))
+    assert found.at_bound == ('beam.E',)
+
+
+@pytest.mark.parametrize('kind', ['threads', 'processes'])
+def test_executors_agree(small, kind):
+    expected = calibrate(small, config(), FEW)
+    with (ThreadPoolExecutor(3) if kind == 'threads' else ProcessPoolExecutor(2)) as executor:
+        found = calibrate(small, config(), FEW, executor)
+    assert found.values == expected.values
+
+
+def test_dask_cluster(small):
+    """A real local cluster with workers in processes of their own."""
+    distributed = pytest.importorskip('distributed')
+    expected = calibrate(small, config(), FEW)
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster,
+        dask_executor(cluster.scheduler_address) as executor,
+    ):
+        assert workers_of(executor) == 2
+        found = calibrate(small, config(), FEW, executor)
+    assert found.values == expected.values
+
+
+def test_no_scheduler_is_said():
+    pytest.importorskip('distributed')
+    with pytest.raises(UserError, match='no Dask scheduler answers'), dask_executor('tcp://127.0.0.1:9'):
+        pass
+
+
+def test_effects_travel_by_name_and_are_fitted():
+    given = read_config(effects=['gravity', 'natural_convection:k=2'])
+    parcel = Parcel(given)
+    unpack, arguments = parcel.__reduce__()
+    again = unpack(*arguments).config
+    assert [active.values for active in again.effects] == [active.values for active in given.effects]
+    free, _ = choose_free(given)
+    assert {'effects.natural_convection.k'} <= {one.name for one in free}
+    truth = read_config(effects=['natural_convection:k=3'])
+    start = read_config(effects=['natural_convection:k=1'])
+    found = calibrate(campaign(truth, [1, 2]), start, replace(FEW, free=('effects.natural_convection.k',)))
+    assert found.values['effects.natural_convection.k'] == pytest.approx(3.0, rel=1e-3)
+    assert found.config.effects[0].values[0] == found.values['effects.natural_convection.k']
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'free': ('wire.E_B',)}, 'did you mean wire.E_'),
+        ({'model': 'maas'}, 'expected one of hybrid, mas, auto'),
+        ({'starts': 0}, 'expected 1 or more'),
+    ],
+)
+def test_wrong_options_are_said(small, change, message):
+    with pytest.raises(UserError, match=message):
+        calibrate(small, config(), replace(FEW, **change))
+
+
+def test_wrong_campaigns_are_said(small):
+    with pytest.raises(UserError, match='no recording'):
+        calibrate(Campaign(()), config(), FEW)
+    with pytest.raises(UserError, match='recording of a module'):
+        calibrate(small, config(system='wire'), FEW)

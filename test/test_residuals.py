@@ -1,0 +1,128 @@
+"""Predictions at the samples of a recording, weights, delays, starts, sampled commands."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import NOISE, command, config, recording
+
+from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
+from sma_sim.evidence.residuals import error_over_noise, prepare, weighted_residuals
+from sma_sim.evidence.tables import read_columns
+from sma_sim.model.material import sigma_A, sigma_M
+from sma_sim.model.parameters import wire_constants
+
+REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
+
+
+def test_prediction_is_the_simulation():
+    truth = config(solver__rtol=1e-7)
+    run = recording(truth, command(1))
+    shown = predict(truth, run)
+    for name, measured in run.channels.items():
+        np.testing.assert_allclose(shown[name], measured, rtol=1e-12)
+
+
+@pytest.mark.parametrize('delay', [0.03, 0.5])
+def test_delay_shows_the_state_before(delay):
+    truth = config(solver__rtol=1e-7)
+    run = recording(truth, command(2), delay=delay)
+    shown = predict(truth, run, Nuisance(delay=delay))
+    for name, measured in run.channels.items():
+        np.testing.assert_allclose(shown[name], measured, rtol=1e-6, atol=1e-3 * NOISE[name])
+
+
+def test_negative_delay_looks_ahead():
+    truth, run = config(), recording(config(), command(3))
+    ahead = predict(truth, run, Nuisance(delay=-0.05))['alpha']
+    np.testing.assert_allclose(ahead[:-1], predict(truth, run)['alpha'][1:], atol=1e-6)
+
+
+@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+def test_start_spans_the_hysteresis(model):
+    """Start 0 is on sigma_A, 1 on sigma_M, in each wire."""
+    given = config(model, solver__rtol=1e-7)
+    wire = wire_constants(given.parameters)
+    run = recording(given, module_input([0, 0.2], [0, 0]))
+    for start, stress in (((0.0, 0.0), sigma_A), ((1.0, 1.0), sigma_M)):
+        shown = predict(given, run, Nuisance(start=start))
+        for channel in ('F_1', 'F_2'):
+            assert shown[channel][0] == pytest.approx(wire.n * wire.section * stress(298.0, wire), rel=1e-6)
+    mixed = predict(given, run, Nuisance(start=(0.0, 1.0)))
+    assert mixed['F_1'][0] > mixed['F_2'][0] + 1.0
+
+
+def test_missing_samples_do_not_count():
+    truth = config()
+    run = recording(truth, command(4), noise=1.0)
+    holes = {name: np.where(np.arange(len(v)) % 3 == 0, np.nan, v) for name, v in run.channels.items()}
+    del holes['F_2']
+    prepared = prepare(replace(run, channels=holes), NOISE)
+    residuals = weighted_residuals(truth, prepared)
+    assert prepared.channels == ('U_x', 'U_y', 'alpha', 'F_1')
+    assert prepared.samples == sum(int(np.isfinite(v).sum()) for v in holes.values())
+    assert (residuals[:, ::3] == 0.0).all()
+    for error in error_over_noise(residuals, prepared).values():
+        assert error == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize('fraction', [0.2, 0.9])
+def test_sampled_commands_may_have_switched_before_their_row(fraction):
+    """A command sampled at 10 Hz; the truth switches a known part of the interval before each row."""
+    rate, rows = 10.0, np.arange(201) / 10.0
+    level = np.select([rows < 3.0, rows < 8.0, rows < 14.0], [0.0, 12.0, -9.0], 5.0)
+    truth = module_input(
+        [0.0, 3.0 - fraction / rate, 8.0 - fraction / rate, 14.0 - fraction / rate, 20.0], [0.0, 12.0, -9.0, 5.0, 5.0]
+    )
+    given = config(solver__rtol=1e-7)
+    made = recording(given, truth)
+    sampled = replace(made, source=module_input(rows, level), exact_commands=False)
+    shown = predict(given, sampled, Nuisance(switches=(fraction,) * 3))
+    late = predict(given, sampled)
+    for name, measured in made.channels.items():
+        np.testing.assert_allclose(shown[name], measured, rtol=1e-6, atol=1e-4 * NOISE[name])
+        assert np.abs(late[name] - measured).max() > NOISE[name]
+
+
+def test_strain_stays_where_it_was_when_sampled_heating_moves():
+    rows = np.arange(101) / 10.0
+    source = wire_input(rows, 0.02 + 0.002 * rows, np.where(rows < 5.0, 0.0, 0.3))
+    run = Recording('wire', 'wire', rows[1:], {'stress': np.zeros(100)}, source, exact_commands=False)
+    given = config(system='wire', solver__rtol=1e-7)
+    moved = wire_input(np.insert(rows, 50, 4.95), np.insert(0.02 + 0.002 * rows, 50, 0.0299),
+                       np.insert(np.where(rows < 5.0, 0.0, 0.3), 50, 0.3))  # fmt: skip
+    expected = simulate(Model(given), moved, rows[1:])['stress_Pa']
+    np.testing.assert_allclose(predict(given, run, Nuisance(switches=(0.5,)))['stress'], expected, rtol=1e-6)
+
+
+def test_many_sampled_changes_share_one_fraction():
+    rows = np.arange(101) / 10.0
+    run = recording(config(), module_input(rows, np.sin(rows)))
+    assert prepare(replace(run, exact_commands=False), NOISE).groups == 1
+    assert prepare(run, NOISE).groups == 0
+
+
+def test_what_is_missing_is_said():
+    run = recording(config(), command(5))
+    with pytest.raises(UserError, match='channel F_2.*noise_std'):
+        prepare(run, {name: noise for name, noise in NOISE.items() if name != 'F_2'})
+    with pytest.raises(UserError, match='no channel'):
+        prepare(replace(run, channels={}), NOISE)
+    with pytest.raises(UserError, match='no channel stress'):
+        weighted_residuals(config(), prepare(replace(run, channels={'stress': run.channels['F_1']}), {'stress': 1.0}))
+
+
+@pytest.mark.skipif(not REFERENCE.is_dir(), reason='the reference trajectories are not here')
+@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+def test_reference_is_predicted(model):
+    given = read_columns(REFERENCE / 'module_random_a_input.csv', ['time_s', 'J_eq_W'])
+    columns = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}
+    seen = read_columns(REFERENCE / f'module_random_a_{model}.csv', ['time_s', *columns.values()])
+    source = module_input(given['time_s'], given['J_eq_W'])
+    inside = seen['time_s'] <= source.times[-1]
+    run = Recording('random_a', 'module', seen['time_s'][inside], {k: seen[c][inside] for k, c in columns.items()}, source)
+    start = config(model, initial__x_M_1=0.561235873, initial__x_M_2=0.561235873)
+    prepared = prepare(run, NOISE)
+    errors = error_over_noise(weighted_residuals(start, prepared), prepared)
+    assert max(errors.values()) < 0.1
