@@ -36,7 +36,7 @@ def test_imports_point_back_only(file):
             assert folder(file) == 'solver' and file.name in COMPILING, f'{file} compiles'
         if parts[0] in ('rclpy', 'std_msgs', 'sensor_msgs'):
             assert folder(file) == 'ros', f'{file} knows ROS'
-        if parts[0] == 'matplotlib':
+        if parts[0] in ('matplotlib', 'plotly'):
             assert folder(file) == 'report', f'{file} draws'
 
 

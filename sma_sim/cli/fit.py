@@ -21,7 +21,7 @@ from sma_sim.cli.data import (
 from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.calibrate import Calibration, Options, calibrate
 from sma_sim.evidence.compare import compared_calibration
-from sma_sim.evidence.compare_summary import summarise
+from sma_sim.evidence.compare_summary import as_data, summarise
 from sma_sim.evidence.free_parameters import values_of
 from sma_sim.evidence.held_out import RunFit, held_out
 from sma_sim.evidence.recording import Campaign
@@ -42,7 +42,7 @@ def add_parser(verbs: Any) -> None:
         help='parameters to fit, joined by commas (default: those that such data can tell, and all of active effects)',
     )  # fmt: skip
     parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
-    parser.add_argument('--starts', type=int, default=3, metavar='N', help='descents from different places (default 3)')
+    parser.add_argument('--starts', type=int, default=2, metavar='N', help='descents from different places (default 2)')
     parser.add_argument('--robust', action='store_true', help='outliers count less')
     parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the further starts')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file, for the node and --config')
@@ -70,12 +70,13 @@ def run(arguments: argparse.Namespace) -> int:
     print(fit_text(found, foretold))
     if runs:
         print('', *runs.sentences, sep='\n')
+    if arguments.json or arguments.report:
+        summary = summarise(compared_calibration(found, fitted, held, foretold, 'fitted'))
     if arguments.json:
-        runs_data = {'run_by_run': asdict(runs) if runs else None}
-        write_json(arguments.json, fit_data(found, foretold, fitted) | runs_data)
+        further = {'run_by_run': asdict(runs) if runs else None, 'comparison': as_data(summary)}
+        write_json(arguments.json, fit_data(found, foretold, fitted) | further)
     if arguments.report:
-        comparison = compared_calibration(found, fitted, held, foretold, 'fitted')
-        write_fit_page(arguments.report, found, values_of(config), summarise(comparison), (fitted, held), runs)
+        write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held), runs)
     for path in (arguments.out, arguments.report, arguments.json):
         if path:
             print(path)

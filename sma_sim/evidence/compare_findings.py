@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ AT_NOISE = 1.05  # RMSE over noise below which a channel holds nothing to find
 PER_CHANNEL = 2
 LEAST_SHARE = 0.1  # of the channel's squared error: a second region with less is not told
 SURE, LIKELY = 0.9, 0.6
+CHANCE = 0.02  # p-value beyond which a region is not told
 OFFSET = 0.5  # |bias| over RMSE in a region from which its sign is told
 
 
@@ -25,7 +26,8 @@ class Finding:
     """A region in which the squared error of a channel concentrates.
 
     `share` of the squared error (95 % interval `low` to `high`), `time` share of the samples, `weight` of the finding
-    in the ranking, `again` part of random halves of the data that show it again, `trend` mean squared error in the
+    in the ranking, `p` how likely a search finds as much where there is nothing, `again` part of random halves of the
+    data that show the same region again, `trend` mean squared error in the
     second over that in the first half of the run with its 95 % interval. `over_noise` and `bias` (SI, mean of
     measured - model) within the region; `conditions` in words, `text` the whole sentence.
     """
@@ -38,6 +40,7 @@ class Finding:
     time: float
     over_noise: float
     bias: float
+    p: float
     again: float
     trend: tuple[float, float, float]
     weight: float
@@ -72,10 +75,9 @@ def of_channel(samples: Samples, ways: Sequence[Dimension]) -> list[Finding]:
         region = search(conditions, error / error.sum(), left / left.sum())
         if region is None or error[region.mask].sum() < LEAST_SHARE * total:
             break
-        sure = sureness(region, conditions, samples, error)
-        one = finding(samples, Region(region.conditions, region.mask & left), sure, float(error.sum()))
-        if one.low > one.time or one.again >= LIKELY:
-            found.append(one)
+        sure = sureness(region, conditions, samples, error, left)
+        if sure.p <= CHANCE:
+            found.append(finding(samples, replace(region, mask=region.mask & left), sure, float(error.sum())))
         left = left & ~region.mask
     return found
 
@@ -91,7 +93,7 @@ def finding(samples: Samples, region: Region, sure: Sureness, searched: float) -
     words = tuple(one.words for one in region.conditions)
     return Finding(
         channel=samples.channel, conditions=words, share=share, low=scale * sure.low, high=scale * sure.high, time=time,
-        over_noise=float(np.sqrt(np.mean(squares[inside]))), bias=bias, again=sure.again, trend=sure.trend,
+        over_noise=float(np.sqrt(np.mean(squares[inside]))), bias=bias, p=sure.p, again=sure.again, trend=sure.trend,
         weight=(share - time) * excess,
         text=sentence(samples.channel, words, (share, scale * sure.low, scale * sure.high, time), sure, bias / rmse, rmse),
     )  # fmt: skip

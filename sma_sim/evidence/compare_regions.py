@@ -2,8 +2,10 @@
 
 A region is a conjunction of conditions. It is searched greedily for the largest share of the squared error minus share
 of the samples (weighted relative accuracy, Klosgen 1996). Blocks of a run, longer than its residuals are correlated,
-are drawn again for the interval of the share; the search is repeated on random halves of the blocks, and the part of
-them that finds the same region again says how sure it is.
+are drawn again for the interval of the share. The search is repeated with the blocks of the squared error in random
+order, where they have nothing to do with the conditions: how often that finds as much is the p-value, selection
+included. It is repeated on random halves of the blocks too: the part of them that finds the same region again says how
+sure its borders are.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ Mask = NDArray[np.bool_]
 GAIN = 0.03  # a condition must add as much of share minus share of the samples
 LEAST_PART = 0.02  # of the samples: smaller regions are no finding
 MOST_CONDITIONS = 3
-MOST_SAMPLES = 6_000  # of a search; more are thinned
+MOST_SAMPLES = 4_000  # of a search; more are thinned
 MOST_BLOCKS, FEWEST_BLOCKS = 60, 8  # per run
-DRAWS, HALVES = 1000, 40
+DRAWS, HALVES, ORDERS = 1000, 40, 99
 SAME = 0.5  # overlap, by squared error, at which a half's region counts as the same
 
 
@@ -54,21 +56,24 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Region:
-    """Samples (n,) that satisfy all conditions."""
+    """Samples (n,) that satisfy all conditions; `quality`: share of the squared error minus share of the samples."""
 
     conditions: tuple[Condition, ...]
     mask: Mask
+    quality: float
 
 
 @dataclass(frozen=True)
 class Sureness:
     """95 % interval of a region's share, and of the ratio of its later to its earlier mean squared error (over its runs).
 
-    `again`: part of random halves of the data in which the search finds the region again.
+    `p`: how likely a search finds as much where there is nothing; `again`: part of random halves of the data in which
+    it finds the region again.
     """
 
     low: float
     high: float
+    p: float
     again: float
     trend: tuple[float, float, float]
 
@@ -111,7 +116,7 @@ def search(conditions: Conditions, error: Vector, time: Vector) -> Region | None
         quality = float(gains[best])
         chosen.append(conditions.one_by_one[best])
         inside = inside & chosen[-1].mask
-    return Region(tuple(chosen), inside) if chosen else None
+    return Region(tuple(chosen), inside, quality) if chosen else None
 
 
 def blocks_of(samples: Samples) -> Classes:
@@ -126,8 +131,8 @@ def blocks_of(samples: Samples) -> Classes:
     return block
 
 
-def sureness(region: Region, conditions: Conditions, samples: Samples, error: Vector) -> Sureness:
-    """How sure a region is; `error` (n,) are the squared errors that were searched."""
+def sureness(region: Region, conditions: Conditions, samples: Samples, error: Vector, left: Mask) -> Sureness:
+    """How sure a region is; `error` (n,) are the squared errors that were searched, `left` (n,) the samples of them."""
     block = blocks_of(samples)
     count = int(block.max()) + 1
     random = np.random.default_rng(0)
@@ -138,7 +143,8 @@ def sureness(region: Region, conditions: Conditions, samples: Samples, error: Ve
     late = samples.part > 0.5
     low, high = np.quantile(shares, (0.025, 0.975))
     return Sureness(
-        float(low), float(high), found_again(region, conditions, error, block),
+        float(low), float(high), chance(region, conditions, error, left, block),
+        found_again(region, conditions, error, block),
         trend(region.mask & late, region.mask & ~late, error, block, draws),
     )  # fmt: skip
 
@@ -158,6 +164,19 @@ def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes
 
     low, high = np.quantile(ratio(draws), (0.025, 0.975))
     return float(ratio(np.ones((1, count), dtype=np.int64))[0]), float(low), float(high)
+
+
+def chance(region: Region, conditions: Conditions, error: Vector, left: Mask, block: Classes) -> float:
+    """The p-value of a region: how often blocks of the squared error in random order concentrate as much."""
+    random, time, as_much = np.random.default_rng(5), left / left.sum(), 0
+    within = error[left]
+    blocks = np.split(within, np.flatnonzero(np.diff(block[left])) + 1)
+    for _ in range(ORDERS):
+        mixed = np.zeros(len(error))
+        mixed[left] = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
+        found = search(conditions, mixed / mixed.sum(), time)
+        as_much += int(found is not None and found.quality >= region.quality)
+    return (1 + as_much) / (1 + ORDERS)
 
 
 def found_again(region: Region, conditions: Conditions, error: Vector, block: Classes) -> float:

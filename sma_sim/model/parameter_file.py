@@ -52,10 +52,10 @@ def line(parameter: Parameter, value: float) -> str:
 
 
 def setting_line(name: str, config: Config) -> str:
-    """``name: value  # meaning`` of a text or a switch."""
-    value, setting = config.settings[name], SETTINGS[name]
-    text = str(value).lower() if isinstance(value, bool) else quoted(value)
-    return f'{setting.name}: {text}  # {setting.description}'
+    """A text or a switch of the node."""
+    value = config.settings[name]
+    text = str(value).lower() if isinstance(value, bool) else words([value])[1:-1]
+    return f'{name.rpartition(".")[2]}: {text}  # {SETTINGS[name].description}'
 
 
 def number(value: float) -> str:
@@ -72,10 +72,5 @@ def number(value: float) -> str:
 
 def words(names: Sequence[str]) -> str:
     """A list of words; ROS 2 cannot write an empty one."""
-    return '[' + ', '.join(quoted(name) for name in names or ['']) + ']'
-
-
-def quoted(word: str) -> str:
-    """A text as YAML reads it back."""
-    doubled = word.replace("'", "''")
-    return f"'{doubled}'"
+    quoted = (name.replace("'", "''") for name in names or [''])
+    return '[' + ', '.join(f"'{name}'" for name in quoted) + ']'

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.compare import ComparedRun, Comparison
+from sma_sim.evidence.compare_scores import scores, total_error
 from sma_sim.evidence.compare_states import RESTING, wires_of
 from sma_sim.evidence.shown_units import SHOWN as UNITS
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
-BYTES = 2_500_000  # of all runs in the page: 30 runs still leave it below 10 MB
+BYTES = 1_600_000  # of the curves of all runs: a page stays below 10 MB
+MOST_RUNS = 30  # in the page
 PER_POINT = 28  # bytes of one point: time, measured, model and residual, as base64
 MOST_POINTS, LEAST_POINTS = 1600, 300  # per channel and run
 COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W'))}
@@ -23,17 +25,27 @@ VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]
 
 def runs_section(comparison: Comparison) -> Section:
     """A tab per run."""
-    points = BYTES // (PER_POINT * len(comparison.runs) * len(comparison.channels))
+    runs = worst(comparison)
+    points = BYTES // (PER_POINT * len(runs) * len(comparison.channels))
     points = int(np.clip(points, LEAST_POINTS, MOST_POINTS))
     tabs: list[tuple[str, list[Block]]] = [
-        (run.name + (' (held out)' if run.held_out else ''), [run_plot(comparison, run, points)]) for run in comparison.runs
+        (run.name + (' (held out)' if run.held_out else ''), [run_plot(comparison, run, points)]) for run in runs
     ]
     words = (
         'Measured (grey) against model (blue); below each the residual, measured - model, in units of the noise (the band '
         'is +-2). At the bottom the active mode of each wire in the model. Drag to zoom, double-click to go back; the '
         'legend switches curves off.'
     )
+    if len(runs) < len(comparison.runs):
+        words += f' These are the {len(runs)} of {len(comparison.runs)} runs with the largest error.'
     return Section('Measured against model', [Paragraph(words), Tabs(tabs)])
+
+
+def worst(comparison: Comparison) -> list[ComparedRun]:
+    """All runs, or those with the largest error over noise, in the order of the campaign."""
+    errors = [total_error(list(scores((run,), comparison.channels).values())) for run in comparison.runs]
+    least = sorted(errors, reverse=True)[:MOST_RUNS][-1]
+    return [run for run, error in zip(comparison.runs, errors, strict=True) if error >= least]
 
 
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:

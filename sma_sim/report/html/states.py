@@ -63,8 +63,7 @@ def state_map(samples: Samples, values: Vector, label: str) -> object:
     figure = new_figure()
     figure.add_heatmap(
         x=small(middle_x), y=small(middle_y), z=small(np.log1p(density.T)), colorscale=COLOURS, showscale=False,
-        customdata=density.T.astype(np.int32),
-        hovertemplate='%{customdata} samples at %{x:.4g}, %{y:.2f} x noise<extra></extra>',
+        hovertemplate='%{x:.4g}, %{y:.2f} x noise<extra></extra>',
     )  # fmt: skip
     figure.add_scatter(
         x=small(middle_x[enough]), y=small(mean), mode='lines', line={'color': RED, 'width': 2}, name='mean',

@@ -1,0 +1,302 @@
+"""Comparison: its numbers against closed forms, its words against errors that were put in, on purpose and nowhere else."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_runs import CHANNELS, truth, write_isotherm, write_module_runs
+
+from sma_sim import Model, module_input, read_config, simulate
+from sma_sim.cli.main import main
+from sma_sim.evidence.compare import compare
+from sma_sim.evidence.compare_classes import banded, dimensions, nice_step
+from sma_sim.evidence.compare_findings import findings
+from sma_sim.evidence.compare_pairs import changes
+from sma_sim.evidence.compare_patterns import patterns
+from sma_sim.evidence.compare_scores import ljung_box, score
+from sma_sim.evidence.compare_spectrum import EDGES, bands
+from sma_sim.evidence.compare_splits import splits
+from sma_sim.evidence.compare_states import RESTING, with_derived
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.splitting import split_campaign
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return write_module_runs(tmp_path_factory.mktemp('runs'), truth())
+
+
+@pytest.fixture(scope='module')
+def campaign(folder):
+    return read_campaign([folder], 'module', 298.0)
+
+
+@pytest.fixture(scope='module')
+def right(campaign):
+    """Runs beside the model that made them, the last one held out."""
+    fitted, held = split_campaign(campaign, ['run3'])
+    return compare(fitted, truth(), held, 'right')
+
+
+def with_error(comparison, channel, error, noise=1.0):
+    """The comparison with `error(run)` (k,) [SI] added to what was measured, on white noise of so many sigma."""
+    random = np.random.default_rng(4)
+
+    def damaged(run):
+        white = noise * run.noise[channel] * random.normal(size=len(run.time))
+        return replace(run, measured={**run.measured, channel: run.shown[channel] + white + error(run)})
+
+    return replace(comparison, runs=tuple(damaged(run) for run in comparison.runs))
+
+
+def test_the_right_model_leaves_noise(right):
+    for channel in right.channels:
+        for held in (False, True):
+            one = score(right.part(held), channel)
+            assert one.over_noise == pytest.approx(1.0, abs=0.08)
+            assert one.whiteness.p > 1e-4
+            assert one.rmse == pytest.approx(one.over_noise * CHANNELS[channel], rel=0.01)
+    assert abs(right.delay) < 2e-3
+    assert findings(right) == () and patterns(right) == ()
+
+
+def test_without_nuisances_runs_start_as_configured(campaign):
+    found = compare(campaign, truth(), nuisances=False)
+    assert found.delay == 0.0 and all(run.nuisance.start == () for run in found.runs)
+    assert 1.0 < score(found.runs, 'alpha').over_noise < 5.0  # sampled switching instants are not estimated
+
+
+def test_whiteness_is_uniform_on_white_noise():
+    random = np.random.default_rng(0)
+    p = [ljung_box([random.normal(size=300), random.normal(size=200)]).p for _ in range(400)]
+    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.09
+    assert 0.42 < np.mean(p) < 0.58
+
+
+def test_whiteness_is_the_published_statistic():
+    series = np.random.default_rng(1).normal(size=120)
+    found = ljung_box([series])
+    centred, k = series - series.mean(), len(series)
+    rho = [np.sum(centred[h:] * centred[:-h]) / np.sum(centred**2) for h in range(1, 21)]
+    assert found.statistic == pytest.approx(k * (k + 2) * sum(r**2 / (k - h) for h, r in enumerate(rho, 1)))
+    assert found.lags == 20 and found.first == pytest.approx(rho[0])
+
+
+def test_whiteness_sees_correlation_through_gaps():
+    random = np.random.default_rng(2)
+    series = np.convolve(random.normal(size=500), [1.0, 0.5], 'valid')
+    series[random.integers(0, len(series), 100)] = np.nan
+    found = ljung_box([series])
+    assert found.p < 1e-3 and 0.1 < found.first < 0.5
+    assert np.isnan(ljung_box([np.full(50, np.nan)]).p) and np.isnan(ljung_box([np.zeros(50)]).p)
+
+
+def test_bands_hold_what_was_put_in(right):
+    size, frequency = 3e-3, 0.5
+    wave = with_error(right, 'alpha', lambda run: size * np.sin(2.0 * np.pi * frequency * run.time), noise=0.0)
+    found = {band.low: band for band in bands(wave.runs, 'alpha')}
+    assert found[0.3].share > 0.98
+    assert found[0.3].rms == pytest.approx(size / np.sqrt(2.0), rel=0.03)
+    assert found[0.3].low in EDGES
+
+
+def test_bands_of_white_noise_have_the_noise(right):
+    white = with_error(right, 'alpha', lambda run: 0.0)
+    found = bands(white.runs, 'alpha')
+    assert sum(band.share for band in found) == pytest.approx(1.0)
+    assert np.sqrt(sum(band.rms**2 for band in found)) == pytest.approx(CHANNELS['alpha'], rel=0.05)
+    assert [band.over_noise for band in found if band.low >= 0.3] == pytest.approx(3 * [1.0], abs=0.2)
+
+
+def test_shares_add_up(right):
+    for one in splits(right):
+        assert sum(share.error for share in one.shares) == pytest.approx(1.0)
+        assert sum(share.time for share in one.shares) == pytest.approx(1.0)
+
+
+def test_every_dimension_of_the_module_is_there(right):
+    assert {way.name for way in dimensions(right)} >= {
+        'mode of wire 1', 'mode of wire 2', 'temperature of wire 1', 'heating or cooling of wire 2', 'transforming wires',
+        'command', 'direction of motion', 'amplitude', 'time in the run', 'run',
+    }  # fmt: skip
+
+
+def test_resting_wires_have_a_class_of_their_own():
+    source = module_input([0.0, 20.0, 40.0, 150.0], [0.0, 10.0, 0.0, 0.0])
+    run = simulate(Model(), source, 10.0)
+    rests = with_derived(Config(), run.time, run.columns)['class_1'] == RESTING
+    assert rests[run.time < 15.0].all() and rests[run.time > 140.0].all()
+    assert not rests[(run.time > 20.1) & (run.time < 25.0)].any()
+
+
+def in_mode_5_and_hot(run):
+    return (run.states['class_1'] == 5) & (run.states['T_1_K'] > 320.0)
+
+
+def test_an_error_in_a_mode_and_a_temperature_is_found(right):
+    wrong = with_error(right, 'alpha', lambda run: 3e-3 * in_mode_5_and_hot(run))
+    found = [one for one in findings(wrong) if one.channel == 'alpha'][0]
+    inside = np.concatenate([in_mode_5_and_hot(run) for run in wrong.runs])
+    squares = np.concatenate([run.residual('alpha') for run in wrong.runs]) ** 2
+    assert any('wire 1' in words and ('mode 5' in words or 'above' in words) for words in found.conditions)
+    assert found.share == pytest.approx(squares[inside].sum() / squares.sum(), abs=0.1)
+    assert found.time == pytest.approx(inside.mean(), abs=0.05)
+    assert found.bias == pytest.approx(3e-3, rel=0.2) and found.low < found.share < found.high
+    assert 'measured above the model by 0.1' in found.text and re.search(r'(Sure|Likely) \(95 %', found.text)
+
+
+def test_an_error_that_grows_is_said_to_grow(right):
+    wrong = with_error(right, 'U_y', lambda run: 2e-4 * (run.states['J_eq_W'] > 0.0) * run.time / run.time[-1])
+    told = [one for one in findings(wrong) if one.channel == 'U_y']
+    assert any('grows over the run' in one.text or 'last quarter' in one.text for one in told)
+
+
+def test_evenly_spread_noise_is_no_finding(right):
+    for channel in right.channels:
+        wrong = with_error(right, channel, lambda run: 0.0, noise=3.0)
+        assert [one.text for one in findings(wrong) if one.channel == channel] == []
+
+
+def test_correlated_noise_is_seldom_a_finding(right):
+    """Slow noise concentrates by chance: the search must know that."""
+    random, told = np.random.default_rng(7), 0
+    for _ in range(20):
+        slow = with_error(right, 'alpha', lambda run: 4e-3 * ar1(random, len(run.time), 0.95), noise=1.0)
+        told += len([one for one in findings(slow) if one.channel == 'alpha'])
+    assert told <= 3
+
+
+def ar1(random, count, rho):
+    """Noise of unit variance whose neighbours are correlated by rho."""
+    found = np.empty(count)
+    found[0] = random.normal()
+    for k in range(1, count):
+        found[k] = rho * found[k - 1] + np.sqrt(1.0 - rho**2) * random.normal()
+    return found
+
+
+@pytest.mark.parametrize(
+    ('shape', 'error', 'value', 'words'),
+    [
+        ('offset', lambda run: -2e-3 + 0.0 * run.time, -2e-3, 'a constant offset: measured below the model by 0.11'),
+        ('scale', lambda run: 0.05 * (run.shown['alpha'] - run.shown['alpha'].mean()), 0.05, 'larger than the model by 5'),
+        ('lag', lambda run: -0.2 * np.gradient(run.shown['alpha'], run.time), 0.2, 'later than the model by 0.2'),
+    ],
+)
+def test_patterns_that_were_put_in_are_named(right, shape, error, value, words):
+    found = patterns(with_error(right, 'alpha', error))
+    assert found[0].shape == shape and found[0].channel == 'alpha'
+    assert found[0].value == pytest.approx(value, rel=0.1)
+    width = found[0].high - found[0].low
+    assert width < 0.1 * abs(value) and found[0].low - width < value < found[0].high + width
+    assert words in found[0].text
+
+
+def test_bands_have_round_edges():
+    found = banded('T', [np.array([291.3, 347.0])], 'wire 1 is {}', 'K')
+    assert found.edges == (290.0, 300.0, 310.0, 320.0, 330.0, 340.0, 350.0)
+    assert found.words(4, 5) == 'wire 1 is above 330 K'
+    assert found.words(0, 0) == 'wire 1 is below 300 K'
+    assert found.words(1, 2) == 'wire 1 is between 300 and 320 K'
+    assert nice_step(0.3) == pytest.approx(0.5) and nice_step(10.0) == 10.0
+
+
+def test_the_nearer_of_two_configurations_is_told(campaign, right):
+    fitted, held = split_campaign(campaign, ['run3'])
+    off = compare(fitted, truth(beam__E=1.1), held, 'off')
+    found = {(one.channel, one.held_out): one for one in changes(off, right)}
+    assert len(found) == 10
+    assert found['alpha', True].high < 1.0 and 'nearer on the runs held out' in found['alpha', True].text
+    assert all(one.ratio == pytest.approx(1.0) and 'no sure difference' in one.text for one in changes(right, right))
+
+
+def test_missing_samples_and_channels_are_left_out(campaign):
+    first, *others = campaign.recordings
+    alpha = first.channels['alpha'].copy()
+    alpha[50:150] = np.nan
+    fewer = {name: values for name, values in first.channels.items() if name not in ('alpha', 'F_1')}
+    holed = replace(campaign, recordings=(replace(first, channels={**fewer, 'alpha': alpha}), *others))
+    found = compare(holed, truth())
+    samples = sum(len(run.time) for run in found.runs)
+    assert score(found.runs, 'alpha').samples == samples - 100
+    assert score(found.runs, 'F_1').samples == samples - len(first.time)
+    assert score(found.runs[:1], 'F_1') is None
+    assert {one.channel for one in splits(found)} == set(found.channels)
+
+
+def test_a_wire_is_compared_with_its_own_dimensions(tmp_path):
+    write_isotherm(tmp_path / 'a.csv', truth('wire'), 315.0)
+    campaign = read_campaign([tmp_path], 'wire', 298.0, noise_std={'stress': 1e6})
+    found = compare(campaign, read_config(words=['system=wire']))
+    assert found.channels == ('stress',)
+    assert {'mode of the wire', 'amplitude', 'direction of motion'} <= {way.name for way in dimensions(found)}
+    assert score(found.runs, 'stress').over_noise == pytest.approx(1.0, abs=0.1)
+
+
+def test_order_of_runs_changes_no_number(campaign, right):
+    fitted, held = split_campaign(campaign, ['run3'])
+    turned = compare(replace(fitted, recordings=fitted.recordings[::-1]), Config(), held, 'right')
+    for channel in right.channels:
+        one, two = score(right.part(False), channel), score(turned.part(False), channel)
+        assert one.over_noise == pytest.approx(two.over_noise, rel=1e-3)
+
+
+def test_work_is_done_on_the_executor_that_is_given(campaign):
+    with some_executor(None) as pool:
+        assert compare(campaign, truth(), executor=pool).label == ''
+
+
+def test_command_writes_data_for_programs(folder, tmp_path, capsys):
+    data = tmp_path / 'compare.json'
+    (tmp_path / 'off.yaml').write_text('beam: {E: 2.2e+9}\n')
+    words = ['compare', str(folder), '--config', str(tmp_path / 'off.yaml'), '--config', str(ROOT / 'config/module.yaml')]
+    assert main([*words, '--hold-out', 'run3', '--json', str(data)]) == 0
+    found = json.loads(data.read_text())
+    first, second = found['comparisons']
+    assert first['error']['held_out'] > 2.0 > 1.1 > second['error']['held_out'] > 0.9
+    assert first['findings'] or first['patterns']
+    assert first['channels']['held_out']['alpha']['over_noise'] > 1.0
+    assert {one['channel'] for one in found['changes']} == set(first['channels']['train'])
+    out = capsys.readouterr().out
+    assert 'held out' in out and 'Where the error is:' in out and 'the second is nearer on the runs held out' in out
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['{runs}', '--config', 'a.yaml', '--config', 'b.yaml', '--config', 'c.yaml'], '--config was given 3 times'),
+        (['{runs}', '--config', 'none.yaml'], 'cannot read none.yaml'),
+        (['{runs}', '--hold-out', 'run'], '--hold-out run: no such file and no such recording'),
+        (['{runs}', '--set', 'system=wire'], 'strain'),
+        (['{runs}', '--report', 'page.txt'], 'page.txt: expected a name that ends in .html'),
+        (['{runs}', '--map', str(ROOT / 'examples/maps/nitinol_isotherm.yaml')], 'is for --system wire'),
+    ],
+)
+def test_wrong_use_is_said(folder, words, message, capsys):
+    assert main(['compare', *(word.replace('{runs}', str(folder)) for word in words)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith('sma-sim compare: ') and message in error
+
+
+def test_hold_out_by_name_file_folder_and_session(campaign, folder, tmp_path):
+    def held(*words):
+        return [one.name for one in split_campaign(campaign, words)[1].recordings]
+
+    assert held('run2') == held(str(folder / 'run2.csv')) == ['run2']
+    assert held('run1', 'run3') == ['run1', 'run3']
+    renamed = replace(campaign, recordings=tuple(
+        replace(one, name=name) for one, name in zip(campaign.recordings, ('a/run', 'b/run#1', 'b/run#2'), strict=True)
+    ))  # fmt: skip
+    assert [one.name for one in split_campaign(renamed, ['b/run'])[1].recordings] == ['b/run#1', 'b/run#2']
+    assert [one.name for one in split_campaign(renamed, ['b/run#2'])[1].recordings] == ['b/run#2']
+    assert split_campaign(campaign, [])[1] is None
+    with pytest.raises(UserError, match='did you mean run2'):
+        split_campaign(campaign, ['rum2'])
