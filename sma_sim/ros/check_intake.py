@@ -23,6 +23,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.live import J_EQ, T_E, Change
 from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.messages import FREEZING, JOINTS, WIRES
@@ -65,12 +66,17 @@ class Event(NamedTuple):
 
 
 class Intake:
-    """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them."""
+    """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
+
+    Raises UserError for names of joints that are not different.
+    """
 
     def __init__(self, node: Node, config: Config) -> None:
         parameters = config.parameters
         self._logger = node.get_logger()
         self._names = [str(config.settings[f'check.names.{joint}']) for joint in JOINTS]
+        if len(set(self._names)) < len(self._names):
+            raise UserError(f'check.names: expected three different names, got {", ".join(self._names)}')
         self._latency = round(parameters['check.latency'] * 1e9)
         self._timeout = parameters['node.command_timeout']
         self._command = Command(node, parameters['node.J_max'], self._timeout)
