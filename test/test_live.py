@@ -21,7 +21,8 @@ def after(seconds):
 def test_prediction_is_the_offline_run_bit_for_bit():
     model = Model(Config())
     live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
-    changes = {30: Change(after(0.2905), J_EQ, 12.0), 50: Change(after(0.5), T_E, 305.0), 200: Change(after(1.991), J_EQ, -3.0)}
+    told = (Change(after(0.2905), J_EQ, 12.0), Change(after(0.5), T_E, 305.0), Change(after(1.991), J_EQ, -3.0))
+    changes = dict(zip((30, 50, 200), told, strict=True))  # by the sample before which they come
     rows = [live.advance(after(0.01 * k), [changes[k]] if k in changes else []).copy() for k in range(301)]
     times = np.array([0.0, 0.291, 0.5, 1.991, 3.0])  # a change takes effect at the next step
     values = np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 305.0], [-3.0, 305.0], [-3.0, 305.0]])
@@ -36,7 +37,7 @@ def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
     live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
     live.advance(after(0.5003), [])
     row = live.advance(after(1.0004), [Change(after(0.1), J_EQ, 12.0)]).copy()
-    assert np.array_equal(live.advance(after(1.0001), []), row)  # the same step
+    assert np.array_equal(live.advance(after(1.0001), []), row, equal_nan=True)  # the same step
     times, values = np.array([0.0, 0.5, 1.0]), np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 298.0]])
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 1000.0)
     assert row[Y_SENSED + 2] == run['alpha_rad'][-1]
@@ -48,8 +49,10 @@ def test_the_order_of_changes_counts_when_they_share_a_step():
     assert live.advance(after(0.5), on_and_off)[Y_SENSED + 5] == pytest.approx(298.0)
 
 
-@given(st.lists(st.tuples(st.floats(0.001, 3.0), st.one_of(st.floats(-1e3, 1e3), st.just(float('nan')))), min_size=1, max_size=300),
-       st.floats(0.01, 20.0))  # fmt: skip
+STEPS_AND_RATIOS = st.tuples(st.floats(0.001, 3.0), st.one_of(st.floats(-1e3, 1e3), st.just(float('nan'))))
+
+
+@given(st.lists(STEPS_AND_RATIOS, min_size=1, max_size=300), st.floats(0.01, 20.0))
 def test_running_error_is_that_of_its_window(steps, window):
     error, times = RunningError(window, 2), np.cumsum([step for step, _ in steps])
     ratios = np.array([[value, 1.0] for _, value in steps])
