@@ -28,6 +28,7 @@ TOPICS = (
     (Float64MultiArray, 'error_over_noise'), (DiagnosticArray, '/diagnostics'),
 )  # fmt: skip
 ROBOT = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'))
+PACE = 0.004  # [s] of wall time from sample to sample of a FakeRobot
 REST = FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0])).sample[Y_SENSED : Y_SENSED + 7]
 
 
@@ -98,11 +99,12 @@ def test_a_robot_that_is_the_model_leaves_no_residual():
     last = one.seen['residuals'][-1]
     assert list(last.name) == ['U_x', 'U_y', 'alpha'] and len(last.velocity) == len(last.effort) == 3
     measured = {stamp(message): message for message in one.seen['joint_states']}
-    for model, residual in zip(one.seen['model_joint_states'][-50:], one.seen['residuals'][-50:], strict=True):
-        assert stamp(model) == stamp(residual)
-        if stamp(model) in measured:
-            difference = measured[stamp(model)].position[2] - model.position[2]
-            assert residual.position[2] == pytest.approx(difference, abs=1e-12)
+    models = {stamp(message): message for message in one.seen['model_joint_states']}
+    both = [message for message in one.seen['residuals'] if stamp(message) in measured.keys() & models.keys()]
+    assert len(both) > 200
+    for message in both:
+        difference = np.subtract(measured[stamp(message)].position, models[stamp(message)].position)
+        assert message.position == pytest.approx(difference, abs=1e-15)
     assert 'U_x, U_y, alpha, F_1, F_2, T_1, T_2' in one.seen['error_over_noise'][-1].layout.dim[0].label
     assert 'J_eq_applied is published: the model follows it' in log[0]
     assert 'has left' not in log[0] and 'starts anew' not in log[0]
@@ -132,19 +134,21 @@ class FakeRobot:
         self.joints = one.node.create_publisher(JointState, 'joint_states', quality)
         one.until(lambda: self.joints.get_subscription_count() > 0, ros_client.FIRST_MESSAGE)
 
-    def say(self, names=('U_x', 'U_y', 'alpha'), position=None, time=None, step=0.01):
-        self.time = self.time + step if time is None else time
+    def say(self, names=('U_x', 'U_y', 'alpha'), position=None, at=None, step=0.01):
+        self.time = self.time + step if at is None else at
         message = JointState(name=list(names), position=list(REST[:3] if position is None else position))
         message.header.stamp.sec, message.header.stamp.nanosec = int(self.time), int(1e9 * (self.time % 1.0))
         self.joints.publish(message)
-        self.one.executor.spin_once(timeout_sec=0.002)
+        end = time.monotonic() + PACE
+        while time.monotonic() < end:
+            self.one.executor.spin_once(timeout_sec=PACE)
 
     def until(self, condition, **how):
-        def said():
+        end = time.monotonic() + ros_client.REACTION
+        while not condition():
+            assert self.one.process.poll() is None, self.one.process.stdout.read()
+            assert time.monotonic() < end, f'waited {ros_client.REACTION} s in vain'
             self.say(**how)
-            return condition()
-
-        self.one.until(said)
 
 
 @contextmanager
@@ -164,8 +168,8 @@ def comparing(one):
 
 def test_other_names_another_order_and_a_missing_joint():
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    with check('-p', 'check.names.alpha:=tilt', '-p', 'check.names.U_y:=y', quality=best_effort) as (fake, _):
-        names, position = ('finger', 'tilt', 'y'), (7.0, REST[2] + 0.01, REST[1] - 1e-3)
+    with check('-p', 'check.names.alpha:=tilt', '-p', 'check.names.U_y:=sway', quality=best_effort) as (fake, _):
+        names, position = ('finger', 'tilt', 'sway'), (7.0, REST[2] + 0.01, REST[1] - 1e-3)
         fake.until(lambda: fake.one.seen['residuals'], names=names, position=position)
         residual = fake.one.seen['residuals'][-1]
         assert list(residual.name) == ['U_x', 'U_y', 'alpha'] and len(residual.velocity) == len(residual.effort) == 0
@@ -179,7 +183,7 @@ def test_it_leaves_and_comes_back_and_outliers_do_not_count():
     with check() as (fake, log):
         one = fake.one
         fake.until(comparing(one))
-        for _ in range(3):
+        for _ in range(2):
             fake.say(position=(0.0, 1.0, 1.0))
             end = fake.time + 3.0
             fake.until(lambda end=end: fake.time > end)
@@ -210,12 +214,12 @@ def test_clocks_that_jump_and_gaps():
         one, seen = fake.one, fake.one.seen['model_joint_states']
         fake.until(comparing(one))
         fake.until(lambda: value(one, 'starts of the model') == '1')
-        fake.say(time=fake.time + 8.0)
+        fake.say(at=fake.time + 8.0)
         fake.until(lambda: stamp(seen[-1]) / 1e9 >= 1008.0)
-        fake.say(time=500.0)
+        fake.say(at=500.0)
         fake.until(lambda: stamp(seen[-1]) / 1e9 < 600.0)
         fake.until(lambda: value(one, 'starts of the model') == '2')
-        fake.say(time=5e8)
+        fake.say(at=5e8)
         fake.until(lambda: stamp(seen[-1]) / 1e9 > 4e8)
         fake.until(lambda: value(one, 'starts of the model') == '3')
         count = len(seen)
@@ -266,11 +270,14 @@ def test_wrong_messages_are_said_and_survived():
             ('ambient_temperature', Temperature(temperature=-400.0), 'rejected ambient temperatures'),
         ):
             publisher = one.node.create_publisher(type(message), topic, 10)
-            one.until(lambda publisher=publisher: publisher.get_subscription_count() > 0)
-            publisher.publish(message)
-            fake.until(lambda words=words: value(one, words) not in (None, '0'))
-        one.node.create_publisher(Float32, 'J_eq', 10)
-        fake.until(lambda: 'std_msgs/msg/Float32 is published on J_eq: expected std_msgs/msg/Float64' in status(one).message)
+
+            def said(publisher=publisher, message=message, words=words):
+                publisher.publish(message)  # again and again: a best-effort reader may miss the first
+                return value(one, words) not in (None, '0')
+
+            fake.until(said)
+        one.node.create_publisher(Float32, 'wire_2/temperature', 10)
+        fake.until(lambda: 'Float32 is published on wire_2/temperature: expected sensor_msgs' in status(one).message)
         count = len(one.seen['residuals'])
         fake.until(lambda: len(one.seen['residuals']) > count + 10)
     assert 'got left, right, expected U_x, U_y, alpha: see check.names' in log[0]

@@ -91,6 +91,11 @@ class Intake:
         self._beside: list[Queue] = [deque(maxlen=MOST_WAITING) for _ in range(3)]  # forces, temperatures
         self._subscribe(node)
 
+    @property
+    def waiting(self) -> int:
+        """Samples that arrived and were not yet taken."""
+        return len(self._samples)
+
     def ready(self) -> Iterator[Sample]:
         """Samples that have waited for `check.latency`, in the order of their arrival."""
         while self._samples and not 0 <= time.time_ns() - self._samples[0].arrival < self._latency:

@@ -76,6 +76,8 @@ class ModelCheck:
             for sample in self._intake.ready():
                 self._heard_at = time.monotonic()
                 self._take(sample)
+                if time.monotonic() >= diagnose_at:  # also while it lags behind
+                    break
             if time.monotonic() >= diagnose_at:
                 diagnose_at += DIAGNOSTICS_PERIOD
                 self._diagnose()
@@ -204,6 +206,7 @@ class ModelCheck:
             'state': state,
             **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
             'samples compared': self._samples,
+            'samples waiting': self._intake.waiting,
             'starts of the model': self._starts,
             'command': 'J_eq_applied' if self._intake.applied[J_EQ] else 'J_eq',
             'J_eq [W]': f'{self._input[J_EQ]:g}',
