@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+import rclpy  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
@@ -17,7 +18,8 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
-from sma_sim.evidence.live import MODULE_CHANNELS  # noqa: E402
+from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS  # noqa: E402
+from sma_sim.ros.check_intake import Intake, Sample  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 from sma_sim.solver.integrate import Y_SENSED  # noqa: E402
 
@@ -124,6 +126,7 @@ def test_a_beam_that_is_stiffer_is_noticed_when_it_moves():
         command.publish(Float64(data=12.0))
         one.until(lambda: 'alpha' in status(one).message and status(one).level == DiagnosticStatus.WARN)
     assert 'has left the measurement' in log[0] and 'check.threshold 3' in log[0]
+    assert 'not both bundles were heated since the model started' in log[0]
 
 
 class FakeRobot:
@@ -300,6 +303,44 @@ def test_commands_that_are_only_asked_for_and_the_timeout():
     heated = simulate_fixed_rate(Model(Config()), Input(times, values, (False, False)), 1000.0, 100.0)['alpha_rad'].max()
     assert alpha == pytest.approx(heated, rel=1e-2)
     assert 'J_eq_applied is published' not in log[0]
+
+
+def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
+    """Also for those that come late: they take effect at once, and are counted."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=104)
+    node = rclpy.create_node('intake', context=context)
+    try:
+        intake = Intake(node, Config())
+        publisher = node.create_publisher(Float64, 'J_eq', 10)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        half = 10**12  # [ns] between two samples here, so that an instant of the test is nothing
+        nothing = np.zeros((3, 3))
+
+        def told(before, now):
+            """The changes of a command that arrives now; samples are (arrival from now on, stamp) [ns]."""
+            samples = [Sample(time.time_ns() + after, stamp, nothing) for after, stamp in (before, now)]
+            publisher.publish(Float64(data=3.0))
+            end = time.monotonic() + ros_client.REACTION
+            while not (changes := intake.changes(*samples)):
+                assert time.monotonic() < end
+                executor.spin_once(timeout_sec=0.05)
+            return changes
+
+        end = time.monotonic() + ros_client.REACTION
+        while publisher.get_subscription_count() == 0:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+        between = told((-half, 5_000), (half, 25_000))
+        assert [(change.column, change.value) for change in between] == [(J_EQ, 3.0)]
+        assert between[0].stamp == pytest.approx(15_000, abs=200)
+        assert 'commands later than check.latency' not in intake.rejected()
+        assert told((half, 40_000), (2 * half, 50_000))[0].stamp == 40_000
+        assert intake.rejected()['commands later than check.latency'] == 1
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
 
 
 def test_it_says_that_nothing_is_measured():

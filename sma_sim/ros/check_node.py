@@ -54,6 +54,7 @@ class ModelCheck:
         self._live: LiveModel | None = None
         self._before: Sample | None = None
         self._starts, self._samples, self._wanted, self._remind_at = 0, 0, '', 0.0
+        self._heated: set[float] = set()  # signs of the commands since the model started
         self._forget_verdict()
         self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUTS.items()}
         self._diagnostics = Diagnostics(node)
@@ -129,12 +130,15 @@ class ModelCheck:
         changes = self._intake.changes(before, now)
         for change in changes:
             self._input[change.column] = change.value
+            if change.column == J_EQ and change.value != 0.0:
+                self._heated.add(math.copysign(1.0, change.value))
         return changes
 
     def _start(self, now: Sample, why: str) -> None:
         if why:
             self._intake.forget_commands()
             self._logger.warning(f'{why}: the model starts anew')
+        self._heated.clear()
         self._inputs(None, now)
         self._forget_verdict()
         self._live = LiveModel(self._model, self._rate, now.stamp, (self._input[J_EQ], self._input[T_E]))
@@ -170,9 +174,12 @@ class ModelCheck:
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
         worst = ', '.join(f'{MODULE_CHANNELS[k]} {self._last_error[k]:.3g}' for k in which)
+        doubt = '' if len(self._heated) == 2 else (
+            '; not both bundles were heated since the model started, so its start (initial.*) may be what is wrong'
+        )  # fmt: skip
         return (
             f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
-            f'(check.threshold {self._values["threshold"]:g})'
+            f'(check.threshold {self._values["threshold"]:g}){doubt}'
         )
 
     def _publish(self, now: Sample, row: Vector, residual: Vector) -> None:
