@@ -171,7 +171,7 @@ def comparing(one):
 
 def test_other_names_another_order_and_a_missing_joint():
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    with check('-p', 'check.names.alpha:=tilt', '-p', 'check.names.U_y:=sway', quality=best_effort) as (fake, _):
+    with check('-p', 'check.name_alpha:=tilt', '-p', 'check.name_U_y:=sway', quality=best_effort) as (fake, _):
         names, position = ('finger', 'tilt', 'sway'), (7.0, REST[2] + 0.01, REST[1] - 1e-3)
         fake.until(lambda: fake.one.seen['residuals'], names=names, position=position)
         residual = fake.one.seen['residuals'][-1]
@@ -283,7 +283,7 @@ def test_wrong_messages_are_said_and_survived():
         fake.until(lambda: 'Float32 is published on wire_2/temperature: expected sensor_msgs' in status(one).message)
         count = len(one.seen['residuals'])
         fake.until(lambda: len(one.seen['residuals']) > count + 10)
-    assert 'got left, right, expected U_x, U_y, alpha: see check.names' in log[0]
+    assert 'got left, right, expected U_x, U_y, alpha: see check.name_*' in log[0]
 
 
 def test_commands_that_are_only_asked_for_and_the_timeout():
@@ -355,9 +355,9 @@ def test_it_says_that_nothing_is_measured():
     ('words', 'message'),
     [
         (['-p', 'check.threshold:=-1.0'], 'check.threshold = -1'),
-        (['-p', 'check.noise.alpha:=0.0'], 'check.noise.alpha = 0 rad'),
-        (['-p', 'check.names.alpha:=3'], 'check.names.alpha = 3'),
-        (['-p', 'check.names.alpha:=U_x'], 'check.names: expected three different names, got U_x, U_y, U_x'),
+        (['-p', 'check.noise_alpha:=0.0'], 'check.noise_alpha = 0 rad'),
+        (['-p', 'check.name_alpha:=3'], 'check.name_alpha = 3'),
+        (['-p', 'check.name_alpha:=U_x'], 'check.name_*: expected three different names, got U_x, U_y, U_x'),
         (['-p', 'check.tolerance:=1.0'], 'unknown parameter check.tolerance'),
     ],
 )

@@ -102,13 +102,13 @@ CHECK_PARAMETERS = (
               source='docs/node.md'),
     Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew',
               source='docs/node.md'),
-    Parameter('noise.U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source='docs/node.md'),
-    Parameter('noise.U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source='docs/node.md'),
-    Parameter('noise.alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source='docs/node.md'),
-    Parameter('noise.F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source='docs/node.md'),
-    Parameter('noise.F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source='docs/node.md'),
-    Parameter('noise.T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source='docs/node.md'),
-    Parameter('noise.T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source='docs/node.md'),
+    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source='docs/node.md'),
+    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source='docs/node.md'),
+    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source='docs/node.md'),
+    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source='docs/node.md'),
+    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source='docs/node.md'),
+    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source='docs/node.md'),
+    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source='docs/node.md'),
 )  # fmt: skip
 
 
@@ -126,7 +126,7 @@ SETTINGS: Mapping[str, Setting] = {
     for group, one in (
         ('node', Setting('record', '', 'folder of the bag to write (rosbag2, mcap); none: nothing is recorded')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
-        *(('check', Setting(f'names.{name}', name, f"name of {name} in the robot's joint_states"))
+        *(('check', Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states"))
           for name in ('U_x', 'U_y', 'alpha')),
     )
 }  # fmt: skip

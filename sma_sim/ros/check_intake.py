@@ -74,9 +74,9 @@ class Intake:
     def __init__(self, node: Node, config: Config) -> None:
         parameters = config.parameters
         self._logger = node.get_logger()
-        self._names = [str(config.settings[f'check.names.{joint}']) for joint in JOINTS]
+        self._names = [str(config.settings[f'check.name_{joint}']) for joint in JOINTS]
         if len(set(self._names)) < len(self._names):
-            raise UserError(f'check.names: expected three different names, got {", ".join(self._names)}')
+            raise UserError(f'check.name_*: expected three different names, got {", ".join(self._names)}')
         self._latency = round(parameters['check.latency'] * 1e9)
         self._timeout = parameters['node.command_timeout']
         self._command = Command(node, parameters['node.J_max'], self._timeout)
@@ -210,7 +210,7 @@ class Intake:
         if not any(name in at for name in self._names):
             there, expected = ', '.join(message.name) or 'none', ', '.join(self._names)
             self.complain(
-                'joint_states without the joints that are expected', f'got {there}, expected {expected}: see check.names'
+                'joint_states without the joints that are expected', f'got {there}, expected {expected}: see check.name_*'
             )
             return
         if len(message.position) < len(message.name):

@@ -46,7 +46,7 @@ class ModelCheck:
         self._node, self._config, self._rate = node, config, settings['integration_rate']
         self._logger, self._model = node.get_logger(), Model(config)
         self._values = {name.removeprefix('check.'): value for name, value in config.parameters.items()}
-        self._noise = np.array([self._values[f'noise.{channel}'] for channel in MODULE_CHANNELS])
+        self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNELS])
         self._input = [0.0, config.parameters['environment.T_E']]
         for note in FixedRateRun(self._model, self._rate, np.array(self._input)).notes:
             self._logger.info(note)
