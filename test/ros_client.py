@@ -18,14 +18,14 @@ REACTION = 15.0  # [s]
 
 
 class Simulation:
-    """`sma_module_sim` as a subprocess, with a client that collects what it publishes."""
+    """A node of ours (`sma_module_sim`) as a subprocess, with a client that collects what it publishes."""
 
-    def __init__(self, *arguments, topics=(), namespace=''):
+    def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main'):
         self.environment = os.environ | {
             'ROS_DOMAIN_ID': str(random.randrange(1, 100)),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         }
-        command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', *arguments]
+        command = [sys.executable, '-m', module, '--ros-args', *arguments]
         self.process = subprocess.Popen(
             command, cwd=ROOT, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )

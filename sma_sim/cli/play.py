@@ -12,7 +12,7 @@ from sma_sim.cli.options import Progress, add_namespace_option
 from sma_sim.cli.simulate import read_module_input
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.ros.main import NO_ROS
+from sma_sim.ros.entry import NO_ROS
 
 
 def add_parser(verbs: Any) -> None:

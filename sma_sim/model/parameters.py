@@ -92,9 +92,29 @@ NODE_PARAMETERS = (
     Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source='docs/node.md'),
 )  # fmt: skip
 
+CHECK_PARAMETERS = (
+    Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running RMSE over noise above which the model misses a channel',
+              source='docs/node.md'),
+    Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long',
+              source='docs/node.md'),
+    Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict', source='docs/node.md'),
+    Parameter('latency', 0.1, 's', (0.0, 10.0), 'wait after a measured sample for commands that are on their way',
+              source='docs/node.md'),
+    Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew',
+              source='docs/node.md'),
+    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source='docs/node.md'),
+    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source='docs/node.md'),
+    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source='docs/node.md'),
+    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source='docs/node.md'),
+    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source='docs/node.md'),
+    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source='docs/node.md'),
+    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source='docs/node.md'),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Setting:
-    """A parameter of the node that is no number: a text or a switch, by the type of its default."""
+    """A parameter of the nodes that is no number: a text or a switch, by the type of its default."""
 
     name: str
     default: str | bool
@@ -102,12 +122,14 @@ class Setting:
 
 
 SETTINGS: Mapping[str, Setting] = {
-    f'node.{one.name}': one
-    for one in (
-        Setting('record', '', 'folder of the bag to write (rosbag2, mcap); none: nothing is recorded'),
-        Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0'),
+    f'{group}.{one.name}': one
+    for group, one in (
+        ('node', Setting('record', '', 'folder of the bag to write (rosbag2, mcap); none: nothing is recorded')),
+        ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
+        *(('check', Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states"))
+          for name in ('U_x', 'U_y', 'alpha')),
     )
-}
+}  # fmt: skip
 
 GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'wire': WIRE_PARAMETERS,
@@ -117,6 +139,7 @@ GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'initial': INITIAL_PARAMETERS,
     'solver': SOLVER_PARAMETERS,
     'node': NODE_PARAMETERS,
+    'check': CHECK_PARAMETERS,
 }
 DEFAULTS: Mapping[str, Parameter] = {
     f'{group}.{parameter.name}': parameter for group, members in GROUPS.items() for parameter in members

@@ -25,6 +25,12 @@ class Command:
 
     def receive(self, message: Float64) -> None:
         """Take a command, clipped to J_max; refuse one that is not a finite number."""
+        J_eq = self.accepted(message)
+        if J_eq is not None:
+            self._J_eq, self._fresh = J_eq, True
+
+    def accepted(self, message: Float64) -> float | None:
+        """The command [W] that a message asks for, clipped to J_max; None for one that is not a finite number."""
         J_eq = float(message.data)
         if not math.isfinite(J_eq):
             self.rejected += 1
@@ -32,14 +38,13 @@ class Command:
                 f'J_eq = {J_eq} W refused: expected a finite number; the last good command stays in force',
                 throttle_duration_sec=WARNING_PERIOD,
             )
-            return
+            return None
         if abs(J_eq) > self._J_max:
             self.clipped += 1
             self._logger.warning(
                 f'J_eq = {J_eq:g} W clipped to node.J_max = {self._J_max:g} W', throttle_duration_sec=WARNING_PERIOD
             )
-        self._J_eq = min(max(J_eq, -self._J_max), self._J_max)
-        self._fresh = True
+        return min(max(J_eq, -self._J_max), self._J_max)
 
     def clear(self) -> None:
         """No command: heating off, until the next one."""
@@ -67,17 +72,23 @@ class Ambient:
 
     def receive(self, message: Temperature) -> None:
         """Take a temperature in deg C; refuse one out of range."""
+        T_E = self.accepted(message)
+        if T_E is not None:
+            self.T_E = T_E
+
+    def accepted(self, message: Temperature) -> float | None:
+        """The temperature [K] that a message tells, None for one out of range."""
         low, high = DEFAULTS['environment.T_E'].bounds
-        kelvin = message.temperature + FREEZING
+        kelvin = float(message.temperature) + FREEZING
         if low <= kelvin <= high:
-            self.T_E = kelvin
-            return
+            return kelvin
         self.rejected += 1
         self._logger.warning(
             f'ambient_temperature = {message.temperature} deg C refused: expected {low - FREEZING:g} to '
             f'{high - FREEZING:g} deg C',
             throttle_duration_sec=WARNING_PERIOD,
         )
+        return None
 
     def set(self, kelvin: float) -> str:
         """Take a new value of the parameter; what is wrong with it, if anything."""

@@ -57,9 +57,9 @@ def temperature(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
     return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - FREEZING)
 
 
-def layout(label: str) -> MultiArrayLayout:
-    """Two numbers, one per wire, labelled with what they are."""
-    return MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=2, stride=2)])
+def layout(label: str, size: int = 2) -> MultiArrayLayout:
+    """`size` numbers (one per wire), labelled with what they are."""
+    return MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=size, stride=size)])
 
 
 def wire_forces(row: NDArray[Any]) -> Float64MultiArray:

@@ -8,10 +8,8 @@ import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
@@ -22,7 +20,10 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
-from sma_sim.ros.outlets import Outlets, type_name
+from sma_sim.ros.entry import model_words
+from sma_sim.ros.neighbours import Neighbours
+from sma_sim.ros.outlets import Outlets
+from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.recorder import Recorder
 from sma_sim.ros.schedule import ClockSchedule, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
@@ -65,8 +66,8 @@ class ModuleSimulation:
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUTS.items(), receivers, strict=True):
             node.create_subscription(kind, topic, receive, 10)
-        self._told: set[str] = set()
-        node.add_on_set_parameters_callback(self._set_parameters)
+        self._neighbours = Neighbours(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUTS)
+        follow_live_parameters(node, self._ambient.set, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
@@ -74,6 +75,10 @@ class ModuleSimulation:
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=PATIENCE_WITH_CLOCK)
             time.sleep(IDLE)
         self._begin()
+        self._logger.info(
+            f'running: {model_words(self._config)}, {self._rate:g} steps/s, {self._settings["publish_rate"]:g} messages/s '
+            'per topic; waiting for J_eq [W]; stop with Ctrl-C'
+        )
 
     def spin(self, stop: threading.Event) -> None:
         """Step in time until `stop` is set. Raises SimulationError."""
@@ -226,37 +231,10 @@ class ModuleSimulation:
         problems = [
             f'{schedule.overruns} overruns' if schedule.overruns else '',
             f'recording {recording}' if recorder is not None and recorder.failed else '',
-            *self._strangers(),
+            *self._neighbours.look(),
         ]
         words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]
         self._diagnostics.publish('; '.join(words), warn=len(words) > 1, values=values)
-
-    def _strangers(self) -> list[str]:
-        """What other nodes do that they should not."""
-        topics = ['joint_states', *(['/clock'] if self._is_clock else [])]
-        found = [
-            f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'
-            for topic in topics
-            if self._node.count_publishers(topic) > 1
-        ]
-        for topic, expected in INPUTS.items():
-            kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
-            found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
-        for words in set(found) - self._told:
-            self._logger.warning(words)
-        self._told |= set(found)
-        return found
-
-    def _set_parameters(self, parameters: list[Any]) -> SetParametersResult:
-        for parameter in parameters:
-            wrong = ''
-            if parameter.name == 'environment.T_E':
-                wrong = self._ambient.set(float(parameter.value))
-            elif parameter.name == 'use_sim_time' and parameter.value != self._follows:
-                wrong = 'use_sim_time: give it when the node starts (-p use_sim_time:=true)'
-            if wrong:
-                return SetParametersResult(successful=False, reason=wrong)
-        return SetParametersResult(successful=True)
 
 
 def divisor(number: int, most: float) -> int:

@@ -17,6 +17,7 @@ from visualization_msgs.msg import MarkerArray
 from sma_sim.model.parameters import BeamConstants
 from sma_sim.ros import messages
 from sma_sim.ros.markers import frame_of, markers
+from sma_sim.ros.neighbours import type_name
 from sma_sim.ros.recorder import Recorder
 
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -32,11 +33,6 @@ SAMPLES: Mapping[str, Any] = {
 }
 CHANGES: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Float64}  # published when they change
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
-
-
-def type_name(kind: Any) -> str:
-    """The name of a message class, such as std_msgs/msg/Float64."""
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
 
 class Outlets:

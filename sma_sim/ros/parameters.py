@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType, SetParametersResult
 from rclpy.node import Node
 
 from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
@@ -103,3 +103,20 @@ def declare_number(node: Node, name: str, parameter: Parameter, value: float) ->
         additional_constraints=f'{low:g} to {high:g} {parameter.unit}',
     )
     node.declare_parameter(name, float(value), descriptor, ignore_override=True)
+
+
+def follow_live_parameters(node: Node, set_T_E: Callable[[float], str], use_sim_time: bool) -> None:
+    """Hand new values of environment.T_E [K] to `set_T_E`, which says what is wrong with one, if anything."""
+
+    def take(parameters: list[Any]) -> SetParametersResult:
+        for parameter in parameters:
+            wrong = ''
+            if parameter.name == 'environment.T_E':
+                wrong = set_T_E(float(parameter.value))
+            elif parameter.name == 'use_sim_time' and parameter.value != use_sim_time:
+                wrong = 'use_sim_time: give it when the node starts (-p use_sim_time:=true)'
+            if wrong:
+                return SetParametersResult(successful=False, reason=wrong)
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(take)

@@ -92,9 +92,15 @@ class FixedRateRun:
         return jumps
 
 
+def first_steps(times: Vector, rate: float) -> NDArray[np.int64]:
+    """The first steps that begin at `times` [s] or later."""
+    steps: NDArray[np.int64] = np.ceil(times * rate - ROUNDING).astype(np.int64)
+    return steps
+
+
 def held_inputs(source: Input, rate: float) -> tuple[int, NDArray[np.float64]]:
     """The first step and the input of every step: a row takes effect at the first step that begins with it or later."""
-    first = np.ceil(np.asarray(source.times, float) * rate - ROUNDING).astype(int)
+    first = first_steps(np.asarray(source.times, float), rate)
     row = np.searchsorted(first, np.arange(first[0], max(first[-1], first[0] + 1)), side='right') - 1
     return int(first[0]), np.asarray(source.values, float)[row]
 

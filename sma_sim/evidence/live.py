@@ -1,0 +1,108 @@
+"""The model beside a robot that runs: its prediction at the robot's stamps, and whether it has left the measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.solver.fixed_rate import FixedRateRun, first_steps
+from sma_sim.solver.simulate import Model
+
+Vector = NDArray[np.float64]
+
+MODULE_CHANNELS = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
+J_EQ, T_E = 0, 1  # columns of a module's input
+FIRST_ROWS = 64
+
+
+class Change(NamedTuple):
+    """From `stamp` [ns] on, the input `column` (J_EQ [W] or T_E [K]) has the value."""
+
+    stamp: int
+    column: int
+    value: float
+
+
+class LiveModel:
+    """The model from rest at `begin` [ns] on, in fixed steps of 1/rate, under the `first` input (J_eq [W], T_E [K]).
+
+    Raises SimulationError when there is no start.
+    """
+
+    def __init__(self, model: Model, rate: float, begin: int, first: tuple[float, float]) -> None:
+        self.begin, self._rate = begin, rate
+        self._run = FixedRateRun(model, rate, np.array([0.0, first[T_E]]))
+        self._u = np.array(first)
+        self._row = self._run.sample[None, :].copy()
+
+    def advance(self, stamp: int, changes: Sequence[Change]) -> Vector:
+        """Go on to the step nearest to `stamp` [ns] under `changes` in their order; the prediction there (SAMPLE_SIZE,).
+
+        A change takes effect at the first step that begins with it or later; one that comes late, now.
+        Raises SimulationError when a step cannot be made.
+        """
+        done = self._run.k
+        inputs = np.tile(self._u, (max(0, round((stamp - self.begin) * self._rate / 1e9) - done), 1))
+        first = first_steps(np.array([change.stamp - self.begin for change in changes]) / 1e9, self._rate) - done
+        for change, begin in zip(changes, np.maximum(first, 0), strict=True):
+            inputs[begin:, change.column] = change.value
+            self._u[change.column] = change.value
+        if len(inputs):
+            self._run.advance(inputs, done + len(inputs), self._row)
+            self._run.take_jumps()
+        row: Vector = self._row[0]
+        return row
+
+
+class RunningError:
+    """Root mean square of residual/noise, channel by channel, over the last `window` seconds."""
+
+    def __init__(self, window: float, channels: int) -> None:
+        self._window = window
+        self._rows = np.empty((FIRST_ROWS, 1 + channels))
+        self._first = self._last = 0
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._first = self._last = 0
+
+    def add(self, t: float, ratio: Vector) -> Vector:
+        """Take residual/noise (n,), NaN where nothing was measured, at time t [s], which increases; the error (n,)."""
+        if self._last == len(self._rows):
+            kept = self._rows[self._first : self._last]
+            rows = np.empty((2 * len(kept) + FIRST_ROWS, self._rows.shape[1]))
+            rows[: len(kept)] = kept
+            self._rows, self._first, self._last = rows, 0, len(kept)
+        self._rows[self._last, 0] = t
+        with np.errstate(over='ignore'):
+            self._rows[self._last, 1:] = ratio**2
+        self._last += 1
+        while self._rows[self._first, 0] <= t - self._window:
+            self._first += 1
+        squares = self._rows[self._first : self._last, 1:]
+        there = ~np.isnan(squares)
+        sums, counts = np.where(there, squares, 0.0).sum(axis=0), there.sum(axis=0)
+        error: Vector = np.sqrt(np.where(counts > 0, sums, np.nan) / np.maximum(counts, 1))
+        return error
+
+
+class Departure:
+    """The channels that the model has left: their running error was above `threshold` for more than `window` seconds.
+
+    A single outlier raises the running error for one window at the most, and so never tells that the model has left.
+    """
+
+    def __init__(self, threshold: float, window: float, channels: int) -> None:
+        self._threshold, self._window = threshold, window
+        self._since = np.full(channels, np.nan)
+        self.left = np.zeros(channels, dtype=bool)
+
+    def look(self, t: float, error: Vector) -> None:
+        """Take the running error (n,) at time t [s]; a channel is back once it is not above the threshold."""
+        above = error > self._threshold
+        self._since = np.where(above, np.where(np.isnan(self._since), t, self._since), np.nan)
+        self.left = above & (t - self._since > self._window)

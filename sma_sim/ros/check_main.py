@@ -1,0 +1,28 @@
+"""Entry point of the live check: `ros2 run sma_sim sma_model_check`, or `sma_model_check` in a virtual environment."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from sma_sim.model.config import Config
+from sma_sim.ros.entry import Runner, start
+
+NAME = 'sma_model_check'
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the model beside a robot; the exit code of `entry.start`."""
+    return start(NAME, check, arguments)
+
+
+def check(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:
+    """The model beside the robot; rclpy is not imported before it is known to be there."""
+    from sma_sim.ros.check_node import ModelCheck
+
+    return ModelCheck(node, config, settings, use_sim_time)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,228 @@
+"""The node `sma_model_check`: runs the model beside a robot and says when it has left the measurement."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header
+from std_srvs.srv import Trigger
+
+from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS, T_E, Departure, LiveModel, RunningError
+from sma_sim.model.config import Config
+from sma_sim.ros import messages
+from sma_sim.ros.check_intake import INPUTS, Intake, Sample
+from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
+from sma_sim.ros.entry import model_words
+from sma_sim.ros.neighbours import Neighbours
+from sma_sim.ros.parameters import follow_live_parameters
+from sma_sim.solver.fixed_rate import FixedRateRun
+from sma_sim.solver.integrate import Y_RATE, Y_SENSED, Y_TAU
+from sma_sim.solver.simulate import Model, SimulationError
+
+Vector = NDArray[np.float64]
+
+IDLE = 0.005  # [s] between two looks for samples
+REMINDER = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
+OUTPUTS: Mapping[str, Any] = {
+    'model_joint_states': JointState,
+    'residuals': JointState,
+    'channel_residuals': Float64MultiArray,
+    'error_over_noise': Float64MultiArray,
+}
+
+
+class ModelCheck:
+    """The model beside the robot whose topics one node hears."""
+
+    def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
+        self._node, self._config, self._rate = node, config, settings['integration_rate']
+        self._logger, self._model = node.get_logger(), Model(config)
+        self._values = {name.removeprefix('check.'): value for name, value in config.parameters.items()}
+        self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNELS])
+        self._input = [0.0, config.parameters['environment.T_E']]
+        for note in FixedRateRun(self._model, self._rate, np.array(self._input)).notes:
+            self._logger.info(note)
+        self._error = RunningError(self._values['window'], len(MODULE_CHANNELS))
+        self._live: LiveModel | None = None
+        self._before: Sample | None = None
+        self._starts, self._samples, self._wanted, self._remind_at = 0, 0, '', 0.0
+        self._heated: set[float] = set()  # signs of the commands since the model started
+        self._forget_verdict()
+        self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUTS.items()}
+        self._diagnostics = Diagnostics(node)
+        self._neighbours = Neighbours(node, ['joint_states', *OUTPUTS], INPUTS)
+        self._intake = Intake(node, config)
+        follow_live_parameters(node, self._intake.tell_T_E, use_sim_time)
+        node.create_service(Trigger, '~/reset', self._reset)
+
+    def begin(self, stop: threading.Event) -> None:
+        """Say what runs."""
+        self._logger.info(
+            f'beside the robot: {model_words(self._config)}, {self._rate:g} steps/s; waiting for joint_states; '
+            'stop with Ctrl-C'
+        )
+
+    def spin(self, stop: threading.Event) -> None:
+        """Follow the robot until `stop` is set."""
+        diagnose_at = self._heard_at = time.monotonic()
+        while not stop.is_set():
+            for sample in self._intake.ready():
+                self._heard_at = time.monotonic()
+                self._take(sample)
+                if time.monotonic() >= diagnose_at:  # also while it lags behind
+                    break
+            if time.monotonic() >= diagnose_at:
+                diagnose_at += DIAGNOSTICS_PERIOD
+                self._diagnose()
+            time.sleep(IDLE)
+
+    def close(self) -> None:
+        """Nothing is left open."""
+
+    def _reset(self, _: Any, response: Any) -> Any:
+        self._wanted = '~/reset was called'
+        response.success, response.message = True, 'the model starts anew with the next sample'
+        return response
+
+    def _forget_verdict(self) -> None:
+        self._error.clear()
+        self._departure = Departure(self._values['threshold'], self._values['window'], len(MODULE_CHANNELS))
+        self._settled = False
+        self._last_error = np.full(len(MODULE_CHANNELS), np.nan)
+
+    def _take(self, now: Sample) -> None:
+        """Bring the model to a sample and compare."""
+        before = self._before
+        step = (now.stamp - before.stamp) / 1e9 if before is not None else 0.0
+        if before is not None and -self._values['latency'] < step <= 0.0:
+            words = 'repeats' if step == 0.0 else 'is older than the one before'
+            self._intake.complain(f'joint_states whose stamp {words}', 'they are not compared; is header.stamp filled in?')
+            return
+        why = self._wanted or self._why_anew(step)
+        self._before, self._wanted = now, ''
+        try:
+            if self._live is None or why:
+                self._start(now, why)
+            else:
+                row = self._live.advance(now.stamp, self._inputs(before, now))
+                self._compare(now, row, self._intake.beside(before, now))
+        except SimulationError as error:
+            self._live = None
+            self._intake.complain('the model cannot go on', f'{error}; it starts anew with the next sample')
+
+    def _why_anew(self, step: float) -> str:
+        """Why the model cannot go on from the sample before, `step` seconds ago; nothing if it can."""
+        if step < 0.0:
+            return f'the stamps of joint_states went back by {-step:.3f} s'
+        if step > self._values['longest_gap']:
+            return f'nothing was measured for {step:.1f} s (check.longest_gap {self._values["longest_gap"]:g} s)'
+        return ''
+
+    def _inputs(self, before: Sample | None, now: Sample) -> Any:
+        changes = self._intake.changes(before, now)
+        for change in changes:
+            self._input[change.column] = change.value
+            if change.column == J_EQ and change.value != 0.0:
+                self._heated.add(math.copysign(1.0, change.value))
+        return changes
+
+    def _start(self, now: Sample, why: str) -> None:
+        if why:
+            self._intake.forget_commands()
+            self._logger.warning(f'{why}: the model starts anew')
+        self._heated.clear()
+        self._inputs(None, now)
+        self._forget_verdict()
+        self._live = LiveModel(self._model, self._rate, now.stamp, (self._input[J_EQ], self._input[T_E]))
+        self._starts += 1
+        self._logger.info(
+            'the model starts from rest (initial.*), which the robot may not be in: no verdict for check.burn_in = '
+            f'{self._values["burn_in"]:g} s'
+        )
+
+    def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
+        residual = np.concatenate([now.joints[0], beside]) - row[Y_SENSED : Y_SENSED + len(MODULE_CHANNELS)]
+        assert self._live is not None
+        t = (now.stamp - self._live.begin) / 1e9
+        if not self._settled and t >= self._values['burn_in']:
+            self._error.clear()
+            self._settled = True
+        self._last_error = self._error.add(t, residual / self._noise)
+        if self._settled:
+            self._judge(t)
+        self._samples += 1
+        self._publish(now, row, residual)
+
+    def _judge(self, t: float) -> None:
+        was = self._departure.left
+        self._departure.look(t, self._last_error)
+        left = self._departure.left
+        if (left & ~was).any() or left.any() and time.monotonic() > self._remind_at:
+            self._logger.warning(self._departed())
+            self._remind_at = time.monotonic() + REMINDER
+        elif was.any() and not left.any():
+            self._logger.info('the model is back in the measurement')
+
+    def _departed(self) -> str:
+        which = np.flatnonzero(self._departure.left)
+        worst = ', '.join(f'{MODULE_CHANNELS[k]} {self._last_error[k]:.3g}' for k in which)
+        doubt = '' if len(self._heated) == 2 else (
+            '; not both bundles were heated since the model started, so its start (initial.*) may be what is wrong'
+        )  # fmt: skip
+        return (
+            f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
+            f'(check.threshold {self._values["threshold"]:g}){doubt}'
+        )
+
+    def _publish(self, now: Sample, row: Vector, residual: Vector) -> None:
+        stamp = messages.stamp_of(now.stamp)
+        self._topics['model_joint_states'].publish(messages.joint_state(stamp, row, sensed=True))
+        rates, tau = row[Y_RATE : Y_RATE + 3], row[Y_TAU : Y_TAU + 3]
+        position, velocity, effort = residual[:3], now.joints[1] - rates, now.joints[2] - tau
+        message = JointState(
+            header=Header(stamp=stamp), name=messages.JOINTS, position=position.tolist(),
+            velocity=told(velocity), effort=told(effort),
+        )  # fmt: skip
+        self._topics['residuals'].publish(message)
+        for topic, what, values in (
+            ('channel_residuals', 'measured - model of {} [SI]', residual),
+            ('error_over_noise', 'running RMSE over noise of {} [-]', self._last_error),
+        ):
+            layout = messages.layout(what.format(', '.join(MODULE_CHANNELS)), len(MODULE_CHANNELS))
+            self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
+
+    def _diagnose(self) -> None:
+        silence = time.monotonic() - self._heard_at
+        problems = [*self._neighbours.look()]
+        if self._departure.left.any():
+            problems.insert(0, self._departed())
+        if silence > REMINDER:
+            problems.append(f'no joint_states for {silence:.0f} s')
+            self._logger.warning('no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER)
+        state = 'waiting for joint_states' if self._live is None else 'comparing' if self._settled else 'burn-in'
+        errors = zip(MODULE_CHANNELS, self._last_error, strict=True)
+        values = {
+            'state': state,
+            **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
+            'samples compared': self._samples,
+            'samples waiting': self._intake.waiting,
+            'starts of the model': self._starts,
+            'command': 'J_eq_applied' if self._intake.applied[J_EQ] else 'J_eq',
+            'J_eq [W]': f'{self._input[J_EQ]:g}',
+            'T_E [K]': f'{self._input[T_E]:g}',
+            **self._intake.rejected(),
+        }
+        self._diagnostics.publish('; '.join([state, *problems]), warn=bool(problems), values=values)
+
+
+def told(values: Vector) -> list[float]:
+    """The values, or none where the robot tells none of them."""
+    return [] if np.isnan(values).all() else list(values.tolist())

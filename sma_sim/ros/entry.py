@@ -1,0 +1,124 @@
+"""How a node of ours starts, listens and ends, whatever it does in between."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+
+NO_ROS = (
+    'rclpy, the Python client of ROS 2, is not installed here ({reason}).\n'
+    "Install it with: pip install 'sma_sim[kilted]' (or sma_sim[jazzy]), or source a ROS 2 workspace."
+)
+WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError')  # what rclpy raises for them
+
+
+class Runner(Protocol):
+    """What a node does: in the main thread, while messages and requests are served in another."""
+
+    def begin(self, stop: threading.Event) -> None:
+        """Before the first round; says in the log what runs."""
+
+    def spin(self, stop: threading.Event) -> None:
+        """Until `stop` is set."""
+
+    def close(self) -> None:
+        """At the end, also after an error."""
+
+
+Maker = Callable[[Any, Config, Mapping[str, float], bool], Runner]  # of node, configuration, node.* numbers, use_sim_time
+
+
+def one_line(error: Exception) -> str:
+    """The first part of rcl's message, without the places in its sources."""
+    return str(error).split(', at ')[0].replace('\n', ' ')
+
+
+def start(name: str, make: Maker, arguments: list[str] | None) -> int:
+    """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
+    try:
+        import rclpy
+    except ImportError as error:
+        print(f'{name}: {NO_ROS.format(reason=error)}', file=sys.stderr)
+        return 2
+    from rclpy.signals import SignalHandlerOptions
+
+    stop, working = threading.Event(), threading.Event()
+
+    def end(*_: object) -> None:
+        stop.set()
+        if not working.is_set():  # compiling: do not wait for its end (an exception would get lost in LLVM)
+            os._exit(0)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        return run(name, make, stop, working)
+    except UserError as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return 2
+    except Exception as error:
+        if type(error).__name__ in WRONG_ARGUMENTS:
+            print(f'{name}: {one_line(error)}', file=sys.stderr)
+            return 2
+        traceback.print_exc()
+        print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+
+
+def run(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
+    """Make the node and let it work until `stop` is set; `working` says that it is made."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    from sma_sim.ros.parameters import configure
+    from sma_sim.solver.compile import is_compiled
+    from sma_sim.solver.simulate import SimulationError
+
+    node = Node(name, automatically_declare_parameters_from_overrides=True)
+    config, settings = configure(node)
+    if not is_compiled():
+        node.get_logger().info('compiling the equations: once, about half a minute ...')
+    runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
+    working.set()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def serve() -> None:
+        while not stop.is_set():
+            try:
+                executor.spin_once(timeout_sec=0.1)
+            except Exception as error:  # a message that cannot be read must not end the listening
+                node.get_logger().error(f'a message or request was lost: {one_line(error)}')
+
+    server = threading.Thread(target=serve, daemon=True)
+    server.start()
+    try:
+        runner.begin(stop)
+        runner.spin(stop)
+    except SimulationError as error:
+        node.get_logger().error(str(error))
+        return 1
+    finally:
+        runner.close()
+        stop.set()
+        server.join()
+        executor.remove_node(node)
+        node.destroy_node()
+    return 0
+
+
+def model_words(config: Config) -> str:
+    """Which model runs, in a few words."""
+    effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
+    return f'{config.model} model, effects {effects}'

@@ -1,0 +1,93 @@
+"""The model beside a robot, without ROS: prediction at given stamps, running error, departure."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sma_sim import Config, Input, Model
+from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS, T_E, Change, Departure, LiveModel, RunningError
+from sma_sim.solver.fixed_rate import simulate_fixed_rate
+from sma_sim.solver.integrate import Y_SENSED
+
+RATE, EPOCH = 1000.0, 1_700_000_000_123_456_789
+NAMES = ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K')
+
+
+def after(seconds):
+    return EPOCH + round(seconds * 1e9)
+
+
+def test_prediction_is_the_offline_run_bit_for_bit():
+    model = Model(Config())
+    live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
+    told = (Change(after(0.2905), J_EQ, 12.0), Change(after(0.5), T_E, 305.0), Change(after(1.991), J_EQ, -3.0))
+    changes = dict(zip((30, 50, 200), told, strict=True))  # by the sample before which they come
+    rows = [live.advance(after(0.01 * k), [changes[k]] if k in changes else []).copy() for k in range(301)]
+    times = np.array([0.0, 0.291, 0.5, 1.991, 3.0])  # a change takes effect at the next step
+    values = np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 305.0], [-3.0, 305.0], [-3.0, 305.0]])
+    run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 100.0)
+    assert len(NAMES) == len(MODULE_CHANNELS)
+    for column, name in enumerate(NAMES):
+        assert np.array_equal(np.array(rows)[:, Y_SENSED + column], run[name]), name
+
+
+def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
+    model = Model(Config())
+    live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
+    live.advance(after(0.5003), [])
+    row = live.advance(after(1.0004), [Change(after(0.1), J_EQ, 12.0)]).copy()
+    assert np.array_equal(live.advance(after(1.0001), []), row, equal_nan=True)  # the same step
+    times, values = np.array([0.0, 0.5, 1.0]), np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 298.0]])
+    run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 1000.0)
+    assert row[Y_SENSED + 2] == run['alpha_rad'][-1]
+
+
+def test_the_order_of_changes_counts_when_they_share_a_step():
+    live = LiveModel(Model(Config()), RATE, EPOCH, (0.0, 298.0))
+    on_and_off = [Change(after(0.1), J_EQ, 12.0), Change(after(0.1), J_EQ, 0.0)]
+    assert live.advance(after(0.5), on_and_off)[Y_SENSED + 5] == pytest.approx(298.0)
+
+
+STEPS_AND_RATIOS = st.tuples(st.floats(0.001, 3.0), st.one_of(st.floats(-1e3, 1e3), st.just(float('nan'))))
+
+
+@given(st.lists(STEPS_AND_RATIOS, min_size=1, max_size=300), st.floats(0.01, 20.0))
+def test_running_error_is_that_of_its_window(steps, window):
+    error, times = RunningError(window, 2), np.cumsum([step for step, _ in steps])
+    ratios = np.array([[value, 1.0] for _, value in steps])
+    for k, (t, ratio) in enumerate(zip(times, ratios, strict=True)):
+        now = error.add(t, ratio)
+        inside = ratios[: k + 1][times[: k + 1] > t - window]
+        there = inside[~np.isnan(inside[:, 0]), 0]
+        assert now[1] == pytest.approx(1.0)
+        assert np.isnan(now[0]) if len(there) == 0 else now[0] == pytest.approx(np.sqrt(np.mean(there**2)))
+
+
+def departures(ratios, threshold=3.0, window=5.0):
+    """Whether the model has left, sample by sample at 100 Hz."""
+    error, departure, left = RunningError(window, 1), Departure(threshold, window, 1), []
+    for k, ratio in enumerate(ratios):
+        departure.look(k / 100.0, error.add(k / 100.0, np.array([ratio])))
+        left.append(bool(departure.left[0]))
+    return np.array(left)
+
+
+def test_noise_and_outliers_are_no_departure():
+    ratios = np.random.default_rng(1).standard_normal(6000)
+    ratios[3000] = 1e6
+    ratios[4500] = np.inf
+    assert not departures(ratios).any()
+
+
+def test_an_error_that_stays_is_a_departure_until_it_is_gone():
+    ratios = np.random.default_rng(2).standard_normal(6000)
+    ratios[1000:3000] += 6.0
+    left = departures(ratios)
+    assert not left[:1500].any()
+    assert left[1800:3000].all()
+    assert not left[3500:].any()
+
+
+def test_a_channel_that_is_no_longer_measured_is_not_away():
+    assert not departures(np.concatenate([np.full(1200, 9.0), np.full(700, np.nan)]))[-1]
