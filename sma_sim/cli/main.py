@@ -6,10 +6,10 @@ import argparse
 import sys
 import traceback
 
-from sma_sim.cli import bag, effects, paper, play, plot, simulate
+from sma_sim.cli import bag, challenge, effects, paper, play, plot, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (simulate, play, plot, bag, effects, paper)
+VERBS = (simulate, play, plot, bag, effects, challenge, paper)
 
 
 def main(arguments: list[str] | None = None) -> int:
