@@ -190,8 +190,8 @@ def test_effects_of_truths_are_those_of_an_independent_integration():
 
 
 SAME = [  # a truth and its values; the library's effect and the values that mean the same
-    ('truth_gravity', {'load': 1.3, 'lean': 0.9}, {
-        'g_x': -1.3 * 9.80665 * np.cos(0.9), 'g_y': 1.3 * 9.80665 * np.sin(0.9)}),
+    ('truth_gravity', {'share': 0.8, 'lean': 0.9}, {
+        'g_x': -0.8 * 9.80665 * np.cos(0.9), 'g_y': 0.8 * 9.80665 * np.sin(0.9)}),
     ('truth_beam_creep', {'c': 0.25, 'tau_c': 10.0}, {'phi': 0.25 / 1.25, 'tau': 10.0 / 1.25}),
     ('truth_ambient_heating', {'G': 2.0, 'C': 20.0}, {'R': 0.5, 'tau': 10.0}),
     ('truth_driver_lag', {'t_r': 0.5}, {'tau': 0.5 / np.log(9.0)}),

@@ -10,9 +10,9 @@ import numpy as np
 from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.draw import OFF, draw_command, draw_parameters, draw_truths
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
-from sma_sim.challenge.truth import Vector
+from sma_sim.challenge.truth import Truth, Vector
 from sma_sim.evidence.recording import Campaign, Recording
-from sma_sim.model.config import Config
+from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
@@ -50,10 +50,10 @@ def make_challenge(
     wires' forces as well. Raises UserError.
     """
     check(seed, runs, duration, rate)
-    nominal = Config()
+    chosen = draw_truths(np.random.default_rng([seed, EFFECTS]), effects, outside, kinds)
+    nominal = nominal_for(chosen)
     for attempt in range(ATTEMPTS):
         streams = [np.random.default_rng([seed, attempt, stream]) for stream in range(4)]
-        chosen = draw_truths(np.random.default_rng([seed, EFFECTS]), effects, outside, kinds)
         hidden = tuple(Hidden(truth, truth.draw(streams[EFFECTS])) for truth in chosen)
         robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETERS]), hidden)
         T_E = nominal.parameters['environment.T_E']
@@ -73,6 +73,15 @@ def make_challenge(
         return Challenge(Campaign(recordings, noise_std), nominal, robot, answer)
     names = ', '.join(truth.name for truth in chosen) or 'none'
     raise UserError(f'seed {seed}: no robot that works was found in {ATTEMPTS} draws (effects {names}); choose another seed')
+
+
+def nominal_for(chosen: Sequence[Truth]) -> Config:
+    """The model that the user starts from: the paper's, at the ambient temperature at which the hidden effects can show."""
+    parameters = default_parameters()
+    for truth in chosen:
+        if truth.T_E is not None:
+            parameters['environment.T_E'] = truth.T_E
+    return Config(parameters)
 
 
 def check(seed: int, runs: int, duration: float, rate: float) -> None:

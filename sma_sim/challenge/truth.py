@@ -37,7 +37,7 @@ class Truth:
     where it acts and `variables` are the states (time: `t`) that it depends on there. Each of `effects` takes those of
     `parameters` that it declares. Instead, `sensor(time, channels, values)` makes the shown channels, (k,) each, of the
     true ones, sampled at times (k,) [s]; it returns those that it changes. A parameter is drawn from its realistic range;
-    `signed` names those of either sign.
+    `signed` names those of either sign. `T_E` is the ambient temperature [K] without which it cannot show, if there is one.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Truth:
     sensor: Sensor | None = None
     signed: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
+    T_E: float | None = None
 
     def active(self, values: Values) -> tuple[ActiveEffect, ...]:
         """Its effects with these values of the parameters, by name."""
@@ -69,13 +70,18 @@ class Truth:
 
 
 def acting(
-    *effects: Effect, library: str = '', variables: tuple[str, ...], file: str, signed: tuple[str, ...] = ()
+    *effects: Effect,
+    library: str = '',
+    variables: tuple[str, ...],
+    file: str,
+    signed: tuple[str, ...] = (),
+    T_E: float | None = None,
 ) -> Truth:
     """A truth made of effects that are simulated; `file` is the one that declares them."""
     parameters = {p.name: p for effect in effects for p in effect.parameters}
     first = effects[0]
     return Truth(
-        first.name, library, variables, first.port, tuple(parameters.values()), effects, None, signed, (Path(file),)
+        first.name, library, variables, first.port, tuple(parameters.values()), effects, None, signed, (Path(file),), T_E
     )
 
 

@@ -12,8 +12,8 @@ EFFECT = Effect(
     equation='C dtheta/dt = n lambda A_s (T - T_E - theta) - G theta; Q = lambda A_s theta',
     source='heat balance of the air in a housing with leaking walls',
     parameters=(
-        ranged('G', 'W/K', 0.5, 8.0, 'conductance from the air of the housing to the room'),
-        ranged('C', 'J/K', 5.0, 60.0, 'heat capacity of the air and of what it touches'),
+        ranged('G', 'W/K', 0.5, 5.0, 'conductance from the air of the housing to the room'),
+        ranged('C', 'J/K', 25.0, 250.0, 'heat capacity of the air and of what it touches'),
     ),
     states=('theta',),
     scale=(10.0,),

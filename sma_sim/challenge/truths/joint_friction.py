@@ -12,7 +12,7 @@ EFFECT = Effect(
     equation='dz/dt = dalpha/dt - |dalpha/dt| z/z_c; M = -M_c z/z_c',
     source='Dahl, AIAA Journal 14 (1976) 1675',
     parameters=(
-        ranged('M_c', 'N m', 2e-4, 4e-3, 'sliding moment'),
+        ranged('M_c', 'N m', 2e-3, 8e-3, 'sliding moment'),
         ranged('z_c', 'rad', 1e-4, 5e-4, 'angle over which sliding sets in'),
     ),
     states=('z',),

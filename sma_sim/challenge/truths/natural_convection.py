@@ -12,7 +12,7 @@ EFFECT = Effect(
     equation='Q = -h_50 (|T - T_E|/50)^m (T_f/323)^0.8 A_s (T - T_E)',
     source='free convection about horizontal cylinders; conductivity of air ~ T^0.8',
     parameters=(
-        ranged('h_50', 'W/(m^2 K)', 30.0, 250.0, 'coefficient at 50 K above the air'),
+        ranged('h_50', 'W/(m^2 K)', 30.0, 160.0, 'coefficient at 50 K above the air'),
         ranged('m', '-', 0.15, 0.33, 'exponent'),
     ),
     kernel=lambda s, w, p: (

@@ -28,7 +28,7 @@ EFFECT = Effect(
     equation='shift = rho h/(T_R eps_T) w ln(1 + exp((T_R - T)/w)), w = 2 K',
     source='Clausius and Clapeyron for R -> M; heat of A -> R in NiTi 1 to 6 kJ/kg',
     parameters=(
-        ranged('h', 'J/kg', 100.0, 1500.0, 'heat of the transformation from austenite to R-phase'),
+        ranged('h', 'J/kg', 150.0, 2500.0, 'heat of the transformation from austenite to R-phase'),
         ranged('T_R', 'K', 302.0, 325.0, 'temperature of that transformation'),
     ),
     kernel=both_shifts,

@@ -1,7 +1,7 @@
 """A bundle whose wires are not equally tight: the loose ones hang through while the force is small, and none can push.
 
 Tightness spread evenly over +-F_s about the mean: the mean of max(0, F + F_s u) over -1 < u < 1 is (F + F_s)^2/(4 F_s)
-where |F| < F_s, F above, 0 below   [N per wire]
+where |F| < F_s, F above, 0 below   [N per wire]. Only in the cold: a wire gets slack once sigma_M is near zero.
 """
 
 from typing import Any
@@ -27,8 +27,8 @@ EFFECT = Effect(
     equation='F_passed = mean of max(0, F + F_s u) over -1 < u < 1',
     source='geometry of a bundle',
     parameters=(
-        ranged('F_s', 'N', 1.0, 3.0, 'spread of the force of one wire in the bundle'),
+        ranged('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),
     ),
     kernel=added_force,
 )
-TRUTHS = (acting(EFFECT, library='slack', variables=('F',), file=__file__),)
+TRUTHS = (acting(EFFECT, library='slack', variables=('F',), file=__file__, T_E=266.0),)
