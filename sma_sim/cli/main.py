@@ -6,10 +6,10 @@ import argparse
 import sys
 import traceback
 
-from sma_sim.cli import add, bag, compare, diagnose, effects, fit, init, paper, play, plot, simulate
+from sma_sim.cli import add, bag, challenge, compare, diagnose, effects, fit, init, paper, play, plot, simulate
 from sma_sim.model.errors import UserError
 
-VERBS = (init, simulate, fit, compare, diagnose, add, play, plot, bag, effects, paper)
+VERBS = (init, simulate, fit, compare, diagnose, add, play, plot, bag, effects, challenge, paper)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,0 +1,64 @@
+"""The answer of a challenge: what was hidden, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+NONE, MISSING, UNKNOWN = 'none', 'missing_effect', 'unknown_effect'
+VERDICTS = (NONE, MISSING, UNKNOWN)
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """A hidden effect: `library` is the package's name for it, '' if it has none; `parameters` are (value, unit) by name.
+
+    `influence` is the root mean square of what it changes, over the noise, by channel and for `all` recorded ones.
+    """
+
+    name: str
+    library: str
+    port: str
+    variables: tuple[str, ...]
+    parameters: Mapping[str, tuple[float, str]]
+    influence: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The hidden effects, and by full name what the user's model has and what the robot has (nominal, true)."""
+
+    seed: int
+    effects: tuple[HiddenEffect, ...]
+    parameters: Mapping[str, tuple[float, float]]
+    noise_std: Mapping[str, float]
+
+    @property
+    def verdict(self) -> str:
+        """What a perfect diagnosis says."""
+        if not self.effects:
+            return NONE
+        return MISSING if all(effect.library for effect in self.effects) else UNKNOWN
+
+    @property
+    def library_names(self) -> tuple[str, ...]:
+        """The effects that a diagnosis can name."""
+        return tuple(effect.library for effect in self.effects if effect.library)
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+
+def answer_from(data: Mapping[str, Any]) -> Answer:
+    """The answer of plain data."""
+    effects = tuple(
+        HiddenEffect(
+            one['name'], one['library'], one['port'], tuple(one['variables']),
+            {name: (float(value), str(unit)) for name, (value, unit) in one['parameters'].items()}, one['influence'],
+        )
+        for one in data['effects']
+    )  # fmt: skip
+    offsets = {name: (float(nominal), float(true)) for name, (nominal, true) in data['parameters'].items()}
+    return Answer(int(data['seed']), effects, offsets, data['noise_std'])

@@ -1,0 +1,127 @@
+"""Makes a challenge from a seed: recordings of a robot that differs from its model, and the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sma_sim.challenge.answer import Answer, HiddenEffect
+from sma_sim.challenge.draw import OFF, draw_command, draw_parameters, draw_truths
+from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
+from sma_sim.challenge.truth import Truth, Vector
+from sma_sim.evidence.recording import Campaign, Recording
+from sma_sim.model.config import Config, default_parameters
+from sma_sim.model.errors import UserError
+from sma_sim.solver.inputs import Input
+
+PARAMETERS, EFFECTS, COMMANDS, NOISE = range(4)  # independent streams of random numbers
+ATTEMPTS = 20
+FEWEST_RUNS = 3
+POSE = ('U_x', 'U_y', 'alpha')
+Measured = tuple[Vector, Mapping[str, Vector]]  # times and channels
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """Recordings and the model that the user starts from; the robot behind them and the answer."""
+
+    campaign: Campaign
+    nominal: Config
+    robot: Robot
+    answer: Answer
+
+
+def make_challenge(
+    seed: int,
+    effects: int | None = None,
+    outside: bool | None = None,
+    kinds: Sequence[str] = (),
+    forces: bool = False,
+    runs: int = FEWEST_RUNS,
+    duration: float = 100.0,
+    rate: float = 50.0,
+) -> Challenge:
+    """The challenge of a seed, always the same one.
+
+    `effects` (0 to 2) hidden effects, `kinds` by name among them, the others drawn outside the library or not as `outside`
+    says; None leaves it to the seed. `runs` recordings of `duration` [s] at `rate` [1/s], of the pose, with `forces` of the
+    wires' forces as well. Raises UserError.
+    """
+    check(seed, runs, duration, rate)
+    chosen = draw_truths(np.random.default_rng([seed, EFFECTS]), effects, outside, kinds)
+    nominal = nominal_for(chosen)
+    for attempt in range(ATTEMPTS):
+        streams = [np.random.default_rng([seed, attempt, stream]) for stream in range(4)]
+        hidden = tuple(Hidden(truth, truth.draw(streams[EFFECTS])) for truth in chosen)
+        robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETERS]), hidden)
+        T_E = nominal.parameters['environment.T_E']
+        commands = [draw_command(duration, T_E, streams[COMMANDS]) for _ in range(runs)]
+        try:
+            measured = [robot.measure(command, rate) for command in commands]
+            effects_found = tuple(told(one, robot, commands, measured, rate, forces) for one in hidden)
+        except BrokenRobot:
+            continue
+        noise_std = {name: std for name, std in NOISE_STD.items() if forces or name in POSE}
+        recordings = tuple(
+            recorded(f'run{k + 1}', command, time, channels, noise_std, streams[NOISE])
+            for k, (command, (time, channels)) in enumerate(zip(commands, measured, strict=True))
+        )
+        offsets = {name: (nominal.parameters[name], robot.parameters[name]) for name in (*OFF, 'wire.l0')}
+        answer = Answer(seed, effects_found, offsets, noise_std)
+        return Challenge(Campaign(recordings, noise_std), nominal, robot, answer)
+    names = ', '.join(truth.name for truth in chosen) or 'none'
+    raise UserError(f'seed {seed}: no robot that works was found in {ATTEMPTS} draws (effects {names}); choose another seed')
+
+
+def nominal_for(chosen: Sequence[Truth]) -> Config:
+    """The model that the user starts from: the paper's, at the ambient temperature at which the hidden effects can show."""
+    parameters = default_parameters()
+    for truth in chosen:
+        if truth.T_E is not None:
+            parameters['environment.T_E'] = truth.T_E
+    return Config(parameters)
+
+
+def check(seed: int, runs: int, duration: float, rate: float) -> None:
+    """Raise UserError for a challenge that cannot be made."""
+    if seed < 0:
+        raise UserError(f'seed {seed}: expected a whole number, 0 or more')
+    if runs < FEWEST_RUNS:
+        raise UserError(f'{runs} runs: expected at least {FEWEST_RUNS}, of which one can be held out')
+    if not (duration >= 1.0 and rate >= 1.0 and duration * rate <= 1e7):
+        raise UserError(
+            f'duration {duration:g} s at {rate:g} samples/s: expected at least 1 s and 1/s, and at most 1e7 samples'
+        )
+
+
+def recorded(
+    name: str, command: Input, time: Vector, channels: Mapping[str, Vector], noise_std: Mapping[str, float],
+    random: np.random.Generator,
+) -> Recording:  # fmt: skip
+    """A recording of the channels that have a noise, with it."""
+    noisy = {channel: channels[channel] + std * random.standard_normal(len(time)) for channel, std in noise_std.items()}
+    return Recording(name, 'module', time, noisy, command)
+
+
+def told(
+    one: Hidden, robot: Robot, commands: Sequence[Input], measured: Sequence[Measured], rate: float, forces: bool
+) -> HiddenEffect:
+    """A hidden effect as the answer has it, with its influence.
+
+    That is the root mean square of what it changes in each channel, over the noise, before anything is refitted; `all`
+    is the root mean square of those that are recorded.
+    """
+    bare = robot.without(one)
+    changes = [
+        {name: channels[name] - values for name, values in bare.measure(command, rate)[1].items()}
+        for command, (_, channels) in zip(commands, measured, strict=True)
+    ]
+    influence = {
+        name: float(np.sqrt(np.mean(np.concatenate([change[name] for change in changes]) ** 2)) / std)
+        for name, std in NOISE_STD.items()
+    }
+    influence['all'] = float(np.sqrt(np.mean([influence[name] ** 2 for name in (NOISE_STD if forces else POSE)])))
+    values = {p.name: (one.values[p.name], p.unit) for p in one.truth.parameters}
+    return HiddenEffect(one.truth.name, one.truth.library, one.truth.port, one.truth.variables, values, influence)

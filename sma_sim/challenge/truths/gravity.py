@@ -1,0 +1,28 @@
+"""Weight of the plate, on a module that leans: its beam away from upright, its plane out of the vertical.
+
+F = share m_H g (-cos(lean), sin(lean), 0)   [N]
+"""
+
+import math
+
+from sma_sim.challenge.truth import acting, ranged
+from sma_sim.model.effects.effect import Effect
+
+STANDARD_GRAVITY = 9.80665  # [m/s^2]
+
+EFFECT = Effect(
+    name='truth_gravity',
+    port='structure_force',
+    equation='F = share m_H g (-cos(lean), sin(lean), 0)',
+    source='weight of a body on an inclined axis',
+    parameters=(
+        ranged('share', '-', 0.5, 1.0, 'part of the weight that lies in the plane of the module'),
+        ranged('lean', 'rad', 0.3, 1.57, 'angle between the beam and the vertical'),
+    ),
+    kernel=lambda s, b, p: (
+        -p.share * b.m_H * STANDARD_GRAVITY * math.cos(p.lean),
+        p.share * b.m_H * STANDARD_GRAVITY * math.sin(p.lean),
+        0.0,
+    ),
+)
+TRUTHS = (acting(EFFECT, library='gravity', variables=('constant',), file=__file__, signed=('lean',)),)

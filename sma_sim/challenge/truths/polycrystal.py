@@ -1,0 +1,25 @@
+"""Grains of a polycrystal transform one after the other: plateaus with a slope, steeper at their ends.
+
+shift of both = H ((1 - c) y + 4 c y^3), y = x_M - 1/2   [Pa]: H from the first grain to the last
+"""
+
+from sma_sim.challenge.truth import acting, ranged
+from sma_sim.model.effects.effect import Effect
+
+EFFECT = Effect(
+    name='truth_polycrystal',
+    port='transformation_stress',
+    equation='shift = H ((1 - c) y + 4 c y^3), y = x_M - 1/2',
+    source='cubic quantile of the transformation stress of the grains',
+    parameters=(
+        ranged('H', 'Pa', 3e6, 5e7, 'transformation stress of the last grain less that of the first'),
+        ranged('c', '-', 0.1, 0.7, 'part of H at the ends of the plateau'),
+    ),
+    kernel=lambda s, w, p: (
+        p.H * ((1.0 - p.c) * (s.x - 0.5) + 4.0 * p.c * (s.x - 0.5) ** 3),
+        p.H * ((1.0 - p.c) * (s.x - 0.5) + 4.0 * p.c * (s.x - 0.5) ** 3),
+    ),
+    depends_on_x=True,
+    energy='latent heat at the shifted stress',
+)
+TRUTHS = (acting(EFFECT, library='polycrystal', variables=('x',), file=__file__),)

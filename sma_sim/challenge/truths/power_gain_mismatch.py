@@ -1,0 +1,20 @@
+"""The leads of bundle 2 have more resistance than those of bundle 1, and take their part of the power.
+
+P_2 = J_2/(1 + r), P_1 = J_1   [W], r the resistance of the leads over that of the wires
+"""
+
+from sma_sim.challenge.truth import acting, ranged
+from sma_sim.model.effects.effect import Effect
+
+EFFECT = Effect(
+    name='truth_power_gain_mismatch',
+    port='actuation',
+    equation='P_1 = J_1; P_2 = J_2/(1 + r)',
+    source='voltage divider, driven by power',
+    parameters=(
+        ranged('r', '-', 0.01, 0.15, 'excess resistance of the leads over that of the wires'),
+    ),
+    stage='gain',
+    kernel=lambda s, w, p: s.J / (1.0 + p.r * s.wire),
+)
+TRUTHS = (acting(EFFECT, library='power_gain_mismatch', variables=('J', 'wire'), file=__file__),)

@@ -1,0 +1,93 @@
+"""`sma-sim challenge`: recordings of a robot with something hidden in it, and what it was."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from sma_sim.challenge.answer import Answer
+from sma_sim.challenge.files import NOMINAL, WRITERS, check_new, open_answer, write_challenge
+from sma_sim.challenge.make import FEWEST_RUNS, make_challenge
+from sma_sim.challenge.score import Score, read_verdict, score
+from sma_sim.cli.options import announce_compilation
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb and its own verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser('challenge', help='find out what is hidden in a simulated robot')
+    own = parser.add_subparsers(dest='challenge_verb', required=True)
+    new = own.add_parser('new', help='write recordings of a robot that differs from its model, and seal the answer')
+    new.add_argument('--seed', type=int, required=True, metavar='N', help='decides everything, the same each time')
+    new.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder to write; it must not exist')
+    new.add_argument('--effects', type=int, choices=(0, 1, 2), help='how many are hidden (default: the seed decides)')
+    new.add_argument(
+        '--outside', action=argparse.BooleanOptionalAction, default=None,
+        help='hide only what is not in the library, or only what is (default: the seed decides)',
+    )  # fmt: skip
+    new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this one (up to twice)')
+    new.add_argument('--forces', action='store_true', help='record the forces of the wires too')
+    new.add_argument('--runs', type=int, default=FEWEST_RUNS, help=f'recordings (default {FEWEST_RUNS}, which is the least)')
+    new.add_argument('--format', choices=tuple(WRITERS), default='mcap', help='of the recordings (default mcap)')
+    new.set_defaults(run=make)
+    reveal = own.add_parser('reveal', help='open the answer; score a verdict of `sma-sim diagnose`')
+    reveal.add_argument('folder', type=Path, metavar='DIR')
+    reveal.add_argument('verdict', type=Path, nargs='?', metavar='VERDICT.json')
+    reveal.add_argument('--json', action='store_true', help='for programs')
+    reveal.set_defaults(run=tell)
+
+
+def make(arguments: argparse.Namespace) -> int:
+    """Make a challenge and write it."""
+    check_new(arguments.out)
+    announce_compilation()
+    challenge = make_challenge(
+        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces, arguments.runs
+    )
+    write_challenge(challenge, arguments.out, arguments.format)
+    first = challenge.campaign.recordings[0]
+    print(
+        f'{arguments.out}: {arguments.runs} recordings of {first.source.times[-1]:g} s, {", ".join(first.channels)}; '
+        f'start from {arguments.out / NOMINAL}'
+    )
+    return 0
+
+
+def tell(arguments: argparse.Namespace) -> int:
+    """Print the answer, and the score of a verdict."""
+    answer = open_answer(arguments.folder)
+    marks = score(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
+    if arguments.json:
+        truth = answer.as_data() | {'verdict': answer.verdict}
+        print(json.dumps({'truth': truth, 'score': asdict(marks) if marks else None}, indent=2))
+    else:
+        print('\n'.join(answer_text(answer) + (score_text(marks) if marks else [])))
+    return 0
+
+
+def answer_text(answer: Answer) -> list[str]:
+    """The answer for a person, in lines."""
+    lines = [f'seed {answer.seed}: ' + (f'{len(answer.effects)} hidden' if answer.effects else 'nothing hidden')]
+    for effect in answer.effects:
+        lines.append(f'  {effect.library or effect.name} ({effect.port}{"" if effect.library else ", not in the library"})')
+        lines += [f'    {name:<12} {value:.4g} {unit}' for name, (value, unit) in effect.parameters.items()]
+        influence = ', '.join(f'{name} {size:.2g}' for name, size in effect.influence.items())
+        lines.append(f'    changes, over the noise: {influence}')
+    lines.append('parameters of the robot against those of the model:')
+    for name, (nominal, true) in answer.parameters.items():
+        lines.append(f'  {name:<14} {true:<12.5g} {100.0 * (true / nominal - 1.0):+.2f} %')
+    return lines
+
+
+def score_text(marks: Score) -> list[str]:
+    """The score for a person, in lines."""
+    lines = [f'the verdict {marks.verdict} is {marks.outcome}: {marks.why}']
+    if marks.verdict != marks.expected_verdict:
+        lines.append(f'  expected {marks.expected_verdict}')
+    lines += [f'  {name}: {f"rank {rank}" if rank else "not ranked"}' for name, rank in marks.ranks.items()]
+    for what, error in (('bare', marks.bare_error), ('in the end', marks.final_error)):
+        if error is not None:
+            lines.append(f'  held-out error over noise, {what}: {error:.3g}')
+    return lines
