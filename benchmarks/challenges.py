@@ -1,0 +1,135 @@
+"""Hidden effects found and not found: the diagnosis on robots of which it knows nothing.
+
+    python benchmarks/challenges.py [--part library|nothing|pairs|outside ...] [--seeds 3] [--minutes 20] [--file results.jsonl]
+
+Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, with and
+without forces. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.truth import truths
+from sma_sim.evidence.diagnose import diagnose
+from sma_sim.evidence.verdict import as_data
+from sma_sim.model.errors import UserError
+
+DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
+PAIRS = (
+    ('gravity', 'natural_convection'), ('joint_friction', 'ambient_heating'), ('polycrystal', 'gravity'),
+    ('beam_creep', 'driver_lag'), ('power_gain_mismatch', 'natural_convection'), ('guide_friction', 'gravity'),
+    ('resistance_feedback', 'sensor_gain'), ('beam_nonlinearity', 'thermal_crosstalk'),
+    ('clausius_clapeyron_mismatch', 'pretension_mismatch'), ('sensor_lag', 'gravity'),
+)  # fmt: skip
+Case = tuple[str, tuple[str, ...], int, bool]  # part, hidden effects, seed, with forces
+
+
+def cases(parts: list[str], seeds: int) -> Iterator[Case]:
+    """All cases, in an order in which a part of them tells something of all."""
+    known = sorted({one.library for one in truths().values() if one.library})
+    beyond = sorted(name for name, one in truths().items() if not one.library)
+    for seed in range(1, seeds + 1):
+        for forces in (True, False):
+            if 'library' in parts:
+                yield from (('library', (name,), seed, forces) for name in known)
+            if 'outside' in parts and seed == 1:
+                yield from (('outside', (name,), seed, forces) for name in beyond)
+            if 'pairs' in parts and seed == 1:
+                yield from (('pairs', pair, seed, forces) for pair in PAIRS)
+    if 'nothing' in parts:
+        yield from (('nothing', (), 1000 + k, k % 2 == 0) for k in range(100))
+
+
+def solve(case: Case) -> dict[str, Any]:
+    """Make one case, diagnose it, and say how that went."""
+    part, hidden, seed, forces = case
+    made = make_challenge(seed, len(hidden), None, hidden, forces)
+    begun = time.perf_counter()
+    data = as_data(diagnose(made.campaign, made.nominal))
+    ranked = [one['effect'] for one in data['ranking']]
+    return {
+        'case': [part, list(hidden), seed, forces],
+        'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,
+        'alike': data['ranking'][0]['confounded_with'] if ranked else [],
+        'p': data['ranking'][0]['family_p'] if ranked else None,
+        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
+        'seconds': time.perf_counter() - begun,
+    }  # fmt: skip
+
+
+def is_right(one: dict[str, Any]) -> bool:
+    """Whether the first effect is a hidden one, or one that the report itself cannot tell from it."""
+    _, hidden, _, _ = one['case']
+    first = one['effects'][:1]
+    return bool(first) and (first[0] in hidden or any(name in one['alike'] for name in hidden))
+
+
+def summary(results: list[dict[str, Any]]) -> Iterator[str]:
+    """The table."""
+    def part_of(name: str) -> list[dict[str, Any]]:
+        return [one for one in results if one['case'][0] == name]
+
+    single = part_of('library')
+    seen = [one for one in single if one['bare'] > DETECTABLE]
+    unseen = [one for one in single if one['bare'] <= DETECTABLE]
+    yield f'detectable, the right effect first: {sum(map(is_right, seen))} of {len(seen)}'
+    right_after = [one['last'] for one in seen if is_right(one)]
+    if right_after:
+        yield f'  held-out error over noise after adding: median {np.median(right_after):.2f}, worst {max(right_after):.2f}'
+    yield f'undetectable, nothing or the right one: {sum(not one["effects"] or is_right(one) for one in unseen)} of {len(unseen)}'
+    nothing = part_of('nothing')
+    yield f'nothing missing, false alarms: {sum(one["verdict"] != "none" for one in nothing)} of {len(nothing)}'
+    pairs = part_of('pairs')
+    both = sum(set(one['case'][1]) <= set(one['effects']) for one in pairs)
+    yield f'pairs, both found: {both} of {len(pairs)}'
+    outside = [one for one in part_of('outside') if one['bare'] > DETECTABLE]
+    yield f'outside the library, unknown_effect: {sum(one["verdict"] == "unknown_effect" for one in outside)} of {len(outside)}'
+    if results:
+        yield f'seconds: median {np.median([one["seconds"] for one in results]):.0f}, longest {max(one["seconds"] for one in results):.0f}'
+    for one in results:
+        part, hidden, seed, forces = one['case']
+        mark = 'right' if is_right(one) else ('none' if not one['effects'] else 'WRONG')
+        yield (f'{part:8} {"+".join(hidden) or "-":42} {seed:5} {"forces" if forces else "pose":6} bare {one["bare"]:6.2f} '
+               f'-> {one["last"]:6.2f} {one["verdict"]:15} {mark:6} {", ".join(one["effects"])}'
+               + (f' (like {", ".join(one["alike"])})' if one['alike'] else ''))  # fmt: skip
+
+
+def main() -> None:
+    """Solve what is not solved yet, as long as there is time; print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--part', nargs='+', default=['library', 'nothing', 'pairs', 'outside'])
+    parser.add_argument('--seeds', type=int, default=3)
+    parser.add_argument('--minutes', type=float, default=20.0)
+    parser.add_argument('--file', type=Path, default=Path('challenges.jsonl'))
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
+    known = {json.dumps(one['case']) for one in done}
+    end = time.monotonic() + 60.0 * arguments.minutes
+    for case in cases(arguments.part, arguments.seeds):
+        if time.monotonic() > end:
+            break
+        if json.dumps([case[0], list(case[1]), *case[2:]]) in known:
+            continue
+        try:
+            one = solve(case)
+        except UserError as error:
+            print(case, error, flush=True)
+            continue
+        done.append(one)
+        with arguments.file.open('a') as file:
+            file.write(json.dumps(one) + '\n')
+        print(*list(summary([one]))[-1:], flush=True)
+    print(*summary(done), sep='\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,148 @@
+"""Diagnosis: hidden effects are found, nothing is invented, what cannot be explained is said."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import NOISE, campaign, config, scaled
+
+from sma_sim import Campaign, Config, UserError, find_effects
+from sma_sim.cli.main import main
+from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
+from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
+from sma_sim.evidence.verdict import as_data, as_text
+from sma_sim.model.config import read_config
+
+SEEDS = [1, 2, 3]
+
+
+def measured(effect='', rate=10.0, **values):
+    """Three runs of a robot whose parameters are off, with or without an effect."""
+    truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
+    if effect:
+        truth = with_effect(truth, find_effects()[effect], values)
+    return campaign(truth, SEEDS, noise=1.0, rate=rate)
+
+
+@pytest.fixture(scope='module')
+def with_gravity():
+    runs = measured('gravity', g_y=-9.81)
+    return runs, diagnose(runs, config())
+
+
+def test_a_hidden_effect_is_found_with_its_value(with_gravity):
+    _, found = with_gravity
+    assert found.verdict == 'missing_effect' and found.effects == ('gravity',)
+    assert found.calibration.values['effects.gravity.g_y'] == pytest.approx(-9.81, rel=0.03)
+    bare, last = found.steps
+    assert bare.effects == () and bare.held_out > 2.0 and last.held_out < 1.15 and last.train < 1.1
+    assert found.held_out == (f'{found.held_out[0]}',) and len(found.training) == 2
+    assert found.calibration.config.model == 'mas'
+
+
+def test_the_verdict_for_programs(with_gravity):
+    _, found = with_gravity
+    data = json.loads(json.dumps(as_data(found), allow_nan=False))
+    first = data['ranking'][0]
+    assert data['verdict'] == 'missing_effect' and data['effects'] == ['gravity'] and data['model'] == 'mas'
+    assert first['effect'] == 'gravity' and first['plausible'] and first['delta_bic'] < 0.0
+    assert 0.0 < first['held_out_error_ratio'] < 1.0 and first['family_p'] <= 0.05
+    value = first['parameters']['g_y']
+    assert value['unit'] == 'm/s^2' and abs(value['value'] + 9.81) < 5.0 * value['std'] + 0.3
+    assert [step['effects'] for step in data['error']] == [[], ['gravity']]
+    assert set(data['error'][0]['channels']) == set(NOISE) == set(data['noise_std'])
+    assert data['parameters']['effects.gravity.g_y'] < -9.0 and data['seconds'] > 0.0
+    assert any('gravity.g_y' in line and 'realistic' in line for line in as_text(found))
+
+
+def test_order_and_decimation_change_nothing(with_gravity):
+    runs, _ = with_gravity
+    swapped = replace(runs, recordings=(runs.recordings[1], runs.recordings[0], runs.recordings[2]))
+    assert diagnose(swapped, config(), request=Request('mas', seed=7)).effects == ('gravity',)
+    halved = tuple(
+        replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
+        for one in runs.recordings
+    )
+    assert diagnose(replace(runs, recordings=halved), config(), request=Request('mas')).effects == ('gravity',)
+
+
+def test_nothing_missing_is_said():
+    found = diagnose(measured(), config())
+    assert found.verdict == 'none' and found.effects == () and len(found.steps) == 1
+    assert found.steps[0].held_out < 1.15 and found.rounds[0].accepted is None
+
+
+def test_what_no_effect_explains_is_unknown():
+    """A shake of the angle that no effect of the library has anything of."""
+    runs = measured()
+    shaken = tuple(
+        replace(one, channels={**one.channels, 'alpha': one.channels['alpha'] + 2e-3 * np.sin(7.0 * one.time**1.2)})
+        for one in runs.recordings
+    )
+    found = diagnose(replace(runs, recordings=shaken), config(), request=Request('mas'))
+    assert found.verdict == 'unknown_effect' and found.steps[-1].held_out > 1.3
+    assert any('in alpha' in line for line in as_text(found))
+
+
+def test_a_single_run_has_no_held_out_one():
+    runs = measured('gravity', g_y=-9.81)
+    found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=Request('mas'))
+    assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.steps[-1].held_out)
+    assert as_data(found)['error'][0]['held_out'] is None
+
+
+def test_held_out_by_default_and_by_wish():
+    runs = measured()
+    training, held = some_held_out(runs, None)
+    assert len(training.recordings) == 2 and held.recordings == runs.recordings[2:]
+    chosen = replace(runs, recordings=runs.recordings[:1])
+    assert some_held_out(training, chosen) == (training, chosen)
+    assert some_held_out(training, None) == (training, None)
+
+
+def test_candidates():
+    names = {one.name for one in candidates_for(Config())}
+    assert names == set(find_effects())
+    assert 'gravity' not in {one.name for one in candidates_for(read_config(effects=['gravity']))}
+    of_wire = {one.name for one in candidates_for(Config(system='wire'))}
+    assert 'gravity' not in of_wire and 'polycrystal' in of_wire
+    for one in candidates_for(Config()):
+        for family in one.families:
+            for probe in family:
+                parameter = next(p for p in one.found.effect.parameters if p.name == probe.parameter)
+                assert parameter.bounds[0] <= probe.neutral + probe.step <= parameter.bounds[1] and probe.step != 0.0
+                if parameter.realistic:
+                    assert is_plausible(one.found, {probe.parameter: probe.neutral + probe.step, **probe.shape})
+
+
+def test_plausible_values():
+    convection = find_effects()['natural_convection']
+    assert is_plausible(convection, {'k': 40.0, 'm': 0.25}) and not is_plausible(convection, {'k': 4000.0})
+    assert not is_plausible(convection, {'k': 40.0, 'm': 0.9}) and not is_plausible(convection, {'k': float('nan')})
+
+
+def test_add_writes_what_the_node_runs(tmp_path, capsys):
+    out = tmp_path / 'b.yaml'
+    assert main(['add', 'gravity', 'natural_convection:k=20', '-o', str(out)]) == 0
+    config_ = read_config(out)
+    assert [one.found.effect.name for one in config_.effects] == ['gravity', 'natural_convection']
+    assert main(['add', 'radiation', '--config', str(out), '-o', str(out)]) == 0
+    assert len(read_config(out).effects) == 3
+    assert main(['add', 'gravitation', '-o', str(out)]) == 2
+    assert 'unknown effect gravitation' in capsys.readouterr().err
+    assert main(['add', 'gravity', '-o', str(tmp_path / 'b.txt')]) == 2
+
+
+def test_wrong_use(tmp_path, capsys):
+    (tmp_path / 'run.csv').write_text('time_s,J_eq_W,alpha_rad\n0,0,0\n1,1,0\n2,1,0\n')
+    for words, message in (
+        (['nowhere.csv'], 'nowhere.csv'),
+        ([str(tmp_path / 'run.csv'), '--hold-out', 'walk'], 'walk'),
+        ([str(tmp_path / 'run.csv'), '--json', 'x.txt'], 'expected a name that ends in .json'),
+    ):
+        assert main(['diagnose', *words]) == 2
+        said = capsys.readouterr().err
+        assert message in said and 'Traceback' not in said
+    with pytest.raises(UserError):
+        diagnose(Campaign(()), config())
