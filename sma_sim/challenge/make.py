@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -53,8 +54,8 @@ def make_challenge(
     chosen = draw_truths(np.random.default_rng([seed, EFFECTS]), effects, outside, kinds)
     nominal = nominal_for(chosen)
     for attempt in range(ATTEMPTS):
-        streams = [np.random.default_rng([seed, attempt, stream]) for stream in range(4)]
-        hidden = tuple(Hidden(truth, truth.draw(streams[EFFECTS])) for truth in chosen)
+        streams = {stream: np.random.default_rng([seed, attempt, stream]) for stream in (PARAMETERS, COMMANDS, NOISE)}
+        hidden = tuple(Hidden(truth, truth.draw(stream_of(truth, seed, attempt))) for truth in chosen)
         robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETERS]), hidden)
         T_E = nominal.parameters['environment.T_E']
         commands = [draw_command(duration, T_E, streams[COMMANDS]) for _ in range(runs)]
@@ -73,6 +74,11 @@ def make_challenge(
         return Challenge(Campaign(recordings, noise_std), nominal, robot, answer)
     names = ', '.join(truth.name for truth in chosen) or 'none'
     raise UserError(f'seed {seed}: no robot that works was found in {ATTEMPTS} draws (effects {names}); choose another seed')
+
+
+def stream_of(truth: Truth, seed: int, attempt: int) -> np.random.Generator:
+    """Random numbers of its own for each truth: one seed does not make all of them weak or strong."""
+    return np.random.default_rng([seed, attempt, EFFECTS, zlib.crc32(truth.name.encode())])
 
 
 def nominal_for(chosen: Sequence[Truth]) -> Config:

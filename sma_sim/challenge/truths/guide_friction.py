@@ -1,7 +1,9 @@
-"""Friction in the guides, with stiction: the guide holds back a part mu of the force, fully after the distance d.
+"""Greased guides: they take a part of the force of a wire that pulls, and add one to that of a wire that is drawn out.
 
-d dz/dt = v - |v| z,   F_added = mu z F   [N]
+F_added = mu F v/sqrt(v^2 + v_c^2)   [N]
 """
+
+import math
 
 from sma_sim.challenge.truth import acting, ranged
 from sma_sim.model.effects.effect import Effect
@@ -9,15 +11,12 @@ from sma_sim.model.effects.effect import Effect
 EFFECT = Effect(
     name='truth_guide_friction',
     port='wire_force',
-    equation='d dz/dt = v - |v| z; F_added = mu z F',
-    source="Coulomb's law with a presliding distance (Dahl)",
+    equation='F_added = mu F v/sqrt(v^2 + v_c^2)',
+    source="Coulomb's law, smooth at rest",
     parameters=(
-        ranged('mu', '-', 0.01, 0.15, 'part of the force that friction takes'),
-        ranged('d', 'm', 2e-6, 2e-5, 'distance over which friction turns'),
+        ranged('mu', '-', 0.02, 0.2, 'part of the force that friction takes'),
+        ranged('v_c', 'm/s', 1e-5, 2e-4, 'speed at which it is 71 % of that'),
     ),
-    states=('z',),
-    scale=(1.0,),
-    rate=lambda s, w, p, m: ((s.v - abs(s.v) * m.z) / p.d,),
-    kernel=lambda s, w, p, m: p.mu * m.z * s.F,
+    kernel=lambda s, w, p: p.mu * s.F * s.v / math.sqrt(s.v**2 + p.v_c**2),
 )
-TRUTHS = (acting(EFFECT, library='guide_friction', variables=('v', 'F', 'memory'), file=__file__),)
+TRUTHS = (acting(EFFECT, library='guide_friction', variables=('v', 'F'), file=__file__),)

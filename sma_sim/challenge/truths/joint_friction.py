@@ -1,7 +1,9 @@
-"""Dry friction in the joint, elastic before it slides (Dahl).
+"""Friction in a joint that is greased: against the motion, and nearly the same at every speed but the slowest.
 
-dz/dt = dalpha/dt - |dalpha/dt| z/z_c,   M = -M_c z/z_c   [N m]
+M = -M_c w/sqrt(w^2 + w_c^2), w = dalpha/dt   [N m]
 """
+
+import math
 
 from sma_sim.challenge.truth import acting, ranged
 from sma_sim.model.effects.effect import Effect
@@ -9,15 +11,12 @@ from sma_sim.model.effects.effect import Effect
 EFFECT = Effect(
     name='truth_joint_friction',
     port='structure_force',
-    equation='dz/dt = dalpha/dt - |dalpha/dt| z/z_c; M = -M_c z/z_c',
-    source='Dahl, AIAA Journal 14 (1976) 1675',
+    equation='M = -M_c w/sqrt(w^2 + w_c^2), w = dalpha/dt',
+    source="Coulomb's law, smooth at rest",
     parameters=(
-        ranged('M_c', 'N m', 2e-3, 8e-3, 'sliding moment'),
-        ranged('z_c', 'rad', 1e-4, 5e-4, 'angle over which sliding sets in'),
+        ranged('M_c', 'N m', 2e-3, 8e-3, 'moment of friction'),
+        ranged('w_c', 'rad/s', 1e-3, 1e-2, 'speed at which it is 71 % of that'),
     ),
-    states=('z',),
-    scale=(1e-3,),
-    rate=lambda s, b, p, m: (s.dalpha - abs(s.dalpha) * m.z / p.z_c,),
-    kernel=lambda s, b, p, m: (0.0, 0.0, -p.M_c * m.z / p.z_c),
+    kernel=lambda s, b, p: (0.0, 0.0, -p.M_c * s.dalpha / math.sqrt(s.dalpha**2 + p.w_c**2)),
 )
-TRUTHS = (acting(EFFECT, library='joint_friction', variables=('dalpha', 'memory'), file=__file__),)
+TRUTHS = (acting(EFFECT, library='joint_friction', variables=('dalpha',), file=__file__),)
