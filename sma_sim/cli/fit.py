@@ -153,7 +153,7 @@ def error_rows(found: Calibration, foretold: Sequence[RunFit]) -> list[tuple[str
 
 def remarks_on(found: Calibration) -> list[str]:
     """What else a person must know."""
-    remarks = [f'not seen by these data: {one}' for one in (found.uncertainty.unseen if found.uncertainty else ())]
+    remarks = [f'these data cannot tell: {one}' for one in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
     remarks += [f'{one.name} was held: {one.reason}' for one in found.held]
     other = [one for one in found.other_starts if not one.same]

@@ -22,6 +22,7 @@ from sma_sim.model.config import Config
 
 NAMES = ('wire.sigma_MW0', 'wire.dsigma')
 DIFFERENT = 0.01  # p-value below which runs do not agree
+HEATING = 1  # column of a wire's input
 SAME_PLACE = 2.0  # [K]: runs nearer to each other tell no slope
 
 
@@ -54,10 +55,11 @@ def agreement(
 ) -> Agreement | None:
     """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs tell them.
 
-    Runs that do not see both (no transformation in both directions) are left out.
+    Runs that are heated (nobody knows the temperature of the wire) or do not see both stresses are left out.
     """
     runs = [(one, False) for one in fitted.recordings] + [(one, True) for one in (held.recordings if held else ())]
-    found = [run_stress(config, fitted, recording, out, executor) for recording, out in runs]
+    isotherms = [(recording, out) for recording, out in runs if not np.any(np.asarray(recording.source.values)[:, HEATING])]
+    found = [run_stress(config, fitted, recording, out, executor) for recording, out in isotherms]
     told = sorted((one for one in found if one is not None), key=lambda one: one.temperature)
     if len(told) < 2:
         return None
