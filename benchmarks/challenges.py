@@ -1,9 +1,9 @@
 """Hidden effects found and not found: the diagnosis on robots of which it knows nothing.
 
-    python benchmarks/challenges.py [--part library|nothing|pairs|outside ...] [--seeds 3] [--minutes 20] [--file results.jsonl]
+    python benchmarks/challenges.py [--part library nothing pairs outside] [--seeds 3] [--minutes 20] [--file FILE.jsonl]
 
-Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, with and
-without forces. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, with
+and without forces. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
 """
 
 from __future__ import annotations
@@ -75,6 +75,7 @@ def is_right(one: dict[str, Any]) -> bool:
 
 def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     """The table."""
+
     def part_of(name: str) -> list[dict[str, Any]]:
         return [one for one in results if one['case'][0] == name]
 
@@ -85,16 +86,19 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     right_after = [one['last'] for one in seen if is_right(one)]
     if right_after:
         yield f'  held-out error over noise after adding: median {np.median(right_after):.2f}, worst {max(right_after):.2f}'
-    yield f'undetectable, nothing or the right one: {sum(not one["effects"] or is_right(one) for one in unseen)} of {len(unseen)}'
+    fine = sum(not one['effects'] or is_right(one) for one in unseen)
+    yield f'undetectable, nothing or the right one: {fine} of {len(unseen)}'
     nothing = part_of('nothing')
     yield f'nothing missing, false alarms: {sum(one["verdict"] != "none" for one in nothing)} of {len(nothing)}'
     pairs = part_of('pairs')
     both = sum(set(one['case'][1]) <= set(one['effects']) for one in pairs)
     yield f'pairs, both found: {both} of {len(pairs)}'
     outside = [one for one in part_of('outside') if one['bare'] > DETECTABLE]
-    yield f'outside the library, unknown_effect: {sum(one["verdict"] == "unknown_effect" for one in outside)} of {len(outside)}'
-    if results:
-        yield f'seconds: median {np.median([one["seconds"] for one in results]):.0f}, longest {max(one["seconds"] for one in results):.0f}'
+    unknown = sum(one['verdict'] == 'unknown_effect' for one in outside)
+    yield f'outside the library, unknown_effect: {unknown} of {len(outside)}'
+    times = [one['seconds'] for one in results]
+    if times:
+        yield f'seconds: median {np.median(times):.0f}, longest {max(times):.0f}'
     for one in results:
         part, hidden, seed, forces = one['case']
         mark = 'right' if is_right(one) else ('none' if not one['effects'] else 'WRONG')

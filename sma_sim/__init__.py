@@ -1,8 +1,10 @@
 """Simulation of soft robots driven by shape-memory-alloy (SMA) wires."""
 
 from sma_sim.evidence.calibrate import Calibration, Options, calibrate
+from sma_sim.evidence.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.held_out import held_out
 from sma_sim.evidence.recording import Campaign, Recording
+from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.residuals import Nuisance, predict
 from sma_sim.model.config import Config, default_parameters, read_config
 from sma_sim.model.effects.effect import Effect
@@ -16,6 +18,7 @@ __all__ = [
     'Calibration',
     'Campaign',
     'Config',
+    'Diagnosis',
     'Effect',
     'Input',
     'Model',
@@ -27,10 +30,12 @@ __all__ = [
     'UserError',
     'calibrate',
     'default_parameters',
+    'diagnose',
     'find_effects',
     'held_out',
     'module_input',
     'predict',
+    'read_campaign',
     'read_config',
     'simulate',
     'wire_input',

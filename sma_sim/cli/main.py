@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import traceback
 
-from sma_sim.cli import add, bag, challenge, compare, diagnose, effects, fit, init, paper, play, plot, simulate
+from sma_sim.cli import add, bag, challenge, compare, diagnose, effects, fit, init, paper, play, plot, simulate, tour
 from sma_sim.model.errors import UserError
 
-VERBS = (init, simulate, fit, compare, diagnose, add, play, plot, bag, effects, challenge, paper)
+VERBS = (tour, init, simulate, fit, compare, diagnose, add, play, plot, bag, effects, challenge, paper)
+BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,10 +24,15 @@ def main(arguments: list[str] | None = None) -> int:
         verb.add_parser(verbs)
     chosen = parser.parse_args(arguments)
     try:
-        return int(chosen.run(chosen))
+        code = int(chosen.run(chosen))
+        sys.stdout.flush()
+        return code
     except UserError as error:
         print(f'sma-sim {chosen.verb}: {error}', file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except KeyboardInterrupt:
         print(f'sma-sim {chosen.verb}: stopped', file=sys.stderr)
         return 130

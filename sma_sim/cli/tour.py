@@ -1,0 +1,71 @@
+"""`sma-sim tour`: the whole story on small data that come with the package."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli import challenge, compare, diagnose, fit
+from sma_sim.model.errors import UserError
+from sma_sim.report.fall_figure import draw_fall
+from sma_sim.report.style import save
+
+DATA = Path(__file__).parent / 'tour_data'
+FALL = 'error_fall.png'
+STORY = (
+    (compare, 'compare data --hold-out run3 --report 1_before.html',
+     "Three recordings of a robot on the bench, and the model with the paper's values beside them."),
+    (fit, 'fit data --hold-out run3 --model mas --starts 1 --report 2_fit.html -o fitted.yaml',
+     'Fit the parameters. Run 3 is held out: the fit never sees it. Something stays that no parameter explains.'),
+    (diagnose, 'diagnose data --hold-out run3 --report 3_diagnosis.html --json verdict.json -o better.yaml',
+     'Which physical effect is missing? Every effect of the library is tried; what explains the most is added.'),
+    (compare, 'compare data --hold-out run3 --config fitted.yaml --config better.yaml --report 4_after.html',
+     'Fitted and improved model side by side.'),
+    (challenge, 'challenge reveal data verdict.json',
+     'The robot was a simulated one with a sealed answer. Open it.'),
+)  # fmt: skip
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser('tour', help='the whole story in two minutes, on data of ours')
+    parser.add_argument('--out', type=Path, default=Path('tour'), metavar='FOLDER', help='folder to make (default: tour)')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tell the story: each command, as it could be typed, and what it finds."""
+    out: Path = arguments.out
+    begun = time.monotonic()
+    if out.exists():
+        raise UserError(f'{out} exists already and is left alone: give another folder with --out')
+    try:
+        out.mkdir(parents=True)
+        shutil.copytree(DATA, out / 'data')
+    except OSError as error:
+        raise UserError(f'cannot write {out}: {error.strerror}') from error
+    for number, (verb, words, story) in enumerate(STORY, start=1):
+        print(f'\n--- {number}. {story}\n$ sma-sim {words}\n', flush=True)
+        code = perform(verb, words, out)
+        if code != 0:
+            return code
+    save(draw_fall(json.loads((out / 'verdict.json').read_text())['error']), out / FALL)
+    pages = ', '.join(sorted(path.name for path in out.glob('*.html')))
+    print(f'\nThe end, after {time.monotonic() - begun:.0f} s. Look at {FALL} and {pages} in {out}; run the improved model:')
+    print(f'$ sma_module_sim --ros-args --params-file {out / "better.yaml"}')
+    return 0
+
+
+def perform(verb: Any, words: str, out: Path) -> int:
+    """Run one command as if it were typed in the folder `out`."""
+    parser = argparse.ArgumentParser(prog='sma-sim')
+    verb.add_parser(parser.add_subparsers())
+    names = {path.name for path in out.iterdir()}
+    files = ('.html', '.json', '.yaml')
+    placed = [str(out / word) if word in names or word.endswith(files) else word for word in words.split()]
+    chosen = parser.parse_args(placed)
+    return int(chosen.run(chosen))

@@ -1,0 +1,36 @@
+"""How the error fell, as a picture: error over noise from the bare model through each added effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sma_sim.report.palette import BLUE, GREY, RED
+from sma_sim.report.style import new_figure, plain
+
+
+def draw_fall(steps: Sequence[Mapping[str, Any]]) -> Figure:
+    """`steps`: the `error` of a verdict (effects, model, train, held_out)."""
+    figure = new_figure(6.4, 3.6)
+    axis = figure.subplots()
+    plain(axis)
+    places = np.arange(len(steps))
+    for name, label, colour in (('train', 'fitted runs', BLUE), ('held_out', 'held-out runs', RED)):
+        values = [np.nan if step[name] is None else float(step[name]) for step in steps]
+        axis.plot(places, values, 'o-', color=colour, label=label)
+        for place, value in zip(places, values, strict=True):
+            if name == 'held_out' and np.isfinite(value):
+                axis.annotate(f'{value:.2f}', (float(place), value), (8, 6), textcoords='offset points', color=colour)
+    axis.axhline(1.0, color=GREY, ls=':', label='noise')
+    axis.set_yscale('log')
+    axis.set_yticks([1, 2, 5, 10], ['1', '2', '5', '10'])
+    axis.minorticks_off()
+    axis.set_ylim(0.85, 1.4 * max(10.0 ** 0.3, *(float(step['train']) for step in steps)))
+    axis.set_xlim(-0.3, len(steps) - 0.5)
+    axis.set_xticks(places, [f'+ {step["effects"][-1]}' if step['effects'] else 'bare model' for step in steps])
+    axis.set_ylabel('error over noise')
+    axis.legend(frameon=False)
+    return figure
