@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from sma_sim.report.palette import BLUE, GREY, RED
 from sma_sim.report.style import new_figure, plain
 
+TICKS = tuple(step * decade for decade in (1, 10, 100, 1000) for step in (1, 2, 5))
+
 
 def draw_fall(steps: Sequence[Mapping[str, Any]]) -> Figure:
     """`steps`: the `error` of a verdict (effects, model, train, held_out)."""
@@ -26,9 +28,11 @@ def draw_fall(steps: Sequence[Mapping[str, Any]]) -> Figure:
                 axis.annotate(f'{value:.2f}', (float(place), value), (8, 6), textcoords='offset points', color=colour)
     axis.axhline(1.0, color=GREY, ls=':', label='noise')
     axis.set_yscale('log')
-    axis.set_yticks([1, 2, 5, 10], ['1', '2', '5', '10'])
     axis.minorticks_off()
-    axis.set_ylim(0.85, 1.4 * max(10.0 ** 0.3, *(float(step['train']) for step in steps)))
+    largest = max(2.0, *(float(step[name] or 0.0) for step in steps for name in ('train', 'held_out')))
+    ticks = [tick for tick in TICKS if tick <= 1.4 * largest]
+    axis.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
+    axis.set_ylim(0.85, 1.4 * largest)
     axis.set_xlim(-0.3, len(steps) - 0.5)
     axis.set_xticks(places, [f'+ {step["effects"][-1]}' if step['effects'] else 'bare model' for step in steps])
     axis.set_ylabel('error over noise')
