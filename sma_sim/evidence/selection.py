@@ -29,7 +29,7 @@ from sma_sim.evidence.refit import (
 from sma_sim.evidence.screening import Screened, screen
 from sma_sim.model.effects.library import FoundEffect
 
-LEAST_FALL = 0.03  # part of the cross-validated error that an accepted effect takes away
+LEAST_FALL = 0.03  # part of the cross-validated error (of the noise, below it) that an accepted effect takes away
 SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
 SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
@@ -43,15 +43,17 @@ Told = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate after its refit: how it compares with the model `without` it.
+    """A candidate after its refit: how it compares with the model without it.
 
-    `ratio`: cross-validated error with over without; `family_p` of the screening; `alike`: others that explain as well.
+    `ratio`: cross-validated error with over without; `fall`: by how much it falls, in parts of the error or of the noise,
+    whichever is larger; `family_p` of the screening; `alike`: others that explain as well.
     """
 
     found: FoundEffect
     fitted: Fitted
     delta_bic: float
     ratio: float
+    fall: float
     family_p: float
     plausible: bool
     std: dict[str, float]
@@ -65,7 +67,7 @@ class Tried:
     @property
     def acceptable(self) -> bool:
         """Whether it explains enough, by more than chance, with realistic values."""
-        return self.ratio <= 1.0 - LEAST_FALL and self.family_p <= SIGNIFICANT and self.plausible
+        return self.fall >= LEAST_FALL and self.family_p <= SIGNIFICANT and self.plausible
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     place.told(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, place.pool, place.seed)
     survivors = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
-    if not survivors or survivors[0].gain < WORTH * base.squares:
+    if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
     refitted = together([partial(refit_both_ways, base, one, place.pool, place.stop) for one in survivors], place.stop)
@@ -121,8 +123,9 @@ def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace)
     found = screened.candidate.found
     place.told(f'cross-validating {found.effect.name}')
     fitted = validated(fitted, place.pool, place.stop)
+    before, after = judged_error(base), judged_error(fitted)
     return Tried(
-        found, fitted, bayesian_gain(base, fitted), judged_error(fitted) / judged_error(base), screened.family_p,
+        found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0), screened.family_p,
         plausible(fitted, found), standard_errors(fitted, place.pool),
     )  # fmt: skip
 

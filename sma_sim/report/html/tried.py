@@ -39,7 +39,7 @@ def words_on(one: Round) -> str:
     best = one.tried[0]
     reasons = [
         words for wrong, words in (
-            (best.ratio > 1.0 - LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
+            (best.fall < LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
             (best.family_p > SIGNIFICANT, f'chance alone would do as well in {100 * best.family_p:.0f} % of cases'),
             (not best.plausible, 'its fitted value is not realistic'),
         ) if wrong
