@@ -20,6 +20,7 @@ from sma_sim.evidence.compare_scores import ljung_box, score
 from sma_sim.evidence.compare_spectrum import EDGES, bands
 from sma_sim.evidence.compare_splits import splits
 from sma_sim.evidence.compare_states import RESTING, with_derived
+from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.splitting import split_campaign
@@ -284,6 +285,15 @@ def test_wrong_use_is_said(folder, words, message, capsys):
     assert main(['compare', *(word.replace('{runs}', str(folder)) for word in words)]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith('sma-sim compare: ') and message in error
+
+
+def test_notes_are_said_once(campaign):
+    first, *others = (replace(one, notes=('a cut line',)) for one in campaign.recordings)
+    first = replace(first, notes=('a cut line', 'a gap'))
+    found = grouped_notes([replace(campaign, recordings=(first, *others), notes=('n',))])
+    assert found == ['run1, run2, run3: a cut line', 'run1: a gap', 'n']
+    many = tuple(replace(others[0], name=f'r{k}') for k in range(9))
+    assert grouped_notes([replace(campaign, recordings=many, notes=())]) == ['r0, r1, r2 and 6 more: a cut line']
 
 
 def test_hold_out_by_name_file_folder_and_session(campaign, folder, tmp_path):

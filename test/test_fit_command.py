@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +99,28 @@ def test_ctrl_c_leaves_the_best_so_far(runs, tmp_path, monkeypatch, capsys):
     assert main(['fit', str(runs), '--model', 'hybrid', '--starts', '1', '-o', str(out)]) == 130
     assert 'stopped: the best so far' in capsys.readouterr().out
     assert read_config(out).parameters['beam.E'] != 2e9
+
+
+def test_own_effects_are_fitted_and_found_again(runs, tmp_path):
+    """The fitted file names the folder of the effect from where it lies itself."""
+    out = tmp_path / 'elsewhere' / 'fitted.yaml'
+    out.parent.mkdir()
+    config = Path(__file__).resolve().parents[1] / 'examples' / 'own_effect' / 'robot.yaml'
+    words = ['fit', str(runs), '--config', str(config), '--free', 'wire.lambda,beam.E,effects.harness.k']
+    assert main([*words, '--model', 'hybrid', '--starts', '1', '-o', str(out)]) == 0
+    effect = read_config(out).effects[0]
+    assert effect.found.effect.name == 'harness' and effect.values[0] != 0.3
+
+
+def test_a_cluster_does_the_work(runs, tmp_path):
+    distributed = pytest.importorskip('distributed', reason='Dask is not installed')
+    here, there = tmp_path / 'here.json', tmp_path / 'there.json'
+    words = ['fit', str(runs / 'run1.csv'), '--free', 'beam.E', '--model', 'hybrid', '--starts', '1']
+    assert main([*words, '--json', str(here)]) == 0
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None) as cluster:
+        assert main([*words, '--json', str(there), '--scheduler', cluster.scheduler_address]) == 0
+    one, two = (json.loads(path.read_text())['parameters']['beam.E']['value'] for path in (here, there))
+    assert one == pytest.approx(two, rel=1e-6)
 
 
 def test_a_wire_is_told_run_by_run(tmp_path, capsys):

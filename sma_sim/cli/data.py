@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.parallel import dask_executor, some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.recordings import read_campaign
@@ -61,8 +62,10 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, 
     further = [file for file in files_held_out(arguments.hold_out) if file.resolve() not in known | inside]
     campaign = read_campaign(
         [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
-        noise_from(arguments.noise), lambda note: print(f'note: {note}', file=sys.stderr),
+        noise_from(arguments.noise),
     )  # fmt: skip
+    for note in grouped_notes([campaign]):
+        print(f'note: {note}', file=sys.stderr)
     return split_campaign(campaign, arguments.hold_out)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.shown_units import shown
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
@@ -16,8 +17,7 @@ def data_section(fitted: Campaign, held: Campaign | None) -> Section:
         for one in campaign.recordings
     ]  # fmt: skip
     noise = ', '.join(f'{channel} {shown(channel, std)}' for channel, std in fitted.noise_std.items())
-    notes = [f'{one.name}: {note}' for part in (fitted, held) if part for one in part.recordings for note in one.notes]
-    notes += fitted.notes
+    notes = grouped_notes([part for part in (fitted, held) if part is not None])
     blocks: list[Block] = [
         Table(('recording', 'used', 'samples', 'length', 'channels', 'instants of commands'), rows),
         Paragraph(f'Noise (standard deviation): {noise}.'),
