@@ -9,7 +9,7 @@ from campaigns import NOISE, campaign, command, config, recording, scaled
 from sma_sim import Campaign, Options, calibrate, module_input, predict
 from sma_sim.evidence.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.problem import Linear
-from sma_sim.evidence.uncertainty import autocorrelation_time, long_run, sentences
+from sma_sim.evidence.uncertainty import autocorrelation_time, interval, long_run, sentences
 
 S = 1.1  # how far an equivalence is followed
 STRESS = dict.fromkeys(
@@ -49,6 +49,13 @@ def test_parameters_without_effect_are_held():
     assert {one.name for one in held} == {'wire.V_L', 'wire.omega_x'}
     assert 'wire.V_L' in [one.name for one in choose_free(config('mas'))[0]]
     assert [one.name for one in choose_free(config(system='wire'), ['beam.E'])[1]] == ['beam.E']
+
+
+def test_an_interval_wider_than_the_fit_could_go_is_no_knowledge():
+    one = FreeParameter('wire.c_V', 380.0, 0.5, -5.0, 5.0, True, 'J/(kg K)')
+    wide, narrow = interval(one, 0.3, 3.0, True), interval(one, 0.3, 0.1, True)
+    assert not wide.seen and (wide.low, wide.high) == (one.value(-5.0), one.value(5.0))
+    assert narrow.seen and narrow.low < one.value(0.3) < narrow.high
 
 
 def with_other_length(given, stretch):

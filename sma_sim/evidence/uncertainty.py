@@ -103,6 +103,7 @@ def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
 def interval(one: FreeParameter, z: float, std: float, seen: bool) -> Interval:
     """The 95 % interval of one parameter."""
     reach = GAUSS_95 * std
+    seen = seen and reach <= REACH  # wider than the fit could go: nothing is known
     low, high = (one.low, one.high) if not seen else (z - reach, z + reach)
     return Interval(one.name, one.value(z), one.scale * std, one.value(low), one.value(high), one.log, seen, one.unit)
 
