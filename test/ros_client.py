@@ -12,6 +12,8 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install "sma_sim[kilted]"')
 
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[1]
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 15.0  # [s]
@@ -37,7 +39,15 @@ class Simulation:
         self.executor.add_node(self.node)
         self.seen = {topic: [] for _, topic in topics}
         for kind, topic in topics:
-            self.node.create_subscription(kind, topic, self.seen[topic].append, 100)
+            kept = topic.endswith('_applied')  # published when they change only, and kept for those who come late
+            quality = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL) if kept else 100
+            self.node.create_subscription(kind, topic, self.seen[topic].append, quality)
+
+    def publisher(self, kind, topic):
+        """A publisher that the node has found."""
+        made = self.node.create_publisher(kind, topic, 10)
+        self.until(lambda: made.get_subscription_count() > 0, FIRST_MESSAGE)
+        return made
 
     def until(self, condition, patience=REACTION):
         """Spin until the condition holds; fail when it never does."""

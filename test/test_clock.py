@@ -48,9 +48,8 @@ def test_the_node_is_the_clock():
 def test_another_clock_sets_the_pace_and_the_stamps():
     """Twice as fast as the wall, then back to the start."""
     with ros_client.Simulation('-p', 'use_sim_time:=true', topics=(JOINTS,)) as one:
-        clock = one.node.create_publisher(Clock, '/clock', 10)
+        clock = one.publisher(Clock, '/clock')
         seen, time = one.seen['joint_states'], 100.0
-        one.until(lambda: clock.get_subscription_count() > 0, ros_client.FIRST_MESSAGE)
 
         def tick():
             nonlocal time
@@ -95,8 +94,7 @@ def test_two_modules_in_one_domain():
         other = subprocess.Popen(words, cwd=ROOT, env=one.environment, **piped)
         try:
             one.until(lambda: one.seen['/right/joint_states'], ros_client.FIRST_MESSAGE)
-            command = one.node.create_publisher(Float64, '/right/J_eq', 10)
-            one.until(lambda: command.get_subscription_count() == 1)
+            command = one.publisher(Float64, '/right/J_eq')
             command.publish(Float64(data=-12.0))
             one.until(lambda: one.seen['/right/joint_states'][-1].position[2] < -math.radians(0.5))
             assert abs(one.seen['/left/joint_states'][-1].position[2]) < 1e-6
@@ -112,8 +110,7 @@ def test_two_modules_in_one_domain():
 def test_markers_show_the_pose_and_the_modes():
     with ros_client.Simulation(topics=((MarkerArray, 'markers'), JOINTS)) as one:
         one.until(lambda: one.seen['markers'] and one.seen['joint_states'], ros_client.FIRST_MESSAGE)
-        command = one.node.create_publisher(Float64, 'J_eq', 10)
-        one.until(lambda: command.get_subscription_count() == 1)
+        command = one.publisher(Float64, 'J_eq')
         command.publish(Float64(data=12.0))
         one.until(lambda: one.seen['joint_states'][-1].position[2] > math.radians(1.0))
         count = len(one.seen['markers'])

@@ -31,8 +31,7 @@ def test_pause_step_and_reset():
         seen, heat = one.seen['joint_states'], one.seen['wire_1/temperature']
         one.until(lambda: seen, ros_client.FIRST_MESSAGE)
         assert not call(one, Trigger, 'step').success
-        command = one.node.create_publisher(Float64, 'J_eq', 10)
-        one.until(lambda: command.get_subscription_count() == 1)
+        command = one.publisher(Float64, 'J_eq')
         command.publish(Float64(data=12.0))
         one.until(lambda: heat[-1].temperature > 40.0)
         assert call(one, SetBool, 'pause', data=True).message == 'paused'

@@ -31,8 +31,7 @@ def burn(stop):
 
 def commands(one, values, pause):
     """Send commands some time apart, while the client goes on listening."""
-    publisher = one.node.create_publisher(Float64, 'J_eq', 10)
-    one.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = one.publisher(Float64, 'J_eq')
     for value in values:
         publisher.publish(Float64(data=value))
         end = time.monotonic() + pause
@@ -50,7 +49,7 @@ def test_replays_bit_for_bit_under_load(tmp_path, rates):
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
         for process in load:
             process.start()
-        ambient = one.node.create_publisher(Temperature, 'ambient_temperature', 10)
+        ambient = one.publisher(Temperature, 'ambient_temperature')
         commands(one, (12.0, -3.0), 0.7)
         ambient.publish(Temperature(temperature=31.7))
         commands(one, (7.1, 0.0, -9.0), 0.7)

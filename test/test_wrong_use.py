@@ -120,8 +120,7 @@ def test_unknown_parameter(running):
 @pytest.mark.parametrize('kind', ['J_eq', 'ambient_temperature'])
 def test_wrong_messages(running, kind, value):
     message = Float64(data=value) if kind == 'J_eq' else Temperature(temperature=value)
-    publisher = running.node.create_publisher(type(message), kind, 10)
-    running.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = running.publisher(type(message), kind)
     publisher.publish(message)
     lives(running)
     assert all(math.isfinite(m.data) and abs(m.data) <= 30.0 for m in running.seen['J_eq_applied'])
@@ -131,8 +130,7 @@ def test_wrong_messages(running, kind, value):
 @pytest.mark.parametrize('payload', [b'', b'\0', b'\0\1\0\0', b'\0\1\0\0\1\2', b'\xff' * 5, b'\0\1\0\0' + b'x' * 10_000])
 @pytest.mark.parametrize('kind', [Float64, Temperature])
 def test_broken_bytes_on_a_topic(running, kind, payload):
-    publisher = running.node.create_publisher(kind, 'J_eq' if kind is Float64 else 'ambient_temperature', 10)
-    running.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = running.publisher(kind, 'J_eq' if kind is Float64 else 'ambient_temperature')
     try:
         publisher.publish(payload)
     except Exception:
@@ -156,8 +154,7 @@ def test_services_in_wrong_states(running):
 
 def test_a_flood_of_commands_and_its_end(running):
     """10,000 commands a second: the steps go on, and the heating goes off when the commands end."""
-    publisher = running.node.create_publisher(Float64, 'J_eq', 10)
-    running.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = running.publisher(Float64, 'J_eq')
     begin, count = time.monotonic(), len(running.seen['joint_states'])
     for k in range(20_000):
         publisher.publish(Float64(data=float(k % 7)))

@@ -11,6 +11,7 @@ from sma_sim.evidence.bag_writer import BagWriter
 from sma_sim.model.errors import UserError
 
 FLUSH_PERIOD = 0.6  # [s]; what is older survives a kill; each flush adds to the bag's index
+FIRST_FLUSH = 0.05  # [s]
 MOST_WAITING = 500_000  # messages that may wait for a slow disk
 MEGABYTE = 10**6
 
@@ -55,8 +56,10 @@ class Recorder:
             self._try(self._bag.close)
 
     def _run(self) -> None:
+        pause = FIRST_FLUSH  # a bag that is killed early has its topics at least
         while not self.failed:
-            stopping = self._stop.wait(FLUSH_PERIOD)
+            stopping = self._stop.wait(pause)
+            pause = FLUSH_PERIOD
             self._try(self._drain)
             if stopping:
                 return
