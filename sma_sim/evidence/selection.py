@@ -31,6 +31,7 @@ from sma_sim.model.effects.library import FoundEffect
 
 LEAST_FALL = 0.03  # part of the cross-validated error (of the noise, below it) that an accepted effect takes away
 SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
+SURE_FALL = 0.25  # fall of the cross-validated error that needs no further proof: chance does not help with other runs
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
 SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
@@ -67,7 +68,12 @@ class Tried:
     @property
     def acceptable(self) -> bool:
         """Whether it explains enough, by more than chance, with realistic values."""
-        return self.fall >= LEAST_FALL and self.family_p <= SIGNIFICANT and self.plausible
+        return self.fall >= LEAST_FALL and self.not_chance and self.plausible
+
+    @property
+    def not_chance(self) -> bool:
+        """Whether the score test says so, or the runs that were not fitted do by themselves."""
+        return self.family_p <= SIGNIFICANT or self.fall >= SURE_FALL
 
 
 @dataclass(frozen=True)

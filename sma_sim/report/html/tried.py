@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sma_sim.evidence.diagnose import Diagnosis, Step
-from sma_sim.evidence.selection import LEAST_FALL, SIGNIFICANT, Round, Tried
+from sma_sim.evidence.selection import LEAST_FALL, Round, Tried
 from sma_sim.report.html.figures import SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
@@ -40,7 +40,7 @@ def words_on(one: Round) -> str:
     reasons = [
         words for wrong, words in (
             (best.fall < LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
-            (best.family_p > SIGNIFICANT, f'chance alone would do as well in {100 * best.family_p:.0f} % of cases'),
+            (not best.not_chance, f'chance alone would do as well in {100 * best.family_p:.0f} % of cases'),
             (not best.plausible, 'its fitted value is not realistic'),
         ) if wrong
     ]  # fmt: skip
