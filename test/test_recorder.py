@@ -96,12 +96,14 @@ def test_killed_while_recording(tmp_path):
 def test_a_reset_begins_another_bag(tmp_path):
     bag = tmp_path / 'bag'
     with ros_client.Simulation('-p', f'node.record:={bag}', topics=JOINTS) as one:
-        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        one.until(lambda: len(one.seen['joint_states']) > 5, ros_client.FIRST_MESSAGE)
         reset = one.node.create_client(Trigger, '/sma_module_sim/reset')
         one.until(reset.service_is_ready)
         commands(one, (10.0,), 0.5)
         future = reset.call_async(Trigger.Request())
         one.until(future.done)
+        count = len(one.seen['joint_states'])
+        one.until(lambda: len(one.seen['joint_states']) > count + 5)
         commands(one, (-4.0,), 0.5)
         assert one.stop()[0] == 0
     first, second = read_bag(bag), read_bag(tmp_path / 'bag_1')

@@ -83,8 +83,9 @@ def see_everything(driver):
     for k in range(driver.execute_script(f'return Math.max(1, ...{TABS}.map(b => b.children.length))')):
         driver.execute_script(f'{TABS}.forEach(b => b.children[{k}]?.click())')
         for place in driver.execute_script(f'return {IN_VIEW}'):
-            driver.execute_script('arguments[0].scrollIntoView()', place)
-            until(driver, f"document.getElementById('{place.get_attribute('id')}').dataset.state === 'drawn'", 'a figure')
+            name = place.get_attribute('id')  # figures above that are drawn late may push it out of view: scroll again
+            look = f"(e => (e.scrollIntoView(), e.dataset.state === 'drawn'))(document.getElementById('{name}'))"
+            until(driver, look, f'the figure {name}')
 
 
 def complaints(driver):
