@@ -132,7 +132,8 @@ def test_two_nodes_with_one_name_and_a_command_of_another_type():
     with ros_client.Simulation(topics=topics) as one:
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
         one.node.create_publisher(Float32, 'J_eq', 10)
-        words = [sys.executable, '-m', 'sma_sim.ros.main']
+        # The other's diagnosis goes elsewhere, so that what is seen is what the first node found.
+        words = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '/diagnostics:=/elsewhere']
         other = subprocess.Popen(words, cwd=ROOT, env=one.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             told = one.seen['/diagnostics']
