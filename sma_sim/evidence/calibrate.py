@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import FIRST, LAST, Descent, Progress, cost_at, descend, feasible, start_point
+from sma_sim.evidence.descent import FIRST, LAST, Descent, Effort, Progress, cost_at, descend, feasible, start_point
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
 from sma_sim.evidence.parallel import some_executor
@@ -151,14 +151,15 @@ def prepared(campaign: Campaign, config: Config, options: Options, every: int) -
 
 
 def search(
-    campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None
-) -> Found:
+    campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None,
+    effort: Effort = FIRST,
+) -> Found:  # fmt: skip
     """Descend from several starts on thinned samples."""
     longest = max(len(recording.time) for recording in campaign.recordings)
     thinned = prepared(campaign, config, options, max(1, longest // THINNED))
     starts = starting_points(thinned, options, pool)
     jobs = [
-        partial(descend, thinned, z, pool, FIRST, stop, progress, f'{config.model}, start {k + 1}')
+        partial(descend, thinned, z, pool, effort, stop, progress, f'{config.model}, start {k + 1}')
         for k, z in enumerate(starts)
     ]
     descents = together(jobs, stop)

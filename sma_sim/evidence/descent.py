@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from threading import Event
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-MOST_DAMPING = 1e12
+MOST_DAMPING, MORE_DAMPING = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
 NEAR = 0.1  # relative gain of a step below which differences become central
 LEAST_COST = 1e-9  # per sample; below it only the solver's error is fitted
 
@@ -65,6 +65,14 @@ class Effort:
 FIRST = Effort(most=20, damping=1e4, enough=0.3, gain=3e-4, near=False)  # from afar, on thinned samples
 REFIT = Effort(most=3, damping=1.0, enough=0.3, gain=3e-4, near=True)  # without some of the runs
 LAST = Effort(most=12, damping=1.0, enough=0.01, gain=0.0, near=True)  # on all samples
+
+
+class Stop(Protocol):
+    """What ends a descent early: an event, or a race that is lost."""
+
+    def is_set(self) -> bool:
+        """Whether to end now."""
+
 
 Progress = Callable[[str, int, float], None]  # what is being done, iteration, cost
 
@@ -132,7 +140,7 @@ def normal_parts(
 
 
 def descend(
-    problem: Problem, z: Vector, executor: Executor, effort: Effort, stop: Event, progress: Progress | None = None,
+    problem: Problem, z: Vector, executor: Executor, effort: Effort, stop: Stop, progress: Progress | None = None,
     label: str = '',
 ) -> Descent:  # fmt: skip
     """Go down from z with an effort. Raises SimulationError when the model cannot be run at the start.
@@ -178,7 +186,7 @@ def accepted(
         try:
             step = bounded_step(gradient, hessian, damping, low - z, high - z)
         except LinAlgError:
-            damping *= 10.0
+            damping *= MORE_DAMPING
             continue
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
         if expected <= least:
@@ -186,7 +194,7 @@ def accepted(
         gained = cost - cost_at(problem, z + step, executor)
         if gained > 0.1 * expected:
             return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
-        damping *= 10.0
+        damping *= MORE_DAMPING
     return np.zeros_like(z), 0.0, damping
 
 

@@ -26,7 +26,7 @@ from sma_sim.evidence.calibrate import (
     result,
     search,
 )
-from sma_sim.evidence.descent import Descent
+from sma_sim.evidence.descent import FIRST, Descent
 from sma_sim.evidence.free_parameters import with_values
 from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
 from sma_sim.evidence.parallel import some_executor
@@ -38,6 +38,7 @@ from sma_sim.model.config import Config
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
 STARTS = 2  # of the bare fit
+BARE = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere
 PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 VERDICTS = ('none', 'missing_effect', 'unknown_effect')
 
@@ -136,7 +137,7 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
     found = []
     for model in MODELS if request.model == 'auto' else (request.model,):
         place.told(f'fitting the {model} model')
-        best = search(training, replace(config, model=model), request.options, place.pool, place.stop, None)
+        best = search(training, replace(config, model=model), request.options, place.pool, place.stop, None, BARE)
         found.append(validated(Fitted(best.problem, best.best.z, best.best.cost), place.pool, place.stop))
         place.told(f'{model}: error over noise {judged_error(found[-1]):.2f}')
         if place.stop.is_set():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from threading import Event
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.candidates import is_plausible
-from sma_sim.evidence.descent import FIRST, Effort, descend, normal_parts, summed
+from sma_sim.evidence.descent import FIRST, Effort, Stop, descend, normal_parts, summed
 from sma_sim.evidence.free_parameters import (
     FreeParameter,
     declared_parameters,
@@ -26,6 +27,7 @@ from sma_sim.model.effects.library import ActiveEffect, FoundEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
+UNJUDGED = 3  # iterations of a refit before it can be given up
 JOIN = Effort(most=12, damping=10.0, enough=0.3, gain=1e-3, near=False)  # with a new effect, from the fit without
 
 
@@ -85,27 +87,70 @@ def joined(base: Fitted, screened: Screened) -> tuple[Problem, Vector]:
     )
 
 
-def refit(problem: Problem, z: Vector, pool: Executor, stop: Event, effort: Effort = JOIN) -> Fitted | None:
-    """The optimum near z; None where the model cannot be run there."""
+class Race:
+    """Refits of several candidates at a time; one that falls too slowly to meet the best that has ended gives up."""
+
+    def __init__(self, stop: Stop) -> None:
+        self._stop, self._best = stop, math.inf
+
+    def finished(self, cost: float) -> None:
+        """A candidate that could be accepted has ended with this cost."""
+        self._best = min(self._best, cost)
+
+    def lost(self, cost: float, gained: float, left: int) -> bool:
+        """Whether a descent would not meet the best even if it gained as much in each iteration that is left."""
+        return gained * left < cost - self._best
+
+    def is_set(self) -> bool:
+        """Whether all are to end."""
+        return self._stop.is_set()
+
+
+class Runner:
+    """One descent of a race: it watches its progress, and ends it when the race is lost."""
+
+    def __init__(self, race: Race, most: int) -> None:
+        self._race, self._most, self._costs = race, most, list[float]()
+
+    def progress(self, label: str, iteration: int, cost: float) -> None:
+        """What the descent tells after each linearisation."""
+        self._costs.append(cost)
+
+    def is_set(self) -> bool:
+        """Whether to end. The first steps are long whatever they lead to, so that they say nothing."""
+        if self._race.is_set():
+            return True
+        *_, before, last = [math.inf, math.inf, *self._costs]
+        left = self._most - len(self._costs) + 1
+        return len(self._costs) > UNJUDGED and self._race.lost(last, before - last, left)
+
+
+def refit(problem: Problem, z: Vector, pool: Executor, stop: Stop, effort: Effort = JOIN) -> Fitted | None:
+    """The optimum near z, or where a race was lost on the way; None where the model cannot be run there."""
+    runner = Runner(stop if isinstance(stop, Race) else Race(stop), effort.most)
     try:
-        found = descend(problem, z, pool, effort, stop)
+        found = descend(problem, z, pool, effort, runner, runner.progress)
     except SimulationError:
         return None
     return Fitted(problem, found.z, found.cost)
 
 
-def refit_both_ways(base: Fitted, screened: Screened, pool: Executor, stop: Event) -> Fitted | None:
+def refit_both_ways(base: Fitted, screened: Screened, pool: Executor, race: Race) -> Fitted | None:
     """The better of two refits: from the fit without the effect, and from the middle of all priors.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
     """
     problem, z = joined(base, screened)
-    first = refit(problem, z, pool, stop)
+    first = refit(problem, z, pool, race)
+    if first is not None and plausible(first, screened.candidate.found):
+        race.finished(first.cost)
     fresh = np.zeros_like(z)
     at = slice(len(base.problem.free), len(problem.free))
     fresh[at] = z[at]
     fresh[len(problem.free) :] = z[len(problem.free) :]
-    second = refit(problem, fresh, pool, stop, FIRST)
+    second = refit(problem, fresh, pool, race, FIRST)
+    if second is not None and plausible(second, screened.candidate.found):
+        race.finished(second.cost)
     both = [one for one in (first, second) if one is not None]
     return min(both, key=lambda one: one.cost) if both else None
 

@@ -17,6 +17,7 @@ from sma_sim.evidence.candidates import candidates_for
 from sma_sim.evidence.descent import FIRST
 from sma_sim.evidence.refit import (
     Fitted,
+    Race,
     bayesian_gain,
     other_kinetics,
     plausible,
@@ -115,7 +116,8 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
-    refitted = together([partial(refit_both_ways, base, one, place.pool, place.stop) for one in survivors], place.stop)
+    race = Race(place.stop)
+    refitted = together([partial(refit_both_ways, base, one, place.pool, race) for one in survivors], place.stop)
     pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
     tried = [tried_of(base, one, fitted, place) for one, fitted in pairs[:FINALISTS] if not place.stop.is_set()]
