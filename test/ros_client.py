@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
-REACTION = 15.0  # [s]
+REACTION = 60.0  # [s]
 
 
 class Simulation:
@@ -61,7 +61,7 @@ class Simulation:
         """Ctrl-C; the exit code and what was logged."""
         self.process.send_signal(signal.SIGINT)
         try:
-            log, _ = self.process.communicate(timeout=20)
+            log, _ = self.process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             self.process.kill()
             log, _ = self.process.communicate()

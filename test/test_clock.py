@@ -102,7 +102,7 @@ def test_two_modules_in_one_domain():
             assert one.seen['/left/markers'][-1].markers[0].header.frame_id == 'left/base'
         finally:
             other.terminate()
-            log, _ = other.communicate(timeout=20)
+            log, _ = other.communicate(timeout=60)
         assert other.returncode == 0, log
         assert one.stop()[0] == 0
 
@@ -141,7 +141,7 @@ def test_two_nodes_with_one_name_and_a_command_of_another_type():
                 one.until(lambda words=words: any(words in m.status[0].message for m in told), ros_client.FIRST_MESSAGE)
         finally:
             other.terminate()
-            assert other.wait(timeout=20) == 0
+            assert other.wait(timeout=60) == 0
         code, log = one.stop()
         assert code == 0 and 'give one of them a namespace' in log, log
 

@@ -101,7 +101,7 @@ def test_reaches_its_target_and_another_one():
         loop.targets.publish(Float64(data=0.02))
         loop.until(lambda: loop.stays_at(0.02, 1e-3), 60.0)
         loop.control.send_signal(signal.SIGINT)
-        log, _ = loop.control.communicate(timeout=20)
+        log, _ = loop.control.communicate(timeout=60)
         assert loop.control.returncode == 0 and 'alpha_target = nan rad refused' in log and 'Traceback' not in log
 
 

@@ -66,7 +66,7 @@ def beside(one, *arguments):
         one.until(lambda: one.seen['error_over_noise'], ros_client.FIRST_MESSAGE)
         yield log
         process.send_signal(2)
-        log.append(process.communicate(timeout=20)[0])
+        log.append(process.communicate(timeout=60)[0])
         assert process.returncode == 0 and 'Traceback' not in log[0], log
     finally:
         process.kill()
