@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -12,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.parallel import dask_executor, some_executor
 from sma_sim.evidence.recording import Campaign
@@ -93,15 +93,6 @@ def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON, whole or not at all; what is no finite number becomes null. Raises UserError."""
     write_whole(path, lambda file: file.write(json.dumps(finite(content), indent=2) + '\n'))
-
-
-def finite(content: Any) -> Any:
-    """The same with null in place of NaN and infinities, which JSON does not know."""
-    if isinstance(content, Mapping):
-        return {str(key): finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

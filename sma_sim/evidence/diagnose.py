@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from threading import Event
 
@@ -32,7 +33,9 @@ from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
-from sma_sim.evidence.selection import Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.evidence.selection import MOST_EFFECTS, Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.evidence.splitting import by_name
+from sma_sim.evidence.stopping import stoppable
 from sma_sim.model.config import Config
 
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
@@ -79,6 +82,12 @@ class Diagnosis:
     interrupted: bool
     seconds: float
 
+    @property
+    def search_ended(self) -> bool:
+        """Whether the search came to its end, rather than being stopped on the way."""
+        last = self.rounds[-1] if self.rounds else None
+        return last is not None and not last.stopped and (last.accepted is None or len(self.rounds) == MOST_EFFECTS)
+
 
 @dataclass(frozen=True)
 class Request:
@@ -91,23 +100,32 @@ class Request:
 
 
 def some_held_out(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
-    """Training and held-out recordings: the last of several is held out where nothing else was chosen."""
-    if held is not None or len(campaign.recordings) < LEAST_TO_HOLD_OUT:
-        return campaign, held
-    *rest, last = campaign.recordings
+    """Training and held-out recordings by name: the last name of several is held out where nothing else was chosen.
+
+    The order in which recordings are given says nothing of them: with it a verdict would change.
+    """
+    training = by_name(campaign)
+    if held is not None:
+        return training, by_name(held)
+    if len(training.recordings) < LEAST_TO_HOLD_OUT:
+        return training, None
+    *rest, last = training.recordings
     return replace(campaign, recordings=tuple(rest)), replace(campaign, recordings=(last,))
 
 
 def diagnose(
     campaign: Campaign, config: Config, held: Campaign | None = None, request: Request | None = None,
-    executor: Executor | None = None, told: Told = lambda words: None,
+    executor: Executor | None = None, told: Told = lambda words: None, stop: Event | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what `config` lacks to explain the campaign's recordings.
 
-    Those of `held` are only looked at in the end; without it the last of three or more recordings is held out. A
-    KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be diagnosed.
+    Those of `held` are only looked at in the end; without it the last of three or more recordings, by name, is held out.
+    Ctrl-C, or `stop`, ends the search with the steps so far. Raises UserError for what cannot be diagnosed.
     """
-    begun, request, stop = time.perf_counter(), request or Request(), Event()
+    if stop is None:
+        with stoppable() as stop:
+            return diagnose(campaign, config, held, request, executor, told, stop)
+    begun, request = time.perf_counter(), request or Request()
     training, out = some_held_out(campaign, held)
     check(training, config, request.options)
     with some_executor(executor) as pool:
@@ -141,8 +159,9 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
         place.told(f'{model}: error over noise {judged_error(found[-1]):.2f}')
         if place.stop.is_set():
             break
+    whole = [one for one in found if isfinite(one.validated)] or found  # stopped on the way, the last one is not
     # MAS has the hybrid model as a limit (V_L large), so that the hybrid one must be clearly better to be taken
-    return min(found, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+    return min(whole, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
 
 
 def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:

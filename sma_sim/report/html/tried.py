@@ -34,6 +34,8 @@ def words_on(one: Round) -> str:
     if one.accepted is not None:
         fall = 100.0 * (1.0 - one.accepted.ratio)
         return f'{one.accepted.name} is accepted: the cross-validated error falls by {fall:.0f} %.'
+    if one.stopped:
+        return 'The search was stopped in this step.'
     if not one.tried:
         return 'Nothing that was screened could explain enough of what is left: the search ends.'
     best = one.tried[0]
