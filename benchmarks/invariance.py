@@ -2,7 +2,7 @@
 
     python benchmarks/invariance.py [--folder DIR ...] [--minutes 60] [--file FILE.jsonl]
 
-Each case is a folder of CSV recordings: robots with hidden effects (sma_sim/challenge, three runs of 100 s at 20 Hz, with
+Each case is a folder of CSV recordings: robots with hidden effects (sma_sim/challenge, three runs of 50 s at 20 Hz, with
 forces), and those named by --folder. It is diagnosed as it is, with the runs in another order and under each other's names
 (so that another one is held out), with foreign column names and units through a map, with other seeds, and decimated by two:
 every second sample, or every second row of the file, rows that tell when the command changed included. Finished ones are
@@ -32,11 +32,10 @@ from sma_sim.evidence.verdict import as_data
 from sma_sim.model.config import read_config
 
 CASES: dict[str, tuple[int, tuple[str, ...]]] = {
-    'nothing': (5, ()), 'gravity': (11, ('gravity',)), 'natural_convection': (12, ('natural_convection',)),
-    'joint_friction': (13, ('joint_friction',)), 'polycrystal': (14, ('polycrystal',)),
+    'joint_friction': (13, ('joint_friction',)), 'natural_convection': (12, ('natural_convection',)), 'nothing': (5, ()),
+    'power_gain_mismatch': (17, ('power_gain_mismatch',)), 'harness_ripple': (19, ('harness_ripple',)),
     'sensor_gain': (15, ('sensor_gain',)), 'ambient_heating': (16, ('ambient_heating',)),
-    'power_gain_mismatch': (17, ('power_gain_mismatch',)), 'gravity + driver_lag': (18, ('gravity', 'driver_lag')),
-    'harness_ripple': (19, ('harness_ripple',)),
+    'polycrystal': (14, ('polycrystal',)), 'gravity + driver_lag': (18, ('gravity', 'driver_lag')),
 }  # fmt: skip
 FOREIGN = {  # column, unit of the contract: column and scale of the foreign file, so that SI = scale * foreign
     'time_s': ('t [ms]', 1e-3), 'J_eq_W': ('power [mW]', 1e-3), 'T_E_K': ('room', 1.0), 'U_x_m': ('x [mm]', 1e-3),
@@ -143,7 +142,7 @@ def folder_of(name: str, folders: dict[str, Path], home: Path) -> Path:
     seed, kinds = CASES[name]
     made = home / name.replace(' ', '')
     if not made.exists():
-        write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, rate=20.0), made, 'csv')
+        write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, duration=50.0, rate=20.0), made, 'csv')
     return made
 
 
@@ -183,7 +182,7 @@ def main() -> None:
     known = {(one['case'], one['variant']) for one in done}
     end = time.monotonic() + 60.0 * arguments.minutes
     folders = {folder.name: folder for folder in arguments.folder}
-    wanted = [(name, variant) for name in (*folders, *CASES) for variant in VARIANTS if (name, variant) not in known]
+    wanted = [(name, variant) for name in (*CASES, *folders) for variant in VARIANTS if (name, variant) not in known]
     with tempfile.TemporaryDirectory() as home:
         for name, variant in wanted:
             if time.monotonic() > end:

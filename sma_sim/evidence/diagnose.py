@@ -30,6 +30,7 @@ from sma_sim.evidence.calibrate import (
 from sma_sim.evidence.descent import Descent
 from sma_sim.evidence.free_parameters import with_values
 from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
+from sma_sim.evidence.likeness import Likeness, likenesses
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
@@ -49,16 +50,25 @@ VERDICTS = ('none', 'missing_effect', 'unknown_effect')
 class Step:
     """One step of the error's fall: the effects so far, the errors over noise of training and held-out runs.
 
-    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out.
+    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out. `config`
+    and `delay` [s] are the model's, `runs` and `foretold` the training and held-out runs under it.
     """
 
     effects: tuple[str, ...]
-    model: str
     train: float
     held_out: float
     channels: dict[str, float]
     held_out_channels: dict[str, float]
     values: dict[str, float]
+    config: Config
+    delay: float
+    runs: tuple[RunFit, ...]
+    foretold: tuple[RunFit, ...]
+
+    @property
+    def model(self) -> str:
+        """`hybrid` or `mas`."""
+        return self.config.model
 
 
 @dataclass(frozen=True)
@@ -66,7 +76,7 @@ class Diagnosis:
     """What was found. `calibration` is the fit of the last step on all samples; its `config` runs in the node.
 
     `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
-    `foretold`: the held-out runs under the last model.
+    `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
     """
 
     verdict: str
@@ -76,6 +86,7 @@ class Diagnosis:
     calibration: Calibration
     held_out_ratio: dict[str, float]
     foretold: tuple[RunFit, ...]
+    likeness: dict[str, tuple[Likeness, ...]]
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     noise_std: dict[str, float]
@@ -142,8 +153,9 @@ def diagnose(
         foretold = held_out(final.config, out, final.delay, pool) if out else ()
         steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
+        likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
     return Diagnosis(
-        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios, foretold,
+        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
     )  # fmt: skip
@@ -176,28 +188,27 @@ def final_fit(training: Campaign, last: Fitted, request: Request, place: Workpla
 def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Request, place: Workplace) -> Step:
     """The errors of a model that was fitted on the way."""
     problem = replace(prepared(training, one.problem.config, request.options, 1), free=one.problem.free)
-    channels = over_runs(problem, run_fits(problem, one.z, place.pool))
-    config = with_values(one.problem.config, one.values)
-    held, held_channels = errors_held_out(config, out, one.problem.delay_at(one.z), place)
-    return Step(one.effects, config.model, mean_error(channels), held, channels, held_channels, one.values)
+    runs = run_fits(problem, one.z, place.pool)
+    channels = over_runs(problem, runs)
+    config, delay = with_values(one.problem.config, one.values), one.problem.delay_at(one.z)
+    foretold = held_out(config, out, delay, place.pool) if out else ()
+    held, held_channels = summed_up(foretold)
+    return Step(
+        one.effects, mean_error(channels), held, channels, held_channels, one.values, config, delay, runs, foretold
+    )
 
 
 def step_of_final(final: Calibration, foretold: Sequence[RunFit], last: Fitted) -> Step:
     """The errors of the last model."""
     held, channels = summed_up(foretold)
-    model = final.config.model
-    return Step(last.effects, model, final.error, held, dict(final.channels), channels, dict(final.values))
-
-
-def errors_held_out(
-    config: Config, out: Campaign | None, delay: float, place: Workplace
-) -> tuple[float, dict[str, float]]:
-    """Error over noise of the held-out runs, in all and by channel; NaN where there are none."""
-    return summed_up(held_out(config, out, delay, place.pool) if out else ())
+    return Step(
+        last.effects, final.error, held, dict(final.channels), channels, dict(final.values), final.config, final.delay,
+        final.runs, tuple(foretold),
+    )  # fmt: skip
 
 
 def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
-    """Error over noise of several runs, in all and by channel."""
+    """Error over noise of several runs, in all and by channel; NaN where there are none."""
     names = dict.fromkeys(name for fit in fits for name in fit.channels)
     channels = {name: mean_error(by_run(fits, name)) for name in names}
     return mean_error(channels), channels
@@ -209,12 +220,14 @@ def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
 
 
 def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workplace) -> dict[str, float]:
-    """By effect of the first round, the held-out error with it over that without."""
-    ratios = {}
+    """By effect of the first round, the held-out error with it over that without; empty where no run is held out."""
+    ratios: dict[str, float] = {}
+    if out is None:
+        return ratios
     for one in first.tried:
         config = with_values(one.fitted.problem.config, one.fitted.values)
-        held, _ = errors_held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place)
-        ratios[one.name] = held / bare.held_out
+        foretold = held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place.pool)
+        ratios[one.name] = summed_up(foretold)[0] / bare.held_out
     return ratios
 
 

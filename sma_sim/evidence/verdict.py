@@ -125,7 +125,8 @@ def lines_on(one: Tried) -> Iterator[str]:
             real = parameter.realistic
             range_ = f'  (realistic: {real[0]:g} to {real[1]:g})' if real else ''
             std = one.std.get(f'effects.{one.name}.{parameter.name}', math.nan)
-            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g} {parameter.unit}{range_}'
+            unit = '' if parameter.unit == '-' else f' {parameter.unit}'
+            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g}{unit}{range_}'
     if one.alike:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
 
