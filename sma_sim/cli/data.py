@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.options import add_namespace_option
 from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.parallel import dask_executor, some_executor
@@ -23,7 +24,7 @@ from sma_sim.model.errors import UserError
 
 
 def add_data_options(parser: argparse.ArgumentParser) -> None:
-    """``DATA...``, ``--hold-out``, ``--system``, ``--map``, ``--noise``, ``--report``, ``--json``, ``--scheduler``."""
+    """``DATA...`` and what is to be known of them, ``--report``, ``--json``, ``--scheduler``."""
     parser.add_argument('data', nargs='+', type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
     parser.add_argument(
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
@@ -35,6 +36,7 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         '--noise', action='append', default=[], metavar='CHANNEL=STD',
         help='standard deviation of the noise of a channel, SI (default: meta.json, else estimated)',
     )  # fmt: skip
+    add_namespace_option(parser)
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='page to write, with figures')
     parser.add_argument('--json', type=Path, metavar='FILE.json', help='file to write, for programs')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
@@ -62,7 +64,7 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, 
     further = [file for file in files_held_out(arguments.hold_out) if file.resolve() not in known | inside]
     campaign = read_campaign(
         [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
-        noise_from(arguments.noise),
+        noise_from(arguments.noise), namespace=arguments.namespace,
     )  # fmt: skip
     for note in grouped_notes([campaign]):
         print(f'note: {note}', file=sys.stderr)

@@ -44,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     with stoppable() as stop:  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held, request, executor, tell, stop)
+        print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
         write_outputs(arguments, found, *some_held_out(training, held))
-    print(*as_text(found), sep='\n')
     for path in (arguments.out, arguments.report, arguments.json):
         if path:
             print(path)

@@ -155,7 +155,7 @@ def diagnose(
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
     return Diagnosis(
-        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
+        verdict_of(steps[-1]), last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
     )  # fmt: skip
@@ -231,11 +231,13 @@ def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workp
     return ratios
 
 
-def verdict_of(last: Step, fitted: Fitted) -> str:
-    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained."""
-    error = last.held_out if last.held_out == last.held_out else judged_error(fitted)
+def verdict_of(last: Step) -> str:
+    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
+
+    Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
+    cannot tell the parameters, which is no sign of an effect.
+    """
+    error = last.held_out if isfinite(last.held_out) else last.train
     if error > UNEXPLAINED:
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
-
-

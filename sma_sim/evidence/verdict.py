@@ -64,6 +64,7 @@ def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
         },
         'plausible': one.plausible,
         'confounded_with': one.alike,
+        'same_as': one.found.effect.same_as,
     }  # fmt: skip
 
 
@@ -96,6 +97,11 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     for step in diagnosis.steps:
         name = ' + '.join(step.effects) or 'bare model'
         yield f'  {name + " (" + step.model + ")":<42} {number(step.train):>8}  {number(step.held_out):>8}'
+    yield from remarks(diagnosis)
+
+
+def remarks(diagnosis: Diagnosis) -> Iterator[str]:
+    """What to know beside the verdict and the errors: values, what explains as well, what is left."""
     for one in diagnosis.rounds:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
             yield from lines_on(one.accepted)
@@ -104,6 +110,10 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
         channels = last.held_out_channels or last.channels
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
+    if len(diagnosis.training) < 2:
+        yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
+    elif not diagnosis.held_out:
+        yield 'no run was held out: the errors in the end are those of the fitted runs, which flatter the model'
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'stopped in the last fit: its values are not final'
 
@@ -129,6 +139,8 @@ def lines_on(one: Tried) -> Iterator[str]:
             yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g}{unit}{range_}'
     if one.alike:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
+    if one.found.effect.same_as:
+        yield f'no data can tell it from {one.found.effect.same_as}'
 
 
 def number(value: float) -> str:

@@ -10,7 +10,7 @@ from sma_sim.evidence.compare import compared_calibration
 from sma_sim.evidence.compare_summary import summarise
 from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.verdict import as_text
+from sma_sim.evidence.verdict import headline, remarks
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -35,13 +35,11 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
 
 def fall_section(found: Diagnosis) -> Section:
     """The verdict, and the error over noise step by step."""
-    verdict, *lines = as_text(found)
-    remarks = [line for line in lines if ' = ' in line or 'cannot tell' in line or 'what is left' in line]
     return Section('How the error fell', [
-        Paragraph(verdict, 'lead'),
+        Paragraph(headline(found), 'lead'),
         Plot(fall_figure(found), 'Error over noise (root mean square over channels) of the runs that were fitted and of '
              'those held out, from the bare model through each added effect; 1 is the noise.', 360),
-        Bullets([*remarks, *closing(found)]),
+        Bullets([*remarks(found), *closing(found)]),
     ])  # fmt: skip
 
 
@@ -74,8 +72,6 @@ def step_name(step: Step) -> str:
 def closing(found: Diagnosis) -> Iterator[str]:
     """How the verdict came about."""
     yield f'fitted: {", ".join(found.training)}; held out and looked at once: {", ".join(found.held_out) or "none"}'
-    if not found.held_out:
-        yield 'no run was held out: the errors are those of the fitted runs, which flatter the model'
     if found.verdict == 'none' and not found.effects:
         yield 'no effect of the library lowers the cross-validated error enough to be believed'
     yield f'with an error over noise above {UNEXPLAINED:g} at the end the verdict is unknown_effect'

@@ -95,6 +95,8 @@ def not_told_apart(one: Tried, found: Diagnosis) -> Iterator[Block]:
     if why_alike:
         yield Paragraph(f'These data cannot tell {one.name} from {", ".join(one.alike)}. Why:')
         yield Bullets(why_alike)
+    if one.found.effect.same_as:
+        yield Paragraph(f'The equations make it the same as {one.found.effect.same_as}: no data can tell them apart.')
     if hidden_by:
         words = f'A small {one.name} may hide in {", ".join(hidden_by)}: their estimates go together.'
         yield Paragraph(words, 'note')
