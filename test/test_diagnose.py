@@ -2,15 +2,20 @@
 
 import json
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
 from campaigns import NOISE, campaign, config, scaled
 
 from sma_sim import Campaign, Config, UserError, find_effects
+from sma_sim.challenge.files import columns_of
 from sma_sim.cli.main import main
+from sma_sim.evidence.calibrate import Options
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
 from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
+from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
 
@@ -56,15 +61,39 @@ def test_the_verdict_for_programs(with_gravity):
     assert any('gravity.g_y' in line and 'realistic' in line for line in as_text(found))
 
 
-def test_order_and_decimation_change_nothing(with_gravity):
-    runs, _ = with_gravity
-    swapped = replace(runs, recordings=(runs.recordings[1], runs.recordings[0], runs.recordings[2]))
-    assert diagnose(swapped, config(), request=Request('mas', seed=7)).effects == ('gravity',)
-    halved = tuple(
-        replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
-        for one in runs.recordings
-    )
-    assert diagnose(replace(runs, recordings=halved), config(), request=Request('mas')).effects == ('gravity',)
+FOREIGN = {
+    'time_s': ('t [ms]', 1e-3), 'J_eq_W': ('mW', 1e-3), 'alpha_rad': ('deg', float(np.pi / 180.0)),
+    'U_x_m': ('x [mm]', 1e-3),
+}  # fmt: skip
+
+
+def in_foreign_files(runs, home, every=1):
+    """The runs as CSV files, every `every`-th row whatever it holds, with foreign names and units; read through a map."""
+    lines = []
+    for one in runs.recordings:
+        columns = {name: values[::every] for name, values in columns_of(one).items()}
+        foreign = {name: FOREIGN.get(name, (f'my {name}', 1.0)) for name in columns}
+        write_columns(home / f'{one.name}.csv', {foreign[name][0]: columns[name] / foreign[name][1] for name in columns})
+        lines = [f'{name}: {{column: "{other}", scale: {scale!r}}}' for name, (other, scale) in foreign.items()]
+    (home / 'map.yaml').write_text('\n'.join(lines))
+    files = [home / f'{one.name}.csv' for one in reversed(runs.recordings)]
+    return read_campaign(files, 'module', 298.0, home / 'map.yaml', NOISE)
+
+
+def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
+    runs, first = with_gravity
+    dressed = in_foreign_files(runs, tmp_path)
+    assert [one.name for one in dressed.recordings] == [one.name for one in runs.recordings[::-1]]
+    found = diagnose(dressed, config(), request=Request('mas', seed=7, options=Options(seed=7, intervals=False)))
+    assert (found.verdict, found.effects, found.held_out) == (first.verdict, first.effects, first.held_out)
+    assert found.steps[0].held_out == pytest.approx(first.steps[0].held_out, rel=0.02)
+
+
+def test_decimation_changes_nothing(with_gravity, tmp_path):
+    """Half of the rows, those that tell when the command changed included."""
+    runs, first = with_gravity
+    found = diagnose(in_foreign_files(runs, tmp_path, every=2), config(), request=Request('mas'))
+    assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.steps[-1].held_out < 1.2
 
 
 def test_nothing_missing_is_said():
@@ -93,9 +122,14 @@ def test_a_single_run_has_no_held_out_one():
 
 
 def test_held_out_by_default_and_by_wish():
+    """Without a wish the last by name, whatever the order in which runs are given; numbers in names are numbers."""
     runs = measured()
-    training, held = some_held_out(runs, None)
-    assert len(training.recordings) == 2 and held.recordings == runs.recordings[2:]
+    names = ('run2', 'run10', 'run9')
+    renamed = tuple(replace(one, name=name) for one, name in zip(runs.recordings, names, strict=True))
+    named = replace(runs, recordings=renamed)
+    for order in permutations(named.recordings):
+        training, held = some_held_out(replace(named, recordings=order), None)
+        assert [one.name for one in (*training.recordings, *held.recordings)] == ['run2', 'run9', 'run10']
     chosen = replace(runs, recordings=runs.recordings[:1])
     assert some_held_out(training, chosen) == (training, chosen)
     assert some_held_out(training, None) == (training, None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -12,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.options import add_namespace_option
+from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.notes import grouped_notes
 from sma_sim.evidence.parallel import dask_executor, some_executor
 from sma_sim.evidence.recording import Campaign
@@ -23,7 +24,7 @@ from sma_sim.model.errors import UserError
 
 
 def add_data_options(parser: argparse.ArgumentParser) -> None:
-    """``DATA...``, ``--hold-out``, ``--system``, ``--map``, ``--noise``, ``--report``, ``--json``, ``--scheduler``."""
+    """``DATA...`` and what is to be known of them, ``--report``, ``--json``, ``--scheduler``."""
     parser.add_argument('data', nargs='+', type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
     parser.add_argument(
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
@@ -35,6 +36,7 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         '--noise', action='append', default=[], metavar='CHANNEL=STD',
         help='standard deviation of the noise of a channel, SI (default: meta.json, else estimated)',
     )  # fmt: skip
+    add_namespace_option(parser)
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='page to write, with figures')
     parser.add_argument('--json', type=Path, metavar='FILE.json', help='file to write, for programs')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
@@ -62,7 +64,7 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, 
     further = [file for file in files_held_out(arguments.hold_out) if file.resolve() not in known | inside]
     campaign = read_campaign(
         [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
-        noise_from(arguments.noise),
+        noise_from(arguments.noise), namespace=arguments.namespace,
     )  # fmt: skip
     for note in grouped_notes([campaign]):
         print(f'note: {note}', file=sys.stderr)
@@ -93,15 +95,6 @@ def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON, whole or not at all; what is no finite number becomes null. Raises UserError."""
     write_whole(path, lambda file: file.write(json.dumps(finite(content), indent=2) + '\n'))
-
-
-def finite(content: Any) -> Any:
-    """The same with null in place of NaN and infinities, which JSON does not know."""
-    if isinstance(content, Mapping):
-        return {str(key): finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

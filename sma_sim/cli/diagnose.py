@@ -11,6 +11,8 @@ from sma_sim.cli.data import add_data_options, check_outputs, chosen_executor, r
 from sma_sim.cli.fit import STOPPED
 from sma_sim.cli.options import add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.diagnose import Diagnosis, Request, diagnose, some_held_out
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.stopping import stoppable
 from sma_sim.evidence.tables import write_whole
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import effect_folders_of
@@ -38,20 +40,26 @@ def run(arguments: argparse.Namespace) -> int:
     training, held = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_compilation()
-    with chosen_executor(arguments) as executor:
-        request = Request(arguments.model, folders, arguments.seed)
-        found = diagnose(training, config, held, request, executor, tell)
+    request = Request(arguments.model, folders, arguments.seed)
+    with stoppable() as stop:  # also while files are written: the steps so far are to be in all of them
+        with chosen_executor(arguments) as executor:
+            found = diagnose(training, config, held, request, executor, tell, stop)
+        print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
+        write_outputs(arguments, found, *some_held_out(training, held))
+    for path in (arguments.out, arguments.report, arguments.json):
+        if path:
+            print(path)
+    return STOPPED if found.interrupted else 0
+
+
+def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None) -> None:
+    """Write the files that were asked for. Raises UserError."""
     if arguments.out:
         write_improved(arguments, found)
     if arguments.json:
         write_json(arguments.json, as_data(found))
     if arguments.report:
-        write_diagnosis_page(arguments.report, found, *some_held_out(training, held))
-    print(*as_text(found), sep='\n')
-    for path in (arguments.out, arguments.report, arguments.json):
-        if path:
-            print(path)
-    return STOPPED if found.interrupted else 0
+        write_diagnosis_page(arguments.report, found, training, held)
 
 
 def tell(words: str) -> None:

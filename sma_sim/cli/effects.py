@@ -15,6 +15,8 @@ from sma_sim.model.errors import UserError
 
 WIDTH = 100
 
+LISTS = ('confused_with', 'same_as', 'systems', 'states')
+
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
@@ -49,8 +51,8 @@ def as_data(effect: Effect) -> dict[str, Any]:
         }
         for p in effect.parameters
     ]  # fmt: skip
-    words = ('name', 'port', 'equation', 'source', 'description', 'energy', 'signature', 'confused_with', 'systems')
-    return {name: getattr(effect, name) for name in (*words, 'states')} | {'parameters': parameters}
+    words = ('name', 'port', 'equation', 'source', 'description', 'energy', 'signature')
+    return {name: getattr(effect, name) for name in (*words, *LISTS)} | {'parameters': parameters}
 
 
 def as_text(effect: Effect) -> str:
@@ -60,6 +62,7 @@ def as_text(effect: Effect) -> str:
     told = {
         'signature': effect.signature,
         'confused with': ', '.join(effect.confused_with),
+        'the same as': effect.same_as,
         'source': effect.source,
         'energy': effect.energy,
     }

@@ -38,13 +38,14 @@ class NothingMeasuredError(UserError):
 class Place:
     """Which file is read, as which system, and the ambient temperature [K] where the file does not tell.
 
-    `stamped` says that the command has stamps of its own, as in a bag.
+    `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag.
     """
 
     path: Path
     system: str
     T_E: float
     stamped: bool = False
+    namespace: str | None = None
 
 
 def recordings_of(place: Place, name: str, columns: dict[str, Vector], notes: list[str]) -> tuple[Recording, ...]:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from threading import Event
 
@@ -29,10 +30,13 @@ from sma_sim.evidence.calibrate import (
 from sma_sim.evidence.descent import FIRST, Descent
 from sma_sim.evidence.free_parameters import with_values
 from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
+from sma_sim.evidence.likeness import Likeness, likenesses
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
-from sma_sim.evidence.selection import Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.evidence.selection import MOST_EFFECTS, Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.evidence.splitting import by_name
+from sma_sim.evidence.stopping import stoppable
 from sma_sim.model.config import Config
 
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
@@ -47,16 +51,25 @@ VERDICTS = ('none', 'missing_effect', 'unknown_effect')
 class Step:
     """One step of the error's fall: the effects so far, the errors over noise of training and held-out runs.
 
-    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out.
+    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out. `config`
+    and `delay` [s] are the model's, `runs` and `foretold` the training and held-out runs under it.
     """
 
     effects: tuple[str, ...]
-    model: str
     train: float
     held_out: float
     channels: dict[str, float]
     held_out_channels: dict[str, float]
     values: dict[str, float]
+    config: Config
+    delay: float
+    runs: tuple[RunFit, ...]
+    foretold: tuple[RunFit, ...]
+
+    @property
+    def model(self) -> str:
+        """`hybrid` or `mas`."""
+        return self.config.model
 
 
 @dataclass(frozen=True)
@@ -64,7 +77,7 @@ class Diagnosis:
     """What was found. `calibration` is the fit of the last step on all samples; its `config` runs in the node.
 
     `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
-    `foretold`: the held-out runs under the last model.
+    `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
     """
 
     verdict: str
@@ -74,11 +87,18 @@ class Diagnosis:
     calibration: Calibration
     held_out_ratio: dict[str, float]
     foretold: tuple[RunFit, ...]
+    likeness: dict[str, tuple[Likeness, ...]]
     training: tuple[str, ...]
     held_out: tuple[str, ...]
     noise_std: dict[str, float]
     interrupted: bool
     seconds: float
+
+    @property
+    def search_ended(self) -> bool:
+        """Whether the search came to its end, rather than being stopped on the way."""
+        last = self.rounds[-1] if self.rounds else None
+        return last is not None and not last.stopped and (last.accepted is None or len(self.rounds) == MOST_EFFECTS)
 
 
 @dataclass(frozen=True)
@@ -92,23 +112,32 @@ class Request:
 
 
 def some_held_out(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
-    """Training and held-out recordings: the last of several is held out where nothing else was chosen."""
-    if held is not None or len(campaign.recordings) < LEAST_TO_HOLD_OUT:
-        return campaign, held
-    *rest, last = campaign.recordings
+    """Training and held-out recordings by name: the last name of several is held out where nothing else was chosen.
+
+    The order in which recordings are given says nothing of them: with it a verdict would change.
+    """
+    training = by_name(campaign)
+    if held is not None:
+        return training, by_name(held)
+    if len(training.recordings) < LEAST_TO_HOLD_OUT:
+        return training, None
+    *rest, last = training.recordings
     return replace(campaign, recordings=tuple(rest)), replace(campaign, recordings=(last,))
 
 
 def diagnose(
     campaign: Campaign, config: Config, held: Campaign | None = None, request: Request | None = None,
-    executor: Executor | None = None, told: Told = lambda words: None,
+    executor: Executor | None = None, told: Told = lambda words: None, stop: Event | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what `config` lacks to explain the campaign's recordings.
 
-    Those of `held` are only looked at in the end; without it the last of three or more recordings is held out. A
-    KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be diagnosed.
+    Those of `held` are only looked at in the end; without it the last of three or more recordings, by name, is held out.
+    Ctrl-C, or `stop`, ends the search with the steps so far. Raises UserError for what cannot be diagnosed.
     """
-    begun, request, stop = time.perf_counter(), request or Request(), Event()
+    if stop is None:
+        with stoppable() as stop:
+            return diagnose(campaign, config, held, request, executor, told, stop)
+    begun, request = time.perf_counter(), request or Request()
     training, out = some_held_out(campaign, held)
     check(training, config, request.options)
     with some_executor(executor) as pool:
@@ -125,8 +154,9 @@ def diagnose(
         foretold = held_out(final.config, out, final.delay, pool) if out else ()
         steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
+        likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
     return Diagnosis(
-        verdict_of(steps[-1], last), last.effects, tuple(steps), rounds, final, ratios, foretold,
+        verdict_of(steps[-1]), last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
     )  # fmt: skip
@@ -142,8 +172,9 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
         place.told(f'{model}: error over noise {judged_error(found[-1]):.2f}')
         if place.stop.is_set():
             break
+    whole = [one for one in found if isfinite(one.validated)] or found  # stopped on the way, the last one is not
     # MAS has the hybrid model as a limit (V_L large), so that the hybrid one must be clearly better to be taken
-    return min(found, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+    return min(whole, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
 
 
 def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:
@@ -158,28 +189,27 @@ def final_fit(training: Campaign, last: Fitted, request: Request, place: Workpla
 def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Request, place: Workplace) -> Step:
     """The errors of a model that was fitted on the way."""
     problem = replace(prepared(training, one.problem.config, request.options, 1), free=one.problem.free)
-    channels = over_runs(problem, run_fits(problem, one.z, place.pool))
-    config = with_values(one.problem.config, one.values)
-    held, held_channels = errors_held_out(config, out, one.problem.delay_at(one.z), place)
-    return Step(one.effects, config.model, mean_error(channels), held, channels, held_channels, one.values)
+    runs = run_fits(problem, one.z, place.pool)
+    channels = over_runs(problem, runs)
+    config, delay = with_values(one.problem.config, one.values), one.problem.delay_at(one.z)
+    foretold = held_out(config, out, delay, place.pool) if out else ()
+    held, held_channels = summed_up(foretold)
+    return Step(
+        one.effects, mean_error(channels), held, channels, held_channels, one.values, config, delay, runs, foretold
+    )
 
 
 def step_of_final(final: Calibration, foretold: Sequence[RunFit], last: Fitted) -> Step:
     """The errors of the last model."""
     held, channels = summed_up(foretold)
-    model = final.config.model
-    return Step(last.effects, model, final.error, held, dict(final.channels), channels, dict(final.values))
-
-
-def errors_held_out(
-    config: Config, out: Campaign | None, delay: float, place: Workplace
-) -> tuple[float, dict[str, float]]:
-    """Error over noise of the held-out runs, in all and by channel; NaN where there are none."""
-    return summed_up(held_out(config, out, delay, place.pool) if out else ())
+    return Step(
+        last.effects, final.error, held, dict(final.channels), channels, dict(final.values), final.config, final.delay,
+        final.runs, tuple(foretold),
+    )  # fmt: skip
 
 
 def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
-    """Error over noise of several runs, in all and by channel."""
+    """Error over noise of several runs, in all and by channel; NaN where there are none."""
     names = dict.fromkeys(name for fit in fits for name in fit.channels)
     channels = {name: mean_error(by_run(fits, name)) for name in names}
     return mean_error(channels), channels
@@ -191,20 +221,24 @@ def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
 
 
 def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workplace) -> dict[str, float]:
-    """By effect of the first round, the held-out error with it over that without."""
-    ratios = {}
+    """By effect of the first round, the held-out error with it over that without; empty where no run is held out."""
+    ratios: dict[str, float] = {}
+    if out is None:
+        return ratios
     for one in first.tried:
         config = with_values(one.fitted.problem.config, one.fitted.values)
-        held, _ = errors_held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place)
-        ratios[one.name] = held / bare.held_out
+        foretold = held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place.pool)
+        ratios[one.name] = summed_up(foretold)[0] / bare.held_out
     return ratios
 
 
-def verdict_of(last: Step, fitted: Fitted) -> str:
-    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained."""
-    error = last.held_out if last.held_out == last.held_out else judged_error(fitted)
+def verdict_of(last: Step) -> str:
+    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
+
+    Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
+    cannot tell the parameters, which is no sign of an effect.
+    """
+    error = last.held_out if isfinite(last.held_out) else last.train
     if error > UNEXPLAINED:
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
-
-

@@ -31,12 +31,13 @@ def read_campaign(
     mapping: Path | None = None,
     noise_std: Mapping[str, float] | None = None,
     told: Callable[[str], None] = lambda note: None,
+    namespace: str | None = None,
 ) -> Campaign:
     """All recordings that the paths stand for, with the noise of their channels. Raises UserError.
 
     A path is a CSV file, a bag (its folder or file) or a folder of them. `T_E` [K] is the ambient temperature of files
     that do not record it, `mapping` a file that names foreign columns. Noise [SI] is that of `noise_std`, else of the
-    folder's meta.json, else estimated. `told` hears every note.
+    folder's meta.json, else estimated. `told` hears every note. `namespace`: the module's, in bags of several.
     """
     columns = mapping_for(system, mapping)
     given = checked_noise((noise_std or {}).items(), 'noise_std')
@@ -45,7 +46,7 @@ def read_campaign(
     found = [
         (path, recording)
         for path, asked in files
-        for recording in sessions_of(Place(path, system, T_E), columns, asked, notes)
+        for recording in sessions_of(Place(path, system, T_E, namespace=namespace), columns, asked, notes)
     ]
     if not found:
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
@@ -66,7 +67,7 @@ def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = N
 
 def recordings_at(place: Place, mapping: ColumnMap) -> tuple[Recording, ...]:
     """The recordings of one file."""
-    columns, notes = read_source(place.path, place.system, mapping)
+    columns, notes = read_source(place.path, place.system, mapping, place.namespace)
     place = replace(place, stamped=is_bag(place.path))
     name = place.path.stem if place.path.is_file() else place.path.name
     return recordings_of(place, name, columns, notes)

@@ -156,11 +156,12 @@ def refit_both_ways(base: Fitted, screened: Screened, pool: Executor, race: Race
 
 
 def validated(one: Fitted, pool: Executor, stop: Event) -> Fitted:
-    """With its error on runs left out in turn (NaN for a single run)."""
+    """With its error on runs left out in turn (NaN for a single run, and where that was stopped)."""
     try:
-        return replace(one, validated=cross_validated_error(one.problem, one.z, pool, stop))
+        error = cross_validated_error(one.problem, one.z, pool, stop) if not stop.is_set() else float('nan')
     except SimulationError:
-        return replace(one, validated=float('inf'))
+        error = float('inf')
+    return replace(one, validated=float('nan') if stop.is_set() else error)
 
 
 def without(one: Fitted, effect: str) -> tuple[Problem, Vector]:

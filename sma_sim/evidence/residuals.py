@@ -73,7 +73,9 @@ def prepare(recording: Recording, noise_std: Mapping[str, float], every: int = 1
 
     Raises UserError when no channel was measured, or when the noise of one is not known.
     """
-    channels = tuple(name for name in CHANNEL_COLUMNS if name in recording.channels)
+    channels = tuple(
+        name for name in CHANNEL_COLUMNS if name in recording.channels and np.isfinite(recording.channels[name]).any()
+    )
     if not channels:
         raise UserError(f'{recording.name}: no channel was measured; expected one of {", ".join(CHANNEL_COLUMNS)}')
     for name in channels:

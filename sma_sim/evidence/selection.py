@@ -81,7 +81,8 @@ class Tried:
 class Round:
     """One round of the selection: the model it began with, all that was screened, what was tried, what was accepted.
 
-    `after`: the model with the accepted effect, with the kinetics that suit it better.
+    `after`: the model with the accepted effect, with the kinetics that suit it better; `stopped`: it was not brought to
+    its end, so that nothing could be accepted.
     """
 
     base: Fitted
@@ -89,6 +90,7 @@ class Round:
     tried: tuple[Tried, ...]
     accepted: Tried | None
     after: Fitted | None = None
+    stopped: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     candidates = candidates_for(base.problem.config, place.folders)
     place.told(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, place.pool, place.seed)
+    if place.stop.is_set():
+        return Round(base, screened, (), None, stopped=True)
     survivors = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
     if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
@@ -121,6 +125,8 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
     tried = [tried_of(base, one, fitted, place) for one, fitted in pairs[:FINALISTS] if not place.stop.is_set()]
+    if place.stop.is_set():
+        return Round(base, screened, (), None, stopped=True)
     tried.sort(key=lambda one: one.ratio)
     tried = [replace(one, alike=alike(one, tried)) for one in tried]
     return Round(base, screened, tuple(tried), choice(tried))
@@ -180,7 +186,7 @@ def better_kinetics(one: Fitted, place: Workplace) -> Fitted:
     if other is None or other.error > (1.0 + SAME) * one.error:
         return one
     other = validated(other, place.pool, place.stop)
-    if judged_error(other) >= judged_error(one):
+    if place.stop.is_set() or judged_error(other) >= judged_error(one):
         return one
     place.told(f'{other.problem.config.model} kinetics foretell better: error over noise {judged_error(other):.2f}')
     return other
@@ -191,9 +197,11 @@ def pruned(one: Fitted, place: Workplace) -> Fitted:
     for effect in one.effects[:-1]:
         problem, z = without(one, effect)
         fewer = refit(problem, z, place.pool, place.stop)
-        if fewer is None or place.stop.is_set():
+        if fewer is None:
             continue
         fewer = validated(fewer, place.pool, place.stop)
+        if place.stop.is_set():
+            break
         if judged_error(fewer) <= (1.0 + SAME) * judged_error(one):
             place.told(f'{effect} explains nothing more beside the others: dropped')
             one = fewer

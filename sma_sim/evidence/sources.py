@@ -38,14 +38,20 @@ def recordings_in(path: Path) -> list[Path]:
     return found
 
 
-def read_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
+def read_source(
+    path: Path, system: str, mapping: ColumnMap, namespace: str | None = None
+) -> tuple[Columns, list[str]]:
     """The columns (k,) of a file by the names of the file contract, and what was noted. Raises UserError."""
-    return read_bag_source(path, system, mapping) if is_bag(path) else read_csv_source(path, system, mapping)
+    if is_bag(path):
+        return read_bag_source(path, system, mapping, namespace)
+    return read_csv_source(path, system, mapping)
 
 
-def read_bag_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
+def read_bag_source(
+    path: Path, system: str, mapping: ColumnMap, namespace: str | None
+) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    found = read_bag(path)
+    found = read_bag(path, namespace)
     rows = len(found['time_s'])
     origins = columns_of(path, mapping, COLUMNS_OF[system], list(found))
     notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.recording import Campaign, Recording
 from sma_sim.evidence.sources import recordings_in
 from sma_sim.model.errors import UserError
 
@@ -15,6 +16,16 @@ from sma_sim.model.errors import UserError
 def files_held_out(words: Sequence[str]) -> list[Path]:
     """The files among the words of ``--hold-out``: they belong to the data even where only named there. Raises UserError."""
     return [file for word in words if Path(word).exists() for file in recordings_in(Path(word))]
+
+
+def by_name(campaign: Campaign) -> Campaign:
+    """The recordings in the order of their names, numbers in them as numbers (run2 before run10)."""
+
+    def key(recording: Recording) -> list[tuple[int, str]]:
+        parts = re.split(r'(\d+)', recording.name)
+        return [(int(part), '') if part.isdecimal() else (0, part) for part in parts]
+
+    return replace(campaign, recordings=tuple(sorted(campaign.recordings, key=key)))
 
 
 def split_campaign(campaign: Campaign, words: Sequence[str]) -> tuple[Campaign, Campaign | None]:

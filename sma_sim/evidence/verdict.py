@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
+from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.selection import Round, Tried
 from sma_sim.model.config import flat_parameters
 
@@ -20,11 +21,11 @@ WORDS = {
 def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
     """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only."""
     first = diagnosis.rounds[0] if diagnosis.rounds else None
-    return {
+    found: dict[str, Any] = finite({
         'verdict': diagnosis.verdict,
         'model': diagnosis.calibration.config.model,
-        'effects': list(diagnosis.effects),
-        'ranking': ranking(first, diagnosis.held_out_ratio) if first else [],
+        'effects': diagnosis.effects,
+        'ranking': ranking(first, diagnosis.held_out_ratio) if first else (),
         'error': [error_of(step) for step in diagnosis.steps],
         'noise_std': diagnosis.noise_std,
         'parameters': {
@@ -32,11 +33,12 @@ def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
             if isinstance(value, float) and math.isfinite(value)
         },
         'intervals': intervals_of(diagnosis),
-        'training': list(diagnosis.training),
-        'held_out': list(diagnosis.held_out),
+        'training': diagnosis.training,
+        'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,
         'seconds': diagnosis.seconds,
-    }  # fmt: skip
+    })  # fmt: skip
+    return found
 
 
 def ranking(first: Round, ratios: dict[str, float]) -> list[dict[str, Any]]:
@@ -53,25 +55,26 @@ def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
     return {
         'effect': one.name,
         'delta_bic': one.delta_bic,
-        'held_out_error_ratio': finite(ratios.get(one.name, one.ratio)),
-        'cross_validated_error_ratio': finite(one.ratio),
+        'held_out_error_ratio': ratios.get(one.name, one.ratio),
+        'cross_validated_error_ratio': one.ratio,
         'family_p': one.family_p,
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}
             for name, value in one.fitted.values_of(one.name).items()
         },
         'plausible': one.plausible,
-        'confounded_with': list(one.alike),
+        'confounded_with': one.alike,
+        'same_as': one.found.effect.same_as,
     }  # fmt: skip
 
 
 def error_of(step: Step) -> dict[str, Any]:
     """One step of the error's fall."""
     return {
-        'effects': list(step.effects),
+        'effects': step.effects,
         'model': step.model,
-        'train': finite(step.train),
-        'held_out': finite(step.held_out),
+        'train': step.train,
+        'held_out': step.held_out,
         'channels': step.held_out_channels or step.channels,
     }
 
@@ -87,28 +90,41 @@ def intervals_of(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     }
 
 
-def finite(value: float) -> float | None:
-    """JSON has no NaN and no infinity."""
-    return value if math.isfinite(value) else None
-
-
 def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
-    yield f'verdict: {diagnosis.verdict} - {WORDS[diagnosis.verdict].format(effects=" and ".join(diagnosis.effects))}'
+    yield headline(diagnosis)
     yield f'{"error over noise":<44} training  held out'
     for step in diagnosis.steps:
         name = ' + '.join(step.effects) or 'bare model'
         yield f'  {name + " (" + step.model + ")":<42} {number(step.train):>8}  {number(step.held_out):>8}'
+    yield from remarks(diagnosis)
+
+
+def remarks(diagnosis: Diagnosis) -> Iterator[str]:
+    """What to know beside the verdict and the errors: values, what explains as well, what is left."""
     for one in diagnosis.rounds:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
             yield from lines_on(one.accepted)
-    if diagnosis.verdict == 'unknown_effect':
+    if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         last = diagnosis.steps[-1]
         channels = last.held_out_channels or last.channels
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
-    if diagnosis.interrupted:
-        yield 'stopped early: more may be missing'
+    if len(diagnosis.training) < 2:
+        yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
+    elif not diagnosis.held_out:
+        yield 'no run was held out: the errors in the end are those of the fitted runs, which flatter the model'
+    if diagnosis.interrupted and diagnosis.search_ended:
+        yield 'stopped in the last fit: its values are not final'
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a line; of a search that was stopped only what was found so far."""
+    effects = ' and '.join(diagnosis.effects)
+    if not diagnosis.search_ended:
+        found = f'the model lacks {effects}; more may be missing' if effects else 'nothing was found missing so far'
+        return f'stopped before the search was over: {found}'
+    return f'verdict: {diagnosis.verdict} - {WORDS[diagnosis.verdict].format(effects=effects)}'
 
 
 def lines_on(one: Tried) -> Iterator[str]:
@@ -119,9 +135,12 @@ def lines_on(one: Tried) -> Iterator[str]:
             real = parameter.realistic
             range_ = f'  (realistic: {real[0]:g} to {real[1]:g})' if real else ''
             std = one.std.get(f'effects.{one.name}.{parameter.name}', math.nan)
-            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g} {parameter.unit}{range_}'
+            unit = '' if parameter.unit == '-' else f' {parameter.unit}'
+            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g}{unit}{range_}'
     if one.alike:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
+    if one.found.effect.same_as:
+        yield f'no data can tell it from {one.found.effect.same_as}'
 
 
 def number(value: float) -> str:

@@ -34,4 +34,5 @@ EFFECT = Effect(
     description='exactly equal shifts of 1/E_A and 1/E_M: no measurement at the ends tells them apart',
     signature='every change of force costs stroke; both moduli appear smaller, the plateaus stay',
     confused_with=('wire.E_A', 'wire.E_M', 'pretension_mismatch', 'thermal_expansion', 'functional_fatigue'),
+    same_as='equal shifts of 1/E_A and 1/E_M by C pi r0^2/l0, in the kinetics too',
 )

@@ -22,4 +22,5 @@ EFFECT = Effect(
     description='heating sets in late and goes on after switching off; its integral is kept',
     signature='temperature, then pose, follow every step of the command late by about tau; a kink becomes smooth',
     confused_with=('delay', 'sensor_lag', 'wire.c_V', 'latent_heat_scale'),
+    same_as='a delay by tau, to first order in tau',
 )

@@ -29,7 +29,8 @@ class Effect:
     extra state, for the error control (relative to its channel on sensing). `channels` are those that a sensing
     effect acts on, `systems` those in which the effect has a meaning (in others it is left out). `energy` says how the
     effect enters the energy balance, `signature` what it leaves in measurements, and `confused_with` names what leaves
-    nearly the same: effects, parameters by their full names, or 'delay' of the recording.
+    nearly the same: effects, parameters by their full names, or 'delay' of the recording. `same_as` says in words what the
+    equations make the same, so that no measurement tells them apart.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Effect:
     description: str = ''
     signature: str = ''
     confused_with: tuple[str, ...] = ()
+    same_as: str = ''
 
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:

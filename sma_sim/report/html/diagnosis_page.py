@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from sma_sim.evidence.compare import compared_calibration
 from sma_sim.evidence.compare_summary import summarise
-from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis
+from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.verdict import as_text
+from sma_sim.evidence.verdict import headline, remarks
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -26,7 +27,7 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
     for one in found.calibration.free:
         before.setdefault(one.name, one.center)
     rest = summarise(compared_calibration(found.calibration, training, held, found.foretold, 'last step'))
-    steps = [round_section(number, one, found) for number, one in enumerate(found.rounds, start=1)]
+    steps = [round_section(number, one, found, training, held) for number, one in enumerate(found.rounds, start=1)]
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
     sections = [fall_section(found), *steps, parameters_section(found.calibration, before), *left]
     write_page(path, f'Diagnosis: {found.verdict}', [*sections, data_section(training, held)])
@@ -34,40 +35,43 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
 
 def fall_section(found: Diagnosis) -> Section:
     """The verdict, and the error over noise step by step."""
-    verdict, *lines = as_text(found)
-    remarks = [line for line in lines if ' = ' in line or 'cannot tell' in line or 'what is left' in line]
     return Section('How the error fell', [
-        Paragraph(verdict, 'lead'),
+        Paragraph(headline(found), 'lead'),
         Plot(fall_figure(found), 'Error over noise (root mean square over channels) of the runs that were fitted and of '
              'those held out, from the bare model through each added effect; 1 is the noise.', 360),
-        Bullets([*remarks, *closing(found)]),
+        Bullets([*remarks(found), *closing(found)]),
     ])  # fmt: skip
 
 
 def fall_figure(found: Diagnosis) -> object:
-    """Error over noise by step."""
-    names = ['+ ' + step.effects[-1] if step.effects else 'bare model' for step in found.steps]
-    labels = [f'{name}<br>({step.model})' for name, step in zip(names, found.steps, strict=True)]
+    """Error over noise by step, down to the noise."""
+    labels = [f'{step_name(step)}<br>({step.model})' for step in found.steps]
     figure = new_figure()
-    for values, name, colour in (
-        ([step.train for step in found.steps], 'fitted', SHOWN),
-        ([step.held_out for step in found.steps], 'held out', HELD_OUT),
+    for values, name, colour, place in (
+        ([step.held_out for step in found.steps], 'held out', HELD_OUT, 'top right'),
+        ([step.train for step in found.steps], 'fitted', SHOWN, 'bottom left'),
     ):
         if all(value == value for value in values):
             figure.add_scatter(
                 x=labels, y=values, name=name, mode='lines+markers+text', text=[f'{value:.2f}' for value in values],
-                textposition='top right', line={'color': colour}, marker={'size': 10}, cliponaxis=False,
+                textposition=place, textfont={'color': colour}, line={'color': colour}, marker={'size': 10},
+                cliponaxis=False,
             )  # fmt: skip
-    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'}, annotation_text='noise', annotation_position='bottom right')
-    figure.update_yaxes(title_text='error over noise', type='log', dtick='D2')
+    figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
+    largest = max(value for step in found.steps for value in (step.train, step.held_out) if value == value)
+    figure.update_yaxes(title_text='error over noise', type='log', dtick='D2', range=[-0.12, math.log10(1.5 * largest)])
+    figure.update_xaxes(range=[-0.35, len(labels) - 0.65])
     return figure
+
+
+def step_name(step: Step) -> str:
+    """What a step added, in lines that a phone has room for."""
+    return '+ ' + step.effects[-1].replace('_', '_<br>') if step.effects else 'bare model'
 
 
 def closing(found: Diagnosis) -> Iterator[str]:
     """How the verdict came about."""
     yield f'fitted: {", ".join(found.training)}; held out and looked at once: {", ".join(found.held_out) or "none"}'
-    if not found.held_out:
-        yield 'no run was held out: the errors are those of the fitted runs, which flatter the model'
     if found.verdict == 'none' and not found.effects:
         yield 'no effect of the library lowers the cross-validated error enough to be believed'
-    yield f'above {UNEXPLAINED:g} at the end the verdict is unknown_effect'
+    yield f'with an error over noise above {UNEXPLAINED:g} at the end the verdict is unknown_effect'

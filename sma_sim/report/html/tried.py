@@ -1,31 +1,40 @@
-"""Section: one round of a diagnosis - what was screened, what was tried, what was accepted and why."""
+"""Section: one round of a diagnosis - what changed, what was fitted, what else was tried and why it was not taken."""
 
 from __future__ import annotations
 
-from sma_sim.evidence.diagnose import Diagnosis, Step
+from collections.abc import Iterator
+
+from sma_sim.evidence.diagnose import Diagnosis
+from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.selection import LEAST_FALL, Round, Tried
-from sma_sim.report.html.figures import SHOWN, new_figure
-from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
-from sma_sim.report.palette import BLUE, GREY, ORANGE
+from sma_sim.evidence.step_change import step_change
+from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Section, Table
+from sma_sim.report.html.step_figures import change_plot, channel_plot, range_plots, screen_plot
 
-MOST_SCREENED = 12
-TRIED = ('effect', 'cross-validated error, with / without', 'held out', 'chance', 'delta BIC', 'realistic', 'explains alike')
+TRIED = ('effect', 'ratio', 'held out', 'chance', 'delta BIC', 'realistic')
+
+CAPTION = (
+    'Refitted together with the parameters of the model, best first. Ratio: cross-validated error with the effect over that '
+    'without it; held out: the same of the held-out runs; chance: how often chance would do as well.'
+)
 
 
-def round_section(number: int, one: Round, found: Diagnosis) -> Section:
-    """A round with its tables and figures."""
+def round_section(number: int, one: Round, found: Diagnosis, training: Campaign, held: Campaign | None) -> Section:
+    """A round with its figures and tables."""
     blocks: list[Block] = [Paragraph(words_on(one), 'lead')]
+    if one.accepted is not None and number < len(found.steps):
+        before, after = found.steps[number - 1], found.steps[number]
+        blocks += [change_plot(step_change(before, after, training, held)), Grid(range_plots(one.accepted))]
     if one.tried:
-        rows = [row(tried, found.held_out_ratio if number == 1 else {}) for tried in one.tried]
-        blocks.append(Table(TRIED, rows, 'Refitted together with the parameters of the model, best first.'))
+        ratios = found.held_out_ratio if number == 1 else {}
+        blocks.append(Table(TRIED, [row(tried, ratios) for tried in one.tried], CAPTION))
+        blocks.append(Bullets([f'{tried.name}: {why(tried, one.accepted)}' for tried in one.tried]))
     if one.accepted is not None:
-        blocks.append(Table(('parameter', 'value', 'std', 'realistic', 'unit'), values_of(one.accepted)))
+        blocks += list(not_told_apart(one.accepted, found))
         if number < len(found.steps):
-            blocks.append(Plot(channel_figure(found.steps[number - 1], found.steps[number]),
-                               'Error over noise by channel before and after.', 280))  # fmt: skip
+            blocks.append(channel_plot(found.steps[number - 1], found.steps[number]))
     if one.screened:
-        blocks.append(Plot(screen_figure(one), 'Score test: part of the remaining squares that each effect could explain '
-                           'to first order, beyond what the fitted parameters absorb.', 80 + 22 * shown(one)))  # fmt: skip
+        blocks.append(screen_plot(one))
     return Section(f'Step {number}', blocks)
 
 
@@ -34,17 +43,29 @@ def words_on(one: Round) -> str:
     if one.accepted is not None:
         fall = 100.0 * (1.0 - one.accepted.ratio)
         return f'{one.accepted.name} is accepted: the cross-validated error falls by {fall:.0f} %.'
+    if one.stopped:
+        return 'The search was stopped in this step.'
     if not one.tried:
         return 'Nothing that was screened could explain enough of what is left: the search ends.'
     best = one.tried[0]
-    reasons = [
-        words for wrong, words in (
-            (best.fall < LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
-            (not best.not_chance, f'chance alone would do as well in {100 * best.family_p:.0f} % of cases'),
-            (not best.plausible, 'its fitted value is not realistic'),
-        ) if wrong
-    ]  # fmt: skip
-    return f'Nothing more is accepted. The best, {best.name}: {"; ".join(reasons)}.'
+    return f'Nothing more is accepted. The best, {best.name}: {"; ".join(reasons(best))}.'
+
+
+def reasons(one: Tried) -> list[str]:
+    """Why a candidate cannot be accepted."""
+    wrong = (
+        (one.fall < LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
+        (not one.not_chance, f'chance alone would do as well in {100 * one.family_p:.0f} % of cases'),
+        (not one.plausible, f'not realistic: {values_of(one)}'),
+    )
+    return [words for holds, words in wrong if holds]
+
+
+def values_of(one: Tried) -> str:
+    """The fitted values of an effect with their units."""
+    units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
+    fitted = one.fitted.values_of(one.name).items()
+    return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in fitted)
 
 
 def row(one: Tried, held: dict[str, float]) -> tuple[str, ...]:
@@ -52,49 +73,30 @@ def row(one: Tried, held: dict[str, float]) -> tuple[str, ...]:
     ratio = held.get(one.name)
     return (
         one.name, f'{one.ratio:.3f}', '' if ratio is None else f'{ratio:.3f}', f'{one.family_p:.3f}', f'{one.delta_bic:.0f}',
-        'yes' if one.plausible else 'no', ', '.join(one.alike),
+        'yes' if one.plausible else 'no',
     )  # fmt: skip
 
 
-def values_of(one: Tried) -> list[tuple[str, ...]]:
-    """The fitted parameters of an effect beside what is realistic."""
-    fitted = one.fitted.values_of(one.name)
-    rows: list[tuple[str, ...]] = []
-    for parameter in one.found.effect.parameters:
-        if parameter.name in fitted:
-            real = f'{parameter.realistic[0]:g} to {parameter.realistic[1]:g}' if parameter.realistic else ''
-            std = one.std.get(f'effects.{one.name}.{parameter.name}', float('nan'))
-            rows.append((parameter.name, f'{fitted[parameter.name]:.4g}', f'{std:.1g}', real, parameter.unit))
-    return rows
+def why(one: Tried, accepted: Tried | None) -> str:
+    """Why a candidate was taken or not, in a few words."""
+    if one is accepted:
+        return f'accepted, {values_of(one)}'
+    against = '; '.join(reasons(one))
+    if against or accepted is None:
+        return against
+    much = 'as well as' if one.name in accepted.alike else 'less than'
+    return f'explains {much} {accepted.name}, {values_of(one)}'
 
 
-def channel_figure(before: Step, after: Step) -> object:
-    """Errors by channel, held out where there is a held-out run; the channel that changed most first."""
-    first = before.held_out_channels or before.channels
-    then = after.held_out_channels or after.channels
-    names = sorted(first, key=lambda name: then[name] / first[name])
-    figure = new_figure()
-    figure.add_bar(x=names, y=[first[name] for name in names], name='before', marker={'color': GREY})
-    figure.add_bar(x=names, y=[then[name] for name in names], name='after', marker={'color': SHOWN})
-    figure.update_yaxes(title_text='error over noise')
-    return figure
-
-
-def screen_figure(one: Round) -> object:
-    """Screened effects by what they could explain."""
-    best = list(reversed(one.screened[: shown(one)]))
-    accepted = one.accepted.name if one.accepted else ''
-    figure = new_figure()
-    figure.add_bar(
-        x=[100.0 * screened.gain / max(one.base.squares, 1e-300) for screened in best],
-        y=[screened.candidate.name for screened in best], orientation='h', showlegend=False,
-        marker={'color': [ORANGE if screened.candidate.name == accepted else BLUE for screened in best]},
-    )  # fmt: skip
-    figure.update_xaxes(title_text='part of the squares [%]')
-    figure.update_layout(margin={'l': 210})
-    return figure
-
-
-def shown(one: Round) -> int:
-    """How many screened effects are drawn."""
-    return min(MOST_SCREENED, len(one.screened))
+def not_told_apart(one: Tried, found: Diagnosis) -> Iterator[Block]:
+    """Who explains as well, and why they cannot be told apart; which parameters are known to hide the effect."""
+    why_alike = [str(other) for other in found.likeness.get(one.name, ())]
+    hidden_by = [name for name in one.found.effect.confused_with if '.' in name or name == 'delay']
+    if why_alike:
+        yield Paragraph(f'These data cannot tell {one.name} from {", ".join(one.alike)}. Why:')
+        yield Bullets(why_alike)
+    if one.found.effect.same_as:
+        yield Paragraph(f'The equations make it the same as {one.found.effect.same_as}: no data can tell them apart.')
+    if hidden_by:
+        words = f'A small {one.name} may hide in {", ".join(hidden_by)}: their estimates go together.'
+        yield Paragraph(words, 'note')

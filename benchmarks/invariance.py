@@ -1,0 +1,198 @@
+"""Does a diagnosis say the same of the same data in another dress?
+
+    python benchmarks/invariance.py [--folder DIR ...] [--minutes 60] [--file FILE.jsonl]
+
+Each case is a folder of CSV recordings: robots with hidden effects (sma_sim/challenge, three runs of 50 s at 20 Hz, with
+forces), and those named by --folder. It is diagnosed as it is, with the runs in another order and under each other's names
+(so that another one is held out), with foreign column names and units through a map, with other seeds, and decimated by two:
+every second sample, or every second row of the file, rows that tell when the command changed included. Finished ones are
+kept in the file, so that a run can be continued; the table is of all in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sma_sim.challenge.files import write_challenge
+from sma_sim.challenge.make import make_challenge
+from sma_sim.evidence.calibrate import Options
+from sma_sim.evidence.diagnose import STARTS, Request, diagnose
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.verdict import as_data
+from sma_sim.model.config import read_config
+
+CASES: dict[str, tuple[int, tuple[str, ...]]] = {
+    'joint_friction': (13, ('joint_friction',)), 'natural_convection': (12, ('natural_convection',)), 'nothing': (5, ()),
+    'power_gain_mismatch': (17, ('power_gain_mismatch',)), 'harness_ripple': (19, ('harness_ripple',)),
+    'sensor_gain': (15, ('sensor_gain',)), 'ambient_heating': (16, ('ambient_heating',)),
+    'polycrystal': (14, ('polycrystal',)), 'gravity + driver_lag': (18, ('gravity', 'driver_lag')),
+}  # fmt: skip
+FOREIGN = {  # column, unit of the contract: column and scale of the foreign file, so that SI = scale * foreign
+    'time_s': ('t [ms]', 1e-3), 'J_eq_W': ('power [mW]', 1e-3), 'T_E_K': ('room', 1.0), 'U_x_m': ('x [mm]', 1e-3),
+    'U_y_m': ('y [um]', 1e-6), 'alpha_rad': ('angle [deg]', 0.017453292519943295), 'F_1_N': ('load 1 [mN]', 1e-3),
+    'F_2_N': ('load 2 [kgf]', 9.80665),
+}  # fmt: skip
+REORDERED = (2, 0, 1)  # which run takes each name
+Asked = tuple[Campaign, Request]
+
+
+def plain_request(seed: int = 0) -> Request:
+    """A request without intervals, which no verdict needs."""
+    return Request(seed=seed, options=Options(starts=STARTS, seed=seed, intervals=False))
+
+
+def read(folder: Path, mapping: Path | None = None) -> Campaign:
+    """The recordings of a folder."""
+    return read_campaign([folder], 'module', 298.0, mapping)
+
+
+def as_it_is(folder: Path) -> Asked:
+    """Nothing changed."""
+    return read(folder), plain_request()
+
+
+def reordered(folder: Path) -> Asked:
+    """The runs in another order, under each other's names."""
+    campaign = read(folder)
+    names = [one.name for one in campaign.recordings]
+    runs = tuple(replace(campaign.recordings[k], name=name) for k, name in zip(REORDERED, names, strict=True))
+    return replace(campaign, recordings=runs[::-1]), plain_request()
+
+
+def renamed(folder: Path) -> Asked:
+    """Files with foreign column names and units, read through a map."""
+    with tempfile.TemporaryDirectory() as place:
+        home = Path(place)
+        for file in sorted(folder.glob('*.csv')):
+            with file.open() as source, (home / file.name).open('w', newline='') as out:
+                header, *rows = csv.reader(source)
+                foreign = csv.writer(out)
+                foreign.writerow([FOREIGN[name][0] for name in header])
+                foreign.writerows([[in_foreign(name, cell) for name, cell in zip(header, row, strict=True)] for row in rows])
+        shutil.copy(folder / 'meta.json', home)
+        lines = [f'{name}: {{column: "{FOREIGN[name][0]}", scale: {FOREIGN[name][1]!r}}}' for name in header]
+        (home / 'map.yaml').write_text('\n'.join(lines) + '\n')
+        return read(home, home / 'map.yaml'), plain_request()
+
+
+def in_foreign(name: str, cell: str) -> str:
+    """A cell of the contract's column `name` in the foreign unit."""
+    return repr(float(cell) / FOREIGN[name][1]) if cell else ''
+
+
+def other_seeds(folder: Path) -> Asked:
+    """Other random starts of the fit, and other draws of the bootstrap."""
+    return read(folder), plain_request(seed=29)
+
+
+def decimated(folder: Path) -> Asked:
+    """Every second sample; the command as it was."""
+    campaign = read(folder)
+    halves = tuple(
+        replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
+        for one in campaign.recordings
+    )
+    return replace(campaign, recordings=halves), plain_request()
+
+
+def every_second_row(folder: Path) -> Asked:
+    """Every second row of each file, whatever it holds."""
+    with tempfile.TemporaryDirectory() as place:
+        home = Path(place)
+        for file in folder.glob('*.csv'):
+            header, *rows = file.read_text().splitlines()
+            (home / file.name).write_text('\n'.join([header, *rows[::2]]) + '\n')
+        shutil.copy(folder / 'meta.json', home)
+        return read(home), plain_request()
+
+
+VARIANTS: dict[str, Callable[[Path], Asked]] = {
+    'as it is': as_it_is, 'reordered': reordered, 'renamed': renamed, 'other seeds': other_seeds, 'decimated': decimated,
+    'every second row': every_second_row,
+}  # fmt: skip
+
+
+def solve(folder: Path, name: str, variant: str) -> dict[str, Any]:
+    """Diagnose one variant of a case."""
+    nominal = folder / 'nominal.yaml'
+    config = read_config(nominal if nominal.exists() else None)
+    campaign, request = VARIANTS[variant](folder)
+    begun = time.perf_counter()
+    data = as_data(diagnose(campaign, config, request=request))
+    return {
+        'case': name, 'variant': variant, 'verdict': data['verdict'], 'effects': data['effects'],
+        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'], 'seconds': time.perf_counter() - begun,
+    }  # fmt: skip
+
+
+def folder_of(name: str, folders: dict[str, Path], home: Path) -> Path:
+    """The folder of a case; that of a challenge is made."""
+    if name in folders:
+        return folders[name]
+    seed, kinds = CASES[name]
+    made = home / name.replace(' ', '')
+    if not made.exists():
+        write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, duration=50.0, rate=20.0), made, 'csv')
+    return made
+
+
+def table(done: list[dict[str, Any]]) -> Iterator[str]:
+    """A row per case: what it is as it is, and what becomes of it in each variant."""
+    yield '| case | bare | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
+    yield '|' + '---|' * (len(VARIANTS) + 2)
+    for name in dict.fromkeys(one['case'] for one in done):
+        found = {one['variant']: one for one in done if one['case'] == name}
+        first = found.pop('as it is', None)
+        if first is not None:
+            cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]
+            yield f'| {name} | {first["bare"]:.2f} | {words(first)} | ' + ' | '.join(cells) + ' |'
+
+
+def words(one: dict[str, Any]) -> str:
+    """A verdict in short."""
+    return ' '.join([f'`{one["verdict"]}`', ', '.join(one['effects'])]).strip()
+
+
+def cell(one: dict[str, Any] | None, first: dict[str, Any]) -> str:
+    """What became of a variant: the same verdict and first effect, or which other."""
+    if one is None:
+        return ''
+    same = one['verdict'] == first['verdict'] and one['effects'][:1] == first['effects'][:1]
+    return 'same' if same else words(one)
+
+
+def main() -> None:
+    """Run what is missing, as long as there is time; print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--folder', type=Path, nargs='*', default=[])
+    parser.add_argument('--minutes', type=float, default=60.0)
+    parser.add_argument('--file', type=Path, default=Path('invariance.jsonl'))
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
+    known = {(one['case'], one['variant']) for one in done}
+    end = time.monotonic() + 60.0 * arguments.minutes
+    folders = {folder.name: folder for folder in arguments.folder}
+    wanted = [(name, variant) for name in (*CASES, *folders) for variant in VARIANTS if (name, variant) not in known]
+    with tempfile.TemporaryDirectory() as home:
+        for name, variant in wanted:
+            if time.monotonic() > end:
+                break
+            done.append(solve(folder_of(name, folders, Path(home)), name, variant))
+            with arguments.file.open('a') as file:
+                file.write(json.dumps(done[-1]) + '\n')
+            print(done[-1], flush=True)
+    print(*table(done), sep='\n')
+
+
+if __name__ == '__main__':
+    main()

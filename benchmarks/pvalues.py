@@ -1,0 +1,115 @@
+"""Are the p-values of a diagnosis what they say? Screening of robots that lack nothing.
+
+    python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--file FILE.jsonl] [--figure docs/pvalues.png]
+
+Each case is a robot with other parameters, MAS kinetics and noise, but no hidden effect (sma_sim/challenge): two runs of
+100 s at 10 Hz, which is what a diagnosis of 50 Hz thins its samples to; every other case with forces. The bare model (MAS,
+which a diagnosis of such robots chooses) is fitted, all effects are screened, and the smallest family p-value is kept. Over
+many cases it should be uniform. Finished cases are kept in the file, so that a run can be continued; table and figure are of
+all in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import kstest, kstwo
+
+from sma_sim.challenge.make import make_challenge
+from sma_sim.evidence.calibrate import Options, data_error, search
+from sma_sim.evidence.candidates import candidates_for
+from sma_sim.evidence.diagnose import STARTS
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.screening import screen
+from sma_sim.report.palette import BLUE, GREY
+from sma_sim.report.style import new_figure, plain, save
+
+FIRST_SEED, RATE, TRAINING = 2000, 10.0, 2
+LEVELS = (0.01, 0.05, 0.1, 0.25, 0.5)
+
+
+def one_case(number: int) -> dict[str, Any]:
+    """The smallest family p-value of one robot that lacks nothing, and which effect has it."""
+    forces = number % 2 == 0
+    made = make_challenge(FIRST_SEED + number, 0, forces=forces, rate=RATE)
+    training = replace(made.campaign, recordings=made.campaign.recordings[:TRAINING])
+    begun = time.perf_counter()
+    with some_executor(None) as pool:
+        config = replace(made.nominal, model='mas')
+        bare = search(training, config, Options(starts=STARTS), pool, Event(), None)
+        found = screen(bare.problem, bare.best.z, candidates_for(config), pool)
+    best = found[0]
+    return {
+        'case': number, 'forces': forces, 'error': data_error(bare.problem, bare.best), 'p': best.family_p,
+        'effect': best.candidate.name, 'gain': best.gain, 'seconds': time.perf_counter() - begun,
+    }  # fmt: skip
+
+
+def kept(file: Path) -> list[dict[str, Any]]:
+    """The cases that were run before."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def table(rows: list[dict[str, Any]]) -> list[str]:
+    """How many cases lie below each level, and whether all could be uniform."""
+    seen, unseen = ([one for one in rows if one['forces'] is forces] for forces in (True, False))
+    groups = {'all': rows, 'forces': seen, 'pose': unseen}
+    lines = [f'{"":8}{"cases":>6}' + ''.join(f'{f"p <= {level:g}":>11}' for level in LEVELS) + f'{"uniform? p":>12}']
+    for name, part in groups.items():
+        if part:
+            p = np.array([one['p'] for one in part])
+            below = ''.join(f'{np.mean(p <= level):>11.3f}' for level in LEVELS)
+            lines.append(f'{name:8}{len(p):>6}{below}{kstest(p, "uniform").pvalue:>12.3f}')
+    return lines
+
+
+def draw(p: NDArray[np.float64]) -> Figure:
+    """Share of the cases at or below p against p, and the band that 95 % of uniform samples stay within."""
+    figure = new_figure(5.2, 4.6)
+    axis = figure.subplots()
+    plain(axis)
+    straight, reach = np.linspace(0.0, 1.0, 101), float(kstwo.ppf(0.95, len(p)))
+    axis.fill_between(
+        straight, np.clip(straight - reach, 0.0, 1.0), np.clip(straight + reach, 0.0, 1.0), color=GREY, alpha=0.25,
+        lw=0, label='95 % of uniform samples',
+    )  # fmt: skip
+    axis.plot(straight, straight, color=GREY, ls=':', label='uniform')
+    share = [*np.arange(len(p) + 1) / len(p), 1.0]
+    axis.step([0.0, *np.sort(p), 1.0], share, where='post', color=BLUE, label=f'{len(p)} robots that lack nothing')
+    axis.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), xlabel='family p-value of the best effect', ylabel='share of robots')
+    axis.legend(frameon=False, loc='upper left')
+    return figure
+
+
+def main() -> None:
+    """Run the cases that are missing, as long as there is time; print the table, draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--cases', type=int, default=60)
+    parser.add_argument('--minutes', type=float, default=60.0)
+    parser.add_argument('--file', type=Path, default=Path('pvalues.jsonl'))
+    parser.add_argument('--figure', type=Path)
+    arguments = parser.parse_args()
+    done, end = kept(arguments.file), time.monotonic() + 60.0 * arguments.minutes
+    for number in sorted(set(range(arguments.cases)) - {one['case'] for one in done}):
+        if time.monotonic() > end:
+            break
+        done.append(one_case(number))
+        with arguments.file.open('a') as file:
+            file.write(json.dumps(done[-1]) + '\n')
+        print(done[-1], flush=True)
+    print(*table(done), sep='\n')
+    if arguments.figure and done:
+        save(draw(np.array([one['p'] for one in done])), arguments.figure)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,125 @@
+"""Figures of one step of a diagnosis: the channel that changed most, the fitted values, the errors, the screening."""
+
+from __future__ import annotations
+
+import math
+
+from sma_sim.evidence.compare import ComparedRun
+from sma_sim.evidence.diagnose import Step
+from sma_sim.evidence.selection import Round, Tried
+from sma_sim.evidence.shown_units import SHOWN as UNITS
+from sma_sim.evidence.step_change import StepChange
+from sma_sim.evidence.uncertainty import GAUSS_95
+from sma_sim.model.parameters import Parameter
+from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small
+from sma_sim.report.html.page import Plot
+from sma_sim.report.palette import BLUE, GREY, ORANGE
+
+MOST_SCREENED = 12
+MOST_POINTS = 1200
+WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logarithmic
+
+
+def change_plot(change: StepChange) -> Plot:
+    """Measured, model before and model after in the channel that changed most, with residuals over noise below."""
+    channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
+    unit, factor = UNITS[channel]
+    at = envelope(change.before.residual(channel), MOST_POINTS)
+    time = small(change.before.time[at])
+    for name, values, colour, width in (
+        ('measured', change.before.measured[channel], MEASURED, 3.0),
+        ('before', change.before.shown[channel], ORANGE, 1.4), ('after', change.after.shown[channel], SHOWN, 1.4),
+    ):  # fmt: skip
+        figure.add_scatter(
+            x=time, y=small(factor * values[at]), name=name, legendgroup=name, mode='lines',
+            line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=1, col=1,
+        )  # fmt: skip
+    for name, run, colour in (('before', change.before, ORANGE), ('after', change.after, SHOWN)):
+        figure.add_scatter(
+            x=time, y=over_noise(run, channel, at), name=name, legendgroup=name, showlegend=False, mode='lines',
+            line={'color': colour, 'width': 1}, hovertemplate='%{y:.2f} x noise at %{x:.2f} s', row=2, col=1,
+        )  # fmt: skip
+    figure.update_yaxes(title_text=f'{channel} [{unit}]', row=1, col=1)
+    figure.update_yaxes(title_text='res. / noise', nticks=5, row=2, col=1)
+    figure.update_xaxes(title_text='time [s]', row=2, col=1)
+    kind = 'held out' if change.held_out else 'fitted'
+    words = (
+        f'{channel} in {change.before.name} ({kind}), the channel that this step changed most: error over noise '
+        f'{change.errors[0]:.2f} before, {change.errors[1]:.2f} after. Below: measured - model over the noise.'
+    )
+    return Plot(figure, words, 380)
+
+
+def over_noise(run: ComparedRun, channel: str, at: object) -> object:
+    """Residual over noise at some samples."""
+    return small(run.residual(channel)[at] / run.noise[channel])  # type: ignore[call-overload]
+
+
+def range_plots(one: Tried) -> list[Plot]:
+    """A figure per fitted parameter of an effect: value and 95 % interval beside what is realistic."""
+    fitted = one.fitted.values_of(one.name)
+    return [
+        range_plot(parameter, fitted[parameter.name], one.std.get(f'effects.{one.name}.{parameter.name}', math.nan))
+        for parameter in one.found.effect.parameters if parameter.name in fitted
+    ]  # fmt: skip
+
+
+def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
+    """One parameter."""
+    figure, reach = new_figure(), GAUSS_95 * std
+    real = parameter.realistic
+    wide = real is not None and real[0] > 0.0 and real[1] >= WIDE_RANGE * real[0] and value > 0.0
+    if real is not None:
+        figure.add_scatter(x=list(real), y=[0, 0], mode='lines', name='realistic', line={'color': '#d5dae0', 'width': 22})
+    if parameter.neutral is not None and not wide:
+        figure.add_scatter(
+            x=[parameter.neutral], y=[0], mode='markers', name='no effect',
+            marker={'color': GREY, 'symbol': 'line-ns-open', 'size': 20, 'line': {'width': 2}},
+        )  # fmt: skip
+    error = None if math.isnan(std) else {
+        'type': 'data', 'symmetric': False, 'array': [reach], 'thickness': 2, 'width': 6, 'color': BLUE,
+        'arrayminus': [min(reach, 0.99 * value) if wide else reach],
+    }  # fmt: skip
+    figure.add_scatter(x=[value], y=[0], mode='markers', name='fitted', marker={'color': BLUE, 'size': 11}, error_x=error)
+    figure.update_xaxes(title_text=f'{parameter.name} [{parameter.unit}]', nticks=6)
+    if wide:
+        figure.update_xaxes(type='log', dtick='D2')
+    figure.update_yaxes(visible=False, range=[-1, 1], fixedrange=True)
+    figure.update_layout(margin={'l': 24, 'r': 24, 't': 30, 'b': 44})
+    interval = '' if math.isnan(std) else f' ({value - reach:.4g} to {value + reach:.4g})'
+    range_ = f'; realistic: {real[0]:g} to {real[1]:g}' if real else ''
+    unit = '' if parameter.unit == '-' else f' {parameter.unit}'
+    return Plot(figure, f'{parameter.name} = {value:.4g}{unit}{interval}{range_}', 150)
+
+
+def channel_plot(before: Step, after: Step) -> Plot:
+    """Errors by channel, held out where there is a held-out run; the channel that changed most first."""
+    first = before.held_out_channels or before.channels
+    then = after.held_out_channels or after.channels
+    names = sorted(first, key=lambda name: then[name] / first[name])
+    figure = new_figure()
+    figure.add_bar(x=names, y=[first[name] for name in names], name='before', marker={'color': ORANGE})
+    figure.add_bar(x=names, y=[then[name] for name in names], name='after', marker={'color': SHOWN})
+    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
+    figure.update_yaxes(title_text='error over noise')
+    return Plot(figure, 'Error over noise by channel before and after; dotted: the noise.', 280)
+
+
+def screen_plot(one: Round) -> Plot:
+    """Screened effects by what they could explain."""
+    best = list(reversed(one.screened[:MOST_SCREENED]))
+    accepted = one.accepted.name if one.accepted else ''
+    figure = new_figure()
+    figure.add_bar(
+        x=[100.0 * screened.gain / max(one.base.squares, 1e-300) for screened in best],
+        y=[screened.candidate.name for screened in best], orientation='h', showlegend=False,
+        marker={'color': [ORANGE if screened.candidate.name == accepted else BLUE for screened in best]},
+    )  # fmt: skip
+    figure.update_xaxes(title_text='part of the squares [%]', rangemode='tozero')
+    figure.update_yaxes(automargin=True, showgrid=False)
+    figure.update_layout(margin={'l': 10, 't': 10})
+    words = (
+        'Score test: part of the remaining squares that each effect could explain to first order, beyond what the fitted '
+        'parameters absorb.' + (' Orange: accepted.' if accepted else '')
+    )
+    return Plot(figure, words, 70 + 22 * len(best))

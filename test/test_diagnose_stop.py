@@ -1,0 +1,132 @@
+"""Ctrl-C at any moment of a diagnosis: a real process, its words and exit code, its files whole, with the steps so far."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from sma_sim.challenge.files import write_challenge
+from sma_sim.challenge.make import make_challenge
+from sma_sim.evidence.stopping import stoppable
+from sma_sim.model.config import read_config
+
+PATIENCE = 300.0  # [s]
+
+
+@pytest.fixture(scope='module')
+def case(tmp_path_factory):
+    """A small robot that lacks gravity and convection, so that there are three rounds."""
+    folder = tmp_path_factory.mktemp('stop') / 'case'
+    kinds = ['gravity', 'natural_convection']
+    write_challenge(make_challenge(2, 2, kinds=kinds, forces=True, duration=30.0, rate=10.0), folder, 'csv')
+    return folder
+
+
+class Diagnosing:
+    """`sma-sim diagnose` as a process of its own; what it says on stderr is kept."""
+
+    def __init__(self, case, home, *words):
+        self.home, self.said = home, []
+        outputs = ['--report', home / 'why.html', '--json', home / 'why.json', '-o', home / 'better.yaml']
+        words = ['diagnose', case, '--config', case / 'nominal.yaml', *outputs, *words]
+        command = [sys.executable, '-m', 'sma_sim.cli.main', *words]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self):
+        self.said.extend(self.process.stderr)
+
+    def wait_for(self, words, times=1):
+        end = time.monotonic() + PATIENCE
+        while sum(words in line for line in list(self.said)) < times:
+            assert self.process.poll() is None and time.monotonic() < end, self.said
+            time.sleep(0.01)
+
+    def stopped(self):
+        """Ctrl-C: exit code and stdout."""
+        self.process.send_signal(signal.SIGINT)
+        words = self.process.stdout.read()
+        return self.process.wait(PATIENCE), words
+
+    def check_whole(self):
+        """The verdict, once all files are found to be there, whole and of one mind."""
+        assert not list(self.home.glob('*.part')) and not list(self.home.glob('.*.part'))
+        page = (self.home / 'why.html').read_text()
+        verdict = json.loads((self.home / 'why.json').read_text())
+        config = read_config(self.home / 'better.yaml')
+        assert page.rstrip().endswith('</html>')
+        assert [one.found.effect.name for one in config.effects] == verdict['effects'] == verdict['error'][-1]['effects']
+        assert all(step['train'] > 0.0 and step['held_out'] > 0.0 for step in verdict['error'])
+        return verdict, page
+
+
+@pytest.mark.parametrize(
+    ('words', 'times'),
+    [('fitting the hybrid', 1), ('fitting the mas', 1), ('screening', 1), ('refitting with', 1), ('cross-validating', 1)],
+)
+def test_stopped_before_anything_was_accepted(case, tmp_path, words, times):
+    one = Diagnosing(case, tmp_path)
+    one.wait_for(words, times)
+    code, said = one.stopped()
+    verdict, page = one.check_whole()
+    assert code == 130 and 'stopped before the search was over: nothing was found missing so far' in said
+    assert verdict['interrupted'] and verdict['effects'] == [] and len(verdict['error']) == 1
+    assert 'stopped before the search was over' in page and not any('Traceback' in line for line in one.said)
+
+
+def test_stopped_after_an_effect_was_accepted(case, tmp_path):
+    one = Diagnosing(case, tmp_path)
+    one.wait_for('accepted')
+    one.wait_for('screening', 2)
+    code, said = one.stopped()
+    verdict, page = one.check_whole()
+    assert code == 130 and 'more may be missing' in said
+    assert verdict['interrupted'] and len(verdict['effects']) == 1 and len(verdict['error']) == 2
+    assert f'the model lacks {verdict["effects"][0]}; more may be missing' in page
+
+
+def test_stopped_while_files_are_written(case, tmp_path):
+    """Then the search is over: everything is written, and nothing was interrupted."""
+    one = Diagnosing(case, tmp_path, '--model', 'mas')
+    end = time.monotonic() + PATIENCE
+    while not (tmp_path / 'better.yaml').exists():
+        assert one.process.poll() is None and time.monotonic() < end, one.said
+        time.sleep(0.005)
+    code, said = one.stopped()
+    verdict, _ = one.check_whole()
+    assert code == 0 and not verdict['interrupted'] and said.startswith('verdict: ')
+
+
+def test_the_second_one_is_not_held_back():
+    before = signal.getsignal(signal.SIGINT)
+    with stoppable() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.wait(5.0)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5.0)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_where_ctrl_c_is_ignored_or_cannot_be_heard():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with stoppable() as stop:
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN and not stop.is_set()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    found = []
+
+    def elsewhere():
+        with stoppable() as stop:
+            found.append(stop.is_set())
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert found == [False] and signal.getsignal(signal.SIGINT) is before

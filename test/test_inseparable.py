@@ -1,0 +1,99 @@
+"""What the equations make inseparable is absorbed by the calibration, or reported as inseparable: never a finding."""
+
+import textwrap
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import campaign, config, scaled
+
+from sma_sim import Campaign, Input, Model, Recording, find_effects, simulate
+from sma_sim.evidence.calibrate import Options
+from sma_sim.evidence.candidates import with_effect
+from sma_sim.evidence.diagnose import Request, diagnose
+from sma_sim.evidence.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.verdict import as_data, as_text
+
+HIDDEN = {
+    'clamps': """
+        port='wire_heat', equation='Q = -G (T - T_E)', source='heat conducted to the clamps',
+        parameters=(Parameter('G', 4e-3, 'W/K', (0.0, 1.0), 'conductance', '', 0.0),),
+        kernel=lambda s, w, p: -p.G * (s.T - s.T_E),""",
+    'power_gain': """
+        port='actuation', stage='gain', equation='J -> g J', source='a power meter that is not calibrated',
+        parameters=(Parameter('g', 1.25, '-', (0.1, 10.0), 'gain of all wires', '', 1.0),),
+        kernel=lambda s, w, p: p.g * s.J,""",
+}
+FILE = """
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+EFFECT = Effect(name='{name}', {rest}
+)
+"""
+
+
+@pytest.fixture(scope='module')
+def effects(tmp_path_factory):
+    """The library's, and those that a calibration can absorb; only the truth has them."""
+    home = tmp_path_factory.mktemp('hidden')
+    for name, rest in HIDDEN.items():
+        (home / f'{name}.py').write_text(FILE.format(name=name, rest=textwrap.dedent(rest).strip()))
+    return find_effects([home])
+
+
+def request(model):
+    return Request(model, options=Options(starts=1, intervals=False))
+
+
+def robot(effects, model, *hidden, delay=0.0):
+    truth = scaled(config(model), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
+    for name, values in hidden:
+        truth = with_effect(truth, effects[name], values)
+    return campaign(truth, [1, 2, 3], noise=1.0, rate=10.0, delay=delay)
+
+
+@pytest.mark.parametrize('model', ['mas', 'hybrid'])
+def test_all_of_them_at_once_are_absorbed(effects, model):
+    """A spring and heat at the clamps, a gain of all power, a delay: moduli, lambda, c_V and delay take them."""
+    hidden = (('attachment_compliance', {'C': 2e-4}), ('power_gain', {'g': 1.25}), ('clamps', {'G': 4e-3}))
+    found = diagnose(robot(effects, model, *hidden, delay=0.06), config(), request=request(model))
+    assert found.verdict == 'none' and found.effects == () and found.steps[0].held_out < 1.1
+    values = found.calibration.values
+    assert found.calibration.delay == pytest.approx(0.06, abs=0.01)
+    area = 2.0 * np.pi * config().parameters['wire.r0'] * config().parameters['wire.l0']
+    known = (0.93 * 380.0) / (1.1 * 450.0 + 4e-3 / area)  # c_V/lambda: the gain and the length of the wire drop out
+    assert values['wire.c_V'] / values['wire.lambda'] == pytest.approx(known, rel=0.03)
+
+
+def test_a_short_driver_lag_is_a_delay(effects):
+    found = diagnose(robot(effects, 'mas', ('driver_lag', {'tau': 0.02})), config(), request=request('mas'))
+    assert found.verdict == 'none' and found.calibration.delay == pytest.approx(0.02, abs=0.01)
+
+
+def wire_run(truth, seed, noise):
+    """A wire that is drawn and heated at random."""
+    random = np.random.default_rng(seed)
+    times, samples = np.linspace(0.0, 60.0, 19), np.arange(600) / 10.0
+    strain, J = random.uniform(0.0, 0.065, 19), random.uniform(0.0, 1.0, 19) * (random.random(19) > 0.4)
+    strain[0] = J[0] = 0.0
+    source = Input(times, np.column_stack([strain, J, np.full(19, 298.0)]), (True, False, False))
+    run = simulate(Model(replace(truth, parameters={**truth.parameters, 'solver.rtol': 1e-7})), source, samples)
+    channels = {name: run[CHANNEL_COLUMNS[name]] + std * random.normal(size=600) for name, std in noise.items()}
+    return Recording(f'run{seed}', 'wire', samples, channels, source)
+
+
+@pytest.mark.parametrize(('noise', 'verdict'), [({'stress': 1e6}, 'none'), ({'stress': 1e6, 'T': 0.2}, 'missing_effect')])
+def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
+    """With the temperature measured it shows as latent heat: c_V and lambda absorb the rest. It is named as the same."""
+    truth = with_effect(scaled(config('mas', 'wire'), wire__c_V=0.93), effects['power_gain'], {'g': 1.25})
+    runs = Campaign(tuple(wire_run(truth, seed, noise) for seed in (1, 2, 3)), noise)
+    found = diagnose(runs, config('mas', 'wire'), request=request('mas'))
+    assert found.verdict == verdict
+    if found.effects:
+        assert found.effects == ('latent_heat_scale',)
+        first = as_data(found)['ranking'][0]
+        assert first['parameters']['k']['value'] == pytest.approx(1.0 / 1.25, rel=0.05)
+        assert 'power gain 1/k' in first['same_as']
+        assert any('no data can tell it from a power gain 1/k' in line for line in as_text(found))
+        alike = found.likeness['latent_heat_scale']
+        assert {one.name for one in alike} == set(first['confounded_with']) and all(one.apart < 0.3 for one in alike)
