@@ -18,6 +18,7 @@ from sma_sim.evidence.selection import Workplace
 FIRST, PER_PLACE = 9, 2  # terms that are fitted after the first look, and of one place
 AGAIN, SWAPPED = 2, 5  # fits from which it goes on, and terms that are tried in place of theirs
 CLOSE = 1.5  # times the least error: fits beyond it are not gone on from
+WELL = 1.03  # error over noise below which nothing is exchanged
 WARMER = 4.0  # times k at which terms are exchanged
 PAIRED = 3  # second terms that are tried
 ENOUGH = 1.1  # error over noise below which no second term is looked for
@@ -30,7 +31,7 @@ def search(bare: Fitted, place: Workplace) -> list[Grown]:
     guesses = everywhere(Bench(soft.problem.weighted(1.0 / k), soft.z, place.pool))
     found = fitted_with(soft, k, [(one,) for one in spread_out(guesses)], place)
     for again in leading(found):
-        if not place.stop.is_set():
+        if again.fitted.error > WELL and not place.stop.is_set():
             found += exchanged(soft, again, place)
     found.sort(key=lambda one: one.fitted.cost)
     if found and found[0].fitted.error > ENOUGH and not place.stop.is_set():
