@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
+from sma_sim.evidence.proposed import finite, number, proposed_data, proposed_text
 from sma_sim.evidence.selection import Round, Tried
 from sma_sim.model.config import flat_parameters
 
@@ -17,8 +19,11 @@ WORDS = {
 }
 
 
-def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only."""
+def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
+    """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only.
+
+    `file` is where the proposed effect was written.
+    """
     first = diagnosis.rounds[0] if diagnosis.rounds else None
     return {
         'verdict': diagnosis.verdict,
@@ -36,7 +41,7 @@ def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
         'held_out': list(diagnosis.held_out),
         'interrupted': diagnosis.interrupted,
         'seconds': diagnosis.seconds,
-    }  # fmt: skip
+    } | ({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {})  # fmt: skip
 
 
 def ranking(first: Round, ratios: dict[str, float]) -> list[dict[str, Any]]:
@@ -87,11 +92,6 @@ def intervals_of(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     }
 
 
-def finite(value: float) -> float | None:
-    """JSON has no NaN and no infinity."""
-    return value if math.isfinite(value) else None
-
-
 def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield f'verdict: {diagnosis.verdict} - {WORDS[diagnosis.verdict].format(effects=" and ".join(diagnosis.effects))}'
@@ -103,10 +103,11 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
             yield from lines_on(one.accepted)
     if diagnosis.verdict == 'unknown_effect':
-        last = diagnosis.steps[-1]
+        last = diagnosis.steps[-2 if diagnosis.proposal else -1]
         channels = last.held_out_channels or last.channels
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
+        yield from proposed_text(diagnosis)
     if diagnosis.interrupted:
         yield 'stopped early: more may be missing'
 
@@ -122,8 +123,3 @@ def lines_on(one: Tried) -> Iterator[str]:
             yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g} {parameter.unit}{range_}'
     if one.alike:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
-
-
-def number(value: float) -> str:
-    """An error over noise."""
-    return f'{value:.2f}' if math.isfinite(value) else '-'

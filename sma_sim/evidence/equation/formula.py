@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.equation.growing import POSITIVE
 from sma_sim.evidence.equation.places import STIFFNESS, Place
-from sma_sim.evidence.equation.terms import Shape, Term, per_unit
+from sma_sim.evidence.equation.terms import Shape, Term, factor, per_unit
 from sma_sim.evidence.equation.trying import Guess
 from sma_sim.evidence.equation.writing import common_lines, effect_in, folder_with, located
 from sma_sim.model.effects.library import FoundEffect
@@ -48,7 +48,13 @@ class Formula:
     @property
     def variables(self) -> tuple[str, ...]:
         """The states that it depends on."""
-        return tuple(dict.fromkeys(name for term in self.terms for name in term.variables))
+        bent = ('alpha',) if self.along_stiffness else ()
+        return tuple(dict.fromkeys([*bent, *(name for term in self.terms for name in term.variables)]))
+
+    @property
+    def along_stiffness(self) -> bool:
+        """Whether it is a part of the beam's stiffness."""
+        return (self.place.hook, self.place.component) == ('structure_force', STIFFNESS)
 
     def coefficient(self, k: int) -> str:
         """The name of the coefficient of term k."""
@@ -127,7 +133,7 @@ class Formula:
         place = self.place
         symbol = COORDINATES[place.component] if place.hook == 'structure_force' else QUANTITIES[place.hook]
         before = {'actuation': 'J + ', 'sensing': 'value + '}.get(place.hook, '')
-        after = ' K q' if place.component == STIFFNESS and place.hook == 'structure_force' else ''
+        after = ' K q' if self.along_stiffness else ''
         rates = [f'd{state}/dt = {plain(self.text_of(k, "rate"))}' for k, state in enumerate(self.states) if state]
         where = f' ({place.description})'
         return '; '.join([f'{symbol} = {before}{plain(self.sum)}{after}', *rates]) + where
@@ -141,7 +147,7 @@ class Formula:
         place = self.place
         constants = 'b' if place.hook == 'structure_force' else 'w'
         arguments = f's, {constants}, p, m' if any(self.states) else f's, {constants}, p'
-        twice = place.hook == 'transformation_stress' or (place.hook, place.component) == ('structure_force', STIFFNESS)
+        twice = place.hook == 'transformation_stress' or self.along_stiffness
         kernel = located(place, f'quantity({arguments})' if twice else self.sum, constants)
         body = f'\n\ndef quantity({arguments}):\n    """{place.description}"""\n    return {self.sum}\n\n' if twice else ''
         lines = [
@@ -172,9 +178,7 @@ class Formula:
 
 def product(coefficient: str, value: str) -> str:
     """A coefficient times a value."""
-    if value == '1.0':
-        return coefficient
-    return f'{coefficient} * {value}' if re.fullmatch(r'[\w.]+|\w+(\.\w+)?\([^()]*\)', value) else f'{coefficient} * ({value})'
+    return coefficient if value == '1.0' else f'{coefficient} * {factor(value)}'
 
 
 def plain(text: str) -> str:

@@ -9,10 +9,10 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.equation.any_term import any_term
 from sma_sim.evidence.equation.tempering import tempered
 from sma_sim.evidence.equation.trying import Guess
-from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.free_parameters import FreeParameter
 from sma_sim.evidence.problem import Problem
 from sma_sim.evidence.refit import Fitted

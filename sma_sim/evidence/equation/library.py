@@ -9,6 +9,7 @@ from sma_sim.evidence.equation.terms import Shape, Term, times
 EDGE = 0.3  # [s] over which a switch in time is smoothed
 MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
+FADING = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it fades with the distance')
 ONE = Term('constant', '1.0', '-', ('constant',))
 
 
@@ -17,25 +18,25 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
 
     `offset` is what powers leave out of the value (T_E of a temperature).
     """
-    u = f'({value} - {offset})' if offset else f'{value}'
+    u = f'({value} - {offset})' if offset else value
+    size = u if offset else f'({u})'
     at = Shape(f'{name}_0', unit, 'place', variable, description=f'{name} at which it begins, or its middle')
     width = Shape('width', unit, 'width', variable, description='width')
     waves = Shape('k', f'rad/({unit})' if unit != 'rad' else '-', 'waves', variable, description='2 pi over the period')
-    away = f'({value} - {{{at.name}}})'
-    ratio = f'({away} / {{width}})'
+    away = f'{value} - {{{at.name}}}'
+    ratio = f'(({away}) / {{width}})'
     on = (variable,)
     return [
         Term(name, u, unit, on),
-        Term(f'{name}_abs', f'abs({u}) * {u}', f'{unit}^2', on),
+        Term(f'{name}_abs', f'abs{size} * {u}', f'{unit}^2', on),
         Term(f'{name}_square', f'{u} ** 2', f'{unit}^2', on),
         Term(f'{name}_cube', f'{u} ** 3', f'{unit}^3', on),
         Term(f'{name}_above', f'max(0.0, {away})', unit, on, (at,)),
-        Term(f'{name}_below', f'max(0.0, -{away})', unit, on, (at,)),
+        Term(f'{name}_below', f'max(0.0, {{{at.name}}} - {value})', unit, on, (at,)),
         Term(f'{name}_step', f'0.5 * (1.0 + math.tanh{ratio})', '-', on, (at, width)),
         Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
-        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (
-            at, width, Shape('power', '-', 'fixed', values=(1.5,), description='how fast it fades with the distance'))),
+        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, FADING)),
         Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (
             waves, Shape('phase', 'rad', 'phase', description='phase'))),
     ]  # fmt: skip
@@ -68,7 +69,7 @@ def filtered(name: str, value: str, unit: str, variables: tuple[str, ...], what:
 
 @cache
 def heat_terms() -> tuple[Term, ...]:
-    """Heat into a wire: what depends on its temperature, its phase and the time; what scales with the power is electrical."""
+    """Heat into a wire: of its temperature, its phase and the time; what scales with the power is electrical."""
     above = Term('dT', 's.T - s.T_E', 'K', ('T',))
     fraction = Term('x', 's.x', '-', ('x',))
     return (

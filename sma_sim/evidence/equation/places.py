@@ -12,6 +12,7 @@ from sma_sim.evidence.equation.terms import Term
 from sma_sim.evidence.latent.ports import PORTS, Port
 from sma_sim.model.effects.ports import CHANNELS
 
+LAST_OF_POSE = 2  # among the channels
 BOTH_WIRES, STIFFNESS = -1, 3  # `component` of places that are no single port
 
 
@@ -34,7 +35,9 @@ class Place:
     @property
     def terms(self) -> tuple[Term, ...]:
         """The terms to try here."""
-        return TERMS[f'{self.hook}/{self.component}' if self.hook == 'structure_force' else self.hook]()
+        found = TERMS[f'{self.hook}/{self.component}' if self.hook == 'structure_force' else self.hook]()
+        still = self.hook == 'sensing' and self.component > LAST_OF_POSE  # play needs the rate of what is shown
+        return tuple(term for term in found if not (still and term.rate))
 
 
 TERMS: Mapping[str, Callable[[], tuple[Term, ...]]] = MappingProxyType({

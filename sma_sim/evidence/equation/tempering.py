@@ -2,7 +2,8 @@
 
 A model that lacks something bends its parameters as far as white noise would let it. With N residuals of size e (in units of
 the noise) that stay correlated over tau samples there are N/tau that tell something, each as uncertain as e: their squares
-are weighed down by k^2 = e^2 tau (generalised Bayes; k = 1 when the model is right). Such a fit stays near what is plausible.
+are weighed down by k^2 = e^2 tau (generalised Bayes; k = 1 when the model is right). Such a fit stays near what is
+plausible.
 """
 
 from __future__ import annotations

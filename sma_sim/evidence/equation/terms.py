@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 MOST_SHAPES = 3
-GRIDS = ('place', 'width', 'waves', 'phase', 'instant', 'pace', 'peaks', 'fixed')
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,7 @@ class Shape:
 class Term:
     """One candidate: ``value`` (a Python expression) in `unit`, of the `variables` that it depends on.
 
-    With `rate` (and `start`, 0 without it) it has one extra state ``m.z`` of size `scale`. Without `steady` it depends on
-    time only through what happened before.
+    With `rate` (and `start`, 0 without it) it has one extra state ``m.z`` of size `scale`.
     """
 
     name: str
@@ -57,11 +55,21 @@ def times(one: Term, other: Term) -> Term:
     return replace(
         one,
         name=f'{one.name}_{other.name}',
-        value=f'({one.value}) * ({other.value})',
+        value=f'{factor(one.value)} * {factor(other.value)}',
         unit=product_unit(one.unit, other.unit),
         variables=tuple(dict.fromkeys((*one.variables, *other.variables))),
         shapes=(*one.shapes, *other.shapes),
     )
+
+
+def factor(text: str) -> str:
+    """An expression that can stand in a product: in brackets if it is a sum."""
+    depth = 0
+    for k, letter in enumerate(text):
+        depth += (letter in '([{') - (letter in ')]}')
+        if depth == 0 and text[k : k + 3] in (' + ', ' - ', ' if'):
+            return f'({text})'
+    return text
 
 
 def product_unit(*units: str) -> str:
@@ -73,4 +81,5 @@ def per_unit(port: str, term: str) -> str:
     """The unit of the coefficient of a term at a port."""
     if term == '-':
         return port
-    return f'{"1" if port == "-" else port}/({term})' if ' ' in term or '/' in term else f'{"1" if port == "-" else port}/{term}'
+    below = f'({term})' if ' ' in term or '/' in term else term
+    return f'{"1" if port == "-" else port}/{below}'

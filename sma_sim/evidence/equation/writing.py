@@ -11,7 +11,6 @@ from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.compile import cache_folder
 
 
-
 def located(place: Place, value: str, constants: str = 'w') -> str:
     """What the kernel of an effect at a place returns for a value there."""
     if place.hook == 'structure_force':
