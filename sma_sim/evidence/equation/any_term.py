@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
+from sma_sim.evidence.equation.library import PULSE
 from sma_sim.evidence.equation.places import STIFFNESS, Place, places_of
 from sma_sim.evidence.equation.terms import MOST_SHAPES, Term
 from sma_sim.evidence.equation.writing import common_lines, effect_in, folder_with
@@ -55,7 +56,8 @@ def any_term(hook: str, memory: bool, copy: int = 0) -> AnyTerm:
 
     Formulas of several terms need as many copies.
     """
-    terms = tuple(dict.fromkeys(t for place in places_of(hook) for t in place.terms if bool(t.rate) == memory))
+    of_places = [t for place in places_of(hook) for t in place.terms if bool(t.rate) == memory]
+    terms = tuple(dict.fromkeys(of_places if memory else [*of_places, PULSE]))
     name = f'any_{hook}{"_with_memory" if memory else ""}{copy or ""}'
     return AnyTerm(effect_in(name, folder_with(name, source(name, hook, terms, memory))), terms)
 

@@ -22,6 +22,8 @@ QUANTITIES = {
 }  # fmt: skip
 COORDINATES = ('F_x', 'F_y', 'M', 'F')
 FAR = 1e3  # bounds of a coefficient, times its value
+ROUGH = 3  # digits of bounds and ranges
+LONG = 60  # letters of an expression that gets a function of its own
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Formula:
         """Declarations, with the values as defaults."""
         found = []
         for k, guess in enumerate(self.guesses):
-            far = FAR * abs(rounded(guess.amount))
+            far = rounded(FAR * abs(guess.amount), ROUGH)
             unit = self.unit(per_unit(self.place.unit, guess.term.unit))
             found.append(
                 Parameter(self.coefficient(k), rounded(guess.amount), unit, (-far, far), 'coefficient', '', 0.0)
@@ -97,9 +99,10 @@ class Formula:
 
     def declared(self, name: str, shape: Shape, value: float, limits: tuple[float, float]) -> Parameter:
         """One shape parameter; realistic is what these recordings could tell."""
-        low, high = (rounded(min(limits[0], value)), rounded(max(limits[1], value)))
-        room = 0.0 if shape.grid in POSITIVE else high - low
+        low, high = min(rounded(limits[0], ROUGH), value), max(rounded(limits[1], ROUGH), value)
+        room = high - low
         bounds = (low / 10.0, high * 10.0) if shape.grid in POSITIVE else (low - room, high + room)
+        bounds = (rounded(bounds[0], ROUGH), rounded(bounds[1], ROUGH))
         return Parameter(name, value, self.unit(shape.unit), bounds, shape.description, '', None, (low, high))
 
     def with_values(self, values: Mapping[str, float]) -> Formula:
@@ -147,9 +150,10 @@ class Formula:
         place = self.place
         constants = 'b' if place.hook == 'structure_force' else 'w'
         arguments = f's, {constants}, p, m' if any(self.states) else f's, {constants}, p'
-        twice = place.hook == 'transformation_stress' or self.along_stiffness
-        kernel = located(place, f'quantity({arguments})' if twice else self.sum, constants)
-        body = f'\n\ndef quantity({arguments}):\n    """{place.description}"""\n    return {self.sum}\n\n' if twice else ''
+        apart = place.hook == 'transformation_stress' or self.along_stiffness or len(self.sum) > LONG
+        kernel = located(place, f'quantity({arguments})' if apart else self.sum, constants)
+        words = f'"""{place.description.capitalize()} [{place.unit}]."""'
+        body = f'\n\ndef quantity({arguments}):\n    {words}\n    return {self.sum}\n\n' if apart else ''
         lines = [
             f'name={self.name!r},', f'port={place.hook!r},', *folded('equation', self.equation), *folded('source', origin),
             'parameters=(', *(f'    {line}' for p in self.parameters for line in declaration(p)), '),',
@@ -190,7 +194,7 @@ def declaration(p: Parameter) -> list[str]:
     """The lines that declare a parameter in the file."""
     rest = f'{p.description!r}, {FITTED!r}, {p.neutral!r}'
     end = ')' if p.realistic is None else f', {p.realistic!r})'
-    return [f'Parameter({p.name!r}, {p.default!r}, {p.unit!r}, {p.bounds!r}, {rest}{end},']
+    return ['Parameter(', f'    {p.name!r}, {p.default!r}, {p.unit!r}, {p.bounds!r},', f'    {rest}{end},']
 
 
 def folded(name: str, words: str) -> list[str]:
@@ -201,6 +205,6 @@ def folded(name: str, words: str) -> list[str]:
     return [f'{name}=(', *(f'    {part!r}' for part in parts), '),']
 
 
-def rounded(value: float) -> float:
-    """Six digits are enough in a file."""
-    return float(f'{value:.6g}')
+def rounded(value: float, digits: int = 6) -> float:
+    """As many digits as a file needs."""
+    return float(f'{value:.{digits}g}')

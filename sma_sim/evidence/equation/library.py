@@ -9,6 +9,9 @@ from sma_sim.evidence.equation.terms import Shape, Term, times
 EDGE = 0.3  # [s] over which a switch in time is smoothed
 MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
+# A hat in time: no term of a formula, but what shows the time course of a quantity.
+PULSE = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
+    Shape('t_0', 's', 'instant'), Shape('width', 's', 'pace')))  # fmt: skip
 FADING = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it fades with the distance')
 ONE = Term('constant', '1.0', '-', ('constant',))
 

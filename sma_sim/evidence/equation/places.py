@@ -53,7 +53,8 @@ TERMS: Mapping[str, Callable[[], tuple[Term, ...]]] = MappingProxyType({
 })  # fmt: skip
 STAGES = {'actuation': 'gain', 'sensing': 'bias'}
 EVERY_WIRE: Mapping[str, str] = MappingProxyType({
-    'heat': 'heat into each wire', 'strain': 'strain of each wire', 'stress': 'transformation stresses of each wire',
+    'heat': 'heat into each wire', 'strain': 'strain of each wire',
+    'stress': 'shift of both transformation stresses of each wire',
     'power': 'electrical heating of each wire',
 })  # fmt: skip
 

@@ -15,6 +15,7 @@ from sma_sim.evidence.candidates import Candidate
 from sma_sim.evidence.descent import Effort
 from sma_sim.evidence.equation.formula import Formula
 from sma_sim.evidence.equation.growing import Grown
+from sma_sim.evidence.equation.portrait import Portrait, portrait
 from sma_sim.evidence.equation.search import search
 from sma_sim.evidence.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.problem import Problem
@@ -50,7 +51,7 @@ class Proposal:
     """What is proposed: the best formula as an effect, the others that were tried (best first), which are as good.
 
     `before`: the cross-validated error without it; `fitted`: the model with it; `alike`: names of formulas that these
-    data cannot tell from it.
+    data cannot tell from it; `portrait`: the quantity over its variable.
     """
 
     formula: Formula
@@ -58,6 +59,7 @@ class Proposal:
     before: float
     judged: tuple[Judged, ...]
     alike: tuple[str, ...]
+    portrait: Portrait
 
     @property
     def effect(self) -> str:
@@ -110,7 +112,8 @@ def proposed_for(base: Fitted, least: float, place: Workplace) -> Proposal | Non
     place.told(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
     fitted = better_kinetics(chosen.tried.fitted, place)
     alike = tuple(one.formula.name for one in close if one is not chosen)
-    return Proposal(chosen.formula, fitted, least, tuple(judged), alike)
+    formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
+    return Proposal(formula, fitted, least, tuple(judged), alike, portrait(fitted, formula, place.pool))
 
 
 def judge(base: Fitted, grown: Grown, place: Workplace) -> Judged | None:

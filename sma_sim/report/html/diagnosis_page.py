@@ -16,8 +16,11 @@ from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
 from sma_sim.report.html.parameters import parameters_section
+from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.html.tried import round_section
 from sma_sim.report.palette import GREY
+
+REMARKS = (' = ', 'cannot tell', 'what is left', 'with it the')  # lines of the terminal that the page shows too
 
 
 def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held: Campaign | None) -> None:
@@ -27,6 +30,8 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
         before.setdefault(one.name, one.center)
     rest = summarise(compared_calibration(found.calibration, training, held, found.foretold, 'last step'))
     steps = [round_section(number, one, found) for number, one in enumerate(found.rounds, start=1)]
+    if found.proposal is not None:
+        steps.append(proposed_section(found, found.proposal))
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
     sections = [fall_section(found), *steps, parameters_section(found.calibration, before), *left]
     write_page(path, f'Diagnosis: {found.verdict}', [*sections, data_section(training, held)])
@@ -35,7 +40,7 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
 def fall_section(found: Diagnosis) -> Section:
     """The verdict, and the error over noise step by step."""
     verdict, *lines = as_text(found)
-    remarks = [line for line in lines if ' = ' in line or 'cannot tell' in line or 'what is left' in line]
+    remarks = [line for line in lines if any(words in line for words in REMARKS)]
     return Section('How the error fell', [
         Paragraph(verdict, 'lead'),
         Plot(fall_figure(found), 'Error over noise (root mean square over channels) of the runs that were fitted and of '
