@@ -11,6 +11,7 @@ from sma_sim.cli.data import add_data_options, check_outputs, chosen_executor, r
 from sma_sim.cli.fit import STOPPED
 from sma_sim.cli.options import add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.diagnose import Diagnosis, Request, diagnose, some_held_out
+from sma_sim.evidence.proposed import values_of
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.stopping import stoppable
 from sma_sim.evidence.tables import write_whole
@@ -29,6 +30,9 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file of the improved model, for the node and --config'
     )
+    parser.add_argument(
+        '--no-equation', action='store_true', help='do not look for the equation of what no known effect explains'
+    )
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -40,26 +44,28 @@ def run(arguments: argparse.Namespace) -> int:
     training, held = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_compilation()
-    request = Request(arguments.model, folders, arguments.seed)
+    request = Request(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
     with stoppable() as stop:  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held, request, executor, tell, stop)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        write_outputs(arguments, found, *some_held_out(training, held))
-    for path in (arguments.out, arguments.report, arguments.json):
+        written = write_outputs(arguments, found, *some_held_out(training, held))
+    for path in (arguments.out, written, arguments.report, arguments.json):
         if path:
             print(path)
     return STOPPED if found.interrupted else 0
 
 
-def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None) -> None:
-    """Write the files that were asked for. Raises UserError."""
-    if arguments.out:
-        write_improved(arguments, found)
+def write_outputs(
+    arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None
+) -> Path | None:
+    """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
+    written = write_improved(arguments, found) if arguments.out else None
     if arguments.json:
-        write_json(arguments.json, as_data(found))
+        write_json(arguments.json, as_data(found, written))
     if arguments.report:
         write_diagnosis_page(arguments.report, found, training, held)
+    return written
 
 
 def tell(words: str) -> None:
@@ -67,9 +73,18 @@ def tell(words: str) -> None:
     print(f'  {words}', file=sys.stderr, flush=True)
 
 
-def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> None:
-    """Write the parameter file of the last step, with a line on where it comes from."""
-    effects = ' and '.join(found.effects) or 'no effect'
-    origin = f'# Diagnosed by sma-sim diagnose from {", ".join(found.training)}: {found.verdict}, {effects} added.\n'
-    text = origin + parameter_file(found.calibration.config, folders_beside(arguments, arguments.out))
+def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | None:
+    """Write the parameter file of the last step, with a line on where it comes from.
+
+    A proposed effect is written to a folder beside it, which it names; returns that file.
+    """
+    folders, names, written = folders_beside(arguments, arguments.out), list(found.effects), None
+    source = f'sma-sim diagnose from {", ".join(found.training)}'
+    if found.proposal:
+        folder = arguments.out.with_name(f'{arguments.out.stem}_effects')
+        written = found.proposal.write(folder, values_of(found), f'proposed by {source}: a formula that fits, no known law')
+        folders, names = [*folders, folder.name], list(found.steps[-1].effects)
+    origin = f'# Diagnosed by {source}: {found.verdict}, {" and ".join(names) or "no effect"} added.\n'
+    text = origin + parameter_file(found.calibration.config, folders)
     write_whole(arguments.out, lambda file: file.write(text))
+    return written

@@ -2,7 +2,8 @@
 
 a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
 refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
-a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given.
+a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given. f. Where no
+known effect explains enough, an equation is proposed (`sma_sim.evidence.equation`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from sma_sim.evidence.calibrate import (
     search,
 )
 from sma_sim.evidence.descent import FIRST, Descent
+from sma_sim.evidence.equation.propose import Proposal, propose
 from sma_sim.evidence.free_parameters import with_values
 from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
 from sma_sim.evidence.likeness import Likeness, likenesses
@@ -78,6 +80,7 @@ class Diagnosis:
 
     `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
     `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
+    With a `proposal` the last model is that with the proposed effect, which `effects` does not name.
     """
 
     verdict: str
@@ -93,6 +96,7 @@ class Diagnosis:
     noise_std: dict[str, float]
     interrupted: bool
     seconds: float
+    proposal: Proposal | None = None
 
     @property
     def search_ended(self) -> bool:
@@ -103,12 +107,16 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Request:
-    """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap."""
+    """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap.
+
+    `equation`: whether to look for the equation of what no known effect explains.
+    """
 
     model: str = 'auto'
     folders: tuple[Path, ...] = ()
     seed: int = 0
     options: Options = field(default_factory=lambda: Options(starts=STARTS))
+    equation: bool = True
 
 
 def some_held_out(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
@@ -155,10 +163,17 @@ def diagnose(
         steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
+        verdict, proposal = verdict_of(steps[-1]), None
+        if verdict == 'unknown_effect' and request.equation:
+            proposal = propose([bare, last] if last is not bare else [bare], place)
+        if proposal is not None:
+            final = final_fit(training, proposal.fitted, request, place, begun)
+            foretold = held_out(final.config, out, final.delay, pool) if out else ()
+            steps.append(step_of_final(final, foretold, proposal.fitted))
     return Diagnosis(
-        verdict_of(steps[-1]), last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
+        verdict, last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
-        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun,
+        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal,
     )  # fmt: skip
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
 from sma_sim.evidence.json_values import finite
+from sma_sim.evidence.proposed import number, proposed_data, proposed_text
 from sma_sim.evidence.selection import Round, Tried
 from sma_sim.model.config import flat_parameters
 
@@ -18,8 +20,11 @@ WORDS = {
 }
 
 
-def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only."""
+def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
+    """The verdict of the file contract (design: ranking of the first step, error by step), JSON's types only.
+
+    `file` is where the proposed effect was written.
+    """
     first = diagnosis.rounds[0] if diagnosis.rounds else None
     found: dict[str, Any] = finite({
         'verdict': diagnosis.verdict,
@@ -37,6 +42,7 @@ def as_data(diagnosis: Diagnosis) -> dict[str, Any]:
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,
         'seconds': diagnosis.seconds,
+        **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
     return found
 
@@ -106,10 +112,11 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
             yield from lines_on(one.accepted)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
-        last = diagnosis.steps[-1]
+        last = diagnosis.steps[-2 if diagnosis.proposal else -1]
         channels = last.held_out_channels or last.channels
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
+        yield from proposed_text(diagnosis)
     if len(diagnosis.training) < 2:
         yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
     elif not diagnosis.held_out:
@@ -141,8 +148,3 @@ def lines_on(one: Tried) -> Iterator[str]:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
     if one.found.effect.same_as:
         yield f'no data can tell it from {one.found.effect.same_as}'
-
-
-def number(value: float) -> str:
-    """An error over noise."""
-    return f'{value:.2f}' if math.isfinite(value) else '-'

@@ -61,7 +61,7 @@ def flow(
     for i in range(p.wires):
         obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
-        if p.effects.port_start[STRUCTURE_FORCE] > p.effects.port_start[WIRE_HEAT]:
+        if p.effects.port_start[STRUCTURE_FORCE + 1] > p.effects.port_start[WIRE_HEAT]:
             focus(i, y, p, obs)
         wire_rates(i, y, T_E, mode[i], p, dy, obs)
         obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)

@@ -17,6 +17,7 @@ from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
 from sma_sim.report.html.parameters import parameters_section
+from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.html.tried import round_section
 from sma_sim.report.palette import GREY
 
@@ -28,6 +29,8 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
         before.setdefault(one.name, one.center)
     rest = summarise(compared_calibration(found.calibration, training, held, found.foretold, 'last step'))
     steps = [round_section(number, one, found, training, held) for number, one in enumerate(found.rounds, start=1)]
+    if found.proposal is not None:
+        steps.append(proposed_section(found, found.proposal))
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
     sections = [fall_section(found), *steps, parameters_section(found.calibration, before), *left]
     write_page(path, f'Diagnosis: {found.verdict}', [*sections, data_section(training, held)])

@@ -1,0 +1,128 @@
+"""Equations of what no known effect explains, on hidden effects that the library does not have.
+
+    python benchmarks/equations.py [--kinds NAME ...] [--seeds 11 12] [--forces] [--bare] [--minutes 20] [--file FILE.jsonl]
+
+Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, the
+last of them held out. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+`--bare` leaves out the search among known effects, which takes most of the time: the errors before are then those of the
+bare model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import sma_sim.evidence.diagnose as diagnosing
+from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.truth import truths
+from sma_sim.evidence.diagnose import diagnose
+from sma_sim.evidence.verdict import as_data
+from sma_sim.model.errors import UserError
+
+DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
+NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states
+
+
+def solve(kind: str, seed: int, forces: bool, bare: bool) -> dict[str, Any]:
+    """Make one case, diagnose it, and say what was proposed."""
+    made = make_challenge(seed, 1, None, (kind,), forces)
+    hidden, begun = made.answer.effects[0], time.perf_counter()
+    with nothing_known() if bare else nullcontext():
+        data = as_data(diagnose(made.campaign, made.nominal))
+    proposed = data.get('proposed')
+    return {
+        'kind': kind, 'seed': seed, 'forces': forces, 'verdict': data['verdict'], 'effects': data['effects'],
+        'port': hidden.port, 'variables': list(hidden.variables), 'seconds': time.perf_counter() - begun,
+        'bare': data['error'][0]['held_out'],
+        'before': proposed['held_out']['before'] if proposed else data['error'][-1]['held_out'],
+        'after': proposed['held_out']['after'] if proposed else None,
+        'found': {name: proposed[name] for name in ('port', 'ports', 'formula', 'variables', 'alike')} if proposed else None,
+        'values': {name: one['value'] for name, one in proposed['coefficients'].items()} if proposed else None,
+    }  # fmt: skip
+
+
+@contextmanager
+def nothing_known() -> Iterator[None]:
+    """Without the search among known effects."""
+    known = diagnosing.select
+    diagnosing.select = lambda base, place: ()
+    try:
+        yield
+    finally:
+        diagnosing.select = known
+
+
+def is_detectable(one: dict[str, Any]) -> bool:
+    """Whether the best fit without the effect leaves an error that is no chance."""
+    return bool(one['before'] > DETECTABLE)
+
+
+def port_right(one: dict[str, Any]) -> bool:
+    """Whether the formula acts on the port of what is hidden."""
+    return bool(one['found']) and one['found']['port'] == one['port']
+
+
+def variable_right(one: dict[str, Any]) -> bool:
+    """Whether the formula depends on all the states on which the hidden effect depends."""
+    return port_right(one) and set(one['variables']) - NO_VARIABLES <= set(one['found']['variables'])
+
+
+def good_after(one: dict[str, Any]) -> bool:
+    """Whether the held-out error is near the noise with the proposed effect."""
+    return one['after'] is not None and one['after'] <= DETECTABLE
+
+
+def table(results: list[dict[str, Any]]) -> Iterator[str]:
+    """One row per case, then the shares among those that can be seen."""
+    yield '| hidden | seed | port | variable | error before | after | proposed | seconds |'
+    yield '|---|---|---|---|---|---|---|---|'
+    for one in sorted(results, key=lambda one: (one['kind'], one['seed'], one['forces'])):
+        marks = ['yes' if ok(one) else 'no' for ok in (port_right, variable_right)] if one['found'] else ['', '']
+        after = f'{one["after"]:.2f}' if one['after'] is not None else ''
+        words = one['found']['formula'] if one['found'] else f'nothing ({one["verdict"]})'
+        name = one['kind'].removeprefix('truth_') + (' (forces)' if one['forces'] else '')
+        errors = f'{one["before"]:.2f} | {after}'
+        yield f'| {name} | {one["seed"]} | {" | ".join(marks)} | {errors} | {words} | {one["seconds"]:.0f} |'
+    seen = [one for one in results if is_detectable(one)]
+    yield ''
+    for words, ok in (('port', port_right), ('variable', variable_right), ('held-out error at most 1.3', good_after)):
+        yield f'{words}: {sum(map(ok, seen))} of {len(seen)} that can be seen'
+
+
+def main() -> None:
+    """Solve what is not in the file yet, as far as the time goes, and print the table."""
+    outside = sorted(name.removeprefix('truth_') for name, one in truths().items() if not one.library)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--kinds', nargs='+', choices=outside, default=outside, metavar='NAME')
+    parser.add_argument('--seeds', nargs='+', type=int, default=[11, 12])
+    parser.add_argument('--forces', action='store_true')
+    parser.add_argument('--bare', action='store_true')
+    parser.add_argument('--minutes', type=float, default=20.0)
+    parser.add_argument('--file', type=Path, default=Path('equations.jsonl'))
+    asked = parser.parse_args()
+    lines = asked.file.read_text().splitlines() if asked.file.exists() else []
+    results = [json.loads(line) for line in lines]
+    done = {(one['kind'], one['seed'], one['forces']) for one in results}
+    end = time.monotonic() + 60.0 * asked.minutes
+    for seed in asked.seeds:
+        for kind in asked.kinds:
+            if (kind, seed, asked.forces) in done or time.monotonic() > end:
+                continue
+            try:
+                results.append(solve(kind, seed, asked.forces, asked.bare))
+            except UserError as error:
+                print(f'{kind} {seed}: {error}')
+                continue
+            with asked.file.open('a') as file:
+                file.write(json.dumps(results[-1]) + '\n')
+    print(*table(results), sep='\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,93 @@
+"""Where a term may act: a port of the effects with the wire, the direction or the channel there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+
+from sma_sim.evidence.equation import library
+from sma_sim.evidence.equation.terms import Term
+from sma_sim.evidence.latent.ports import PORTS, Port
+from sma_sim.model.effects.ports import CHANNELS
+
+LAST_OF_POSE = 2  # among the channels
+BOTH_WIRES, STIFFNESS = -1, 3  # `component` of places that are no single port
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place `name` where a term in `unit` acts through the effects' port `hook`; `ports` are those that it moves.
+
+    `component`: the wire (BOTH_WIRES: the same equation in both), the coordinate of the pose (STIFFNESS: along K q, the
+    beam's own elastic force), or the channel. `probe`: a small but visible size.
+    """
+
+    name: str
+    hook: str
+    component: int
+    unit: str
+    probe: float
+    ports: tuple[str, ...]
+    description: str
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms to try here."""
+        found = TERMS[f'{self.hook}/{self.component}' if self.hook == 'structure_force' else self.hook]()
+        still = self.hook == 'sensing' and self.component > LAST_OF_POSE  # play needs the rate of what is shown
+        return tuple(term for term in found if not (still and term.rate))
+
+
+TERMS: Mapping[str, Callable[[], tuple[Term, ...]]] = MappingProxyType({
+    'structure_force/0': library.force_terms,
+    'structure_force/1': library.force_terms,
+    'structure_force/2': library.moment_terms,
+    'structure_force/3': library.stiffness_terms,
+    'wire_heat': library.heat_terms,
+    'actuation': library.power_terms,
+    'wire_strain': library.strain_terms,
+    'transformation_stress': library.strain_terms,
+    'sensing': library.sensor_terms,
+})  # fmt: skip
+STAGES = {'actuation': 'gain', 'sensing': 'bias'}
+EVERY_WIRE: Mapping[str, str] = MappingProxyType({
+    'heat': 'heat into each wire', 'strain': 'strain of each wire',
+    'stress': 'shift of both transformation stresses of each wire',
+    'power': 'electrical heating of each wire',
+})  # fmt: skip
+
+
+def place_of(port: Port) -> Place:
+    """One port alone."""
+    return Place(
+        port.name, port.hook, port.component, port.unit, port.probe, (port.name,), port.description
+    )
+
+
+def places_for(system: str, channels: tuple[str, ...]) -> tuple[Place, ...]:
+    """All places of a system, of the sensors those of the `channels` that were measured."""
+    alone = [
+        place_of(port) for port in PORTS
+        if system in port.systems and (port.hook != 'sensing' or CHANNELS[port.component] in channels)
+    ]  # fmt: skip
+    if system == 'wire':
+        return tuple(alone)
+    both = []
+    for group, words in EVERY_WIRE.items():
+        members = [port for port in PORTS if port.group == group]
+        first = members[0]
+        names = tuple(port.name for port in members)
+        both.append(Place(group, first.hook, BOTH_WIRES, first.unit, first.probe, names, words))
+    beam = Place(
+        'stiffness', 'structure_force', STIFFNESS, '-', 0.02, ('force_U_x', 'force_U_y', 'moment_alpha'),
+        "a part of the beam's stiffness",
+    )  # fmt: skip
+    return (*alone, *both, beam)
+
+
+@cache
+def places_of(hook: str) -> tuple[Place, ...]:
+    """All places of a port of the effects."""
+    return tuple(place for place in places_for('module', CHANNELS) if place.hook == hook)

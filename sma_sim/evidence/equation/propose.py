@@ -1,0 +1,140 @@
+"""An equation for what no known effect explains: found, written as an effect, refitted, judged on runs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.calibrate import together
+from sma_sim.evidence.candidates import Candidate
+from sma_sim.evidence.descent import Effort
+from sma_sim.evidence.equation.formula import Formula
+from sma_sim.evidence.equation.growing import Grown
+from sma_sim.evidence.equation.portrait import Portrait, portrait
+from sma_sim.evidence.equation.search import search
+from sma_sim.evidence.free_parameters import declared_parameters, free_parameter
+from sma_sim.evidence.problem import Problem
+from sma_sim.evidence.refit import Fitted, refit
+from sma_sim.evidence.screening import Screened
+from sma_sim.evidence.selection import SAME, Tried, Workplace, better_kinetics, judged_error, tried_of
+from sma_sim.evidence.tables import write_whole
+from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+FINALISTS = 4  # formulas that are refitted through the simulator and cross-validated
+RATHER_GOOD = 1.5  # times the least error: formulas beyond it are not
+LEAST_FALL = 0.1  # part of the cross-validated error that a formula must take away to be proposed
+JOIN = Effort(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One formula after its refit: `error` on runs left out in turn, its parameters with standard errors (SI)."""
+
+    formula: Formula
+    tried: Tried
+
+    @property
+    def error(self) -> float:
+        """Cross-validated error over noise."""
+        return judged_error(self.tried.fitted)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What is proposed: the best formula as an effect, the others that were tried (best first), which are as good.
+
+    `before`: the cross-validated error without it; `fitted`: the model with it; `alike`: names of formulas that these
+    data cannot tell from it; `portrait`: the quantity over its variable.
+    """
+
+    formula: Formula
+    fitted: Fitted
+    before: float
+    judged: tuple[Judged, ...]
+    alike: tuple[str, ...]
+    portrait: Portrait
+
+    @property
+    def effect(self) -> str:
+        """The name of the effect."""
+        return self.formula.name
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """The effects' port, once for every port on which the formula or one that is as good acts."""
+        others = [one.formula.place.hook for one in self.judged if one.formula.name in self.alike]
+        return tuple(dict.fromkeys([self.formula.place.hook, *others]))
+
+    def write(self, folder: Path, values: dict[str, float], origin: str) -> Path:
+        """Write the effect file with fitted values (by the short names) as defaults; returns its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f'{self.effect}.py'
+        text = self.formula.with_values(values).text(origin)
+        write_whole(path, lambda file: file.write(text))
+        return path
+
+
+def propose(bases: Sequence[Fitted], place: Workplace) -> Proposal | None:
+    """An equation that explains what is left of the best of some fits; None where none does.
+
+    `bases`: the bare model first, then those with known effects; later ones are tried where nothing helps the first.
+    """
+    least = min(judged_error(one) for one in bases)
+    for base in bases:
+        if place.stop.is_set():
+            break
+        found = proposed_for(base, least, place)
+        if found is not None:
+            return found
+    return None
+
+
+def proposed_for(base: Fitted, least: float, place: Workplace) -> Proposal | None:
+    """The best formula on one model, if it takes enough of the least error so far."""
+    try:
+        grown = search(base, place)
+    except SimulationError:
+        return None
+    best = [one for one in grown if one.fitted.error <= RATHER_GOOD * grown[0].fitted.error][:FINALISTS]
+    judged = [one for one in together([partial(judge, base, one, place) for one in best], place.stop) if one] if best else []
+    judged.sort(key=lambda one: one.error)
+    if not judged or judged[0].error > (1.0 - LEAST_FALL) * least:
+        return None
+    close = [one for one in judged if one.error <= (1.0 + SAME) * judged[0].error]
+    chosen = min(close, key=lambda one: (len(one.formula.parameters), one.error))
+    place.told(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
+    fitted = better_kinetics(chosen.tried.fitted, place)
+    alike = tuple(one.formula.name for one in close if one is not chosen)
+    formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
+    return Proposal(formula, fitted, least, tuple(judged), alike, portrait(fitted, formula, place.pool))
+
+
+def judge(base: Fitted, grown: Grown, place: Workplace) -> Judged | None:
+    """A formula refitted as an effect of its own, and cross-validated."""
+    formula = Formula(grown.guesses)
+    found = formula.found()
+    problem, z = with_formula(base, grown, formula)
+    fitted = refit(problem, z, place.pool, place.stop, JOIN)
+    if fitted is None or place.stop.is_set():
+        return None
+    return Judged(formula, tried_of(base, Screened(Candidate(found, ()), base.cost - fitted.cost, {}, 1.0), fitted, place))
+
+
+def with_formula(base: Fitted, grown: Grown, formula: Formula) -> tuple[Problem, Vector]:
+    """The problem with the formula's effect, at the fit that was found with the terms."""
+    config = base.problem.config
+    values = tuple(p.default for p in formula.parameters)
+    config = replace(config, effects=(*config.effects, ActiveEffect(formula.found(), values)))
+    declared = declared_parameters(config)
+    names = [f'effects.{formula.name}.{p.name}' for p in formula.parameters]
+    new = [free_parameter(name, value, declared[name]) for name, value in zip(names, values, strict=True)]
+    n, more = len(base.problem.free), len(grown.fitted.problem.free)
+    z = np.concatenate([grown.fitted.z[:n], np.zeros(len(new)), grown.fitted.z[more:]])
+    return replace(base.problem, config=config, free=(*base.problem.free, *new)), z

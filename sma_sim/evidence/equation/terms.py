@@ -1,0 +1,85 @@
+"""What a term of an equation is: an expression of the states at a port, with a few shape parameters.
+
+One text serves twice: all terms of a port in one compiled kernel that tries them, and the effect file that is written in
+the end. In the texts ``{name}`` stands for a shape parameter and ``m.z`` for the extra state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+MOST_SHAPES = 3
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A parameter inside a term: `grid` says how its values to try follow from the data.
+
+    place: over the range of the variable `of`; width: parts of that range; waves: whole and half waves within it [rad per
+    unit]; phase: a half turn (the sign of the coefficient does the rest); instant: over the run; pace: time constants up to
+    the run's length; peaks: the frequencies [Hz] that stand out of the residuals; fixed: `values` themselves.
+    """
+
+    name: str
+    unit: str
+    grid: str
+    of: str = ''
+    values: tuple[float, ...] = ()
+    description: str = ''
+
+
+@dataclass(frozen=True)
+class Term:
+    """One candidate: ``value`` (a Python expression) in `unit`, of the `variables` that it depends on.
+
+    With `rate` (and `start`, 0 without it) it has one extra state ``m.z`` of size `scale`.
+    """
+
+    name: str
+    value: str
+    unit: str
+    variables: tuple[str, ...]
+    shapes: tuple[Shape, ...] = ()
+    rate: str = ''
+    start: str = '0.0'
+    scale: float = 1.0
+
+    def text(self, what: str, **names: str) -> str:
+        """One of its expressions (`value`, `rate`, `start`) with the shape parameters as `names` say."""
+        expression: str = getattr(self, what)
+        return expression.format(**names)
+
+
+def times(one: Term, other: Term) -> Term:
+    """The product of a term and one without a state."""
+    return replace(
+        one,
+        name=f'{one.name}_{other.name}',
+        value=f'{factor(one.value)} * {factor(other.value)}',
+        unit=product_unit(one.unit, other.unit),
+        variables=tuple(dict.fromkeys((*one.variables, *other.variables))),
+        shapes=(*one.shapes, *other.shapes),
+    )
+
+
+def factor(text: str) -> str:
+    """An expression that can stand in a product: in brackets if it is a sum."""
+    depth = 0
+    for k, letter in enumerate(text):
+        depth += (letter in '([{') - (letter in ')]}')
+        if depth == 0 and text[k : k + 3] in (' + ', ' - ', ' if'):
+            return f'({text})'
+    return text
+
+
+def product_unit(*units: str) -> str:
+    """Units next to each other; '-' is none."""
+    return ' '.join(unit for unit in units if unit != '-') or '-'
+
+
+def per_unit(port: str, term: str) -> str:
+    """The unit of the coefficient of a term at a port."""
+    if term == '-':
+        return port
+    below = f'({term})' if ' ' in term or '/' in term else term
+    return f'{"1" if port == "-" else port}/{below}'

@@ -1,0 +1,58 @@
+"""What all written effect files share: what a kernel returns at a place, and the folders in which they lie."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+
+from sma_sim.evidence.equation.places import BOTH_WIRES, STAGES, STIFFNESS, Place
+from sma_sim.model.effects.library import FoundEffect, find_effects
+from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.solver.compile import cache_folder
+
+
+def located(place: Place, value: str, constants: str = 'w') -> str:
+    """What the kernel of an effect at a place returns for a value there."""
+    if place.hook == 'structure_force':
+        if place.component == STIFFNESS:
+            b = constants
+            return (
+                f'({value} * {b}.k_x * s.U_x, {value} * ({b}.k_y * s.U_y - {b}.k_ya * s.alpha), '
+                f'{value} * ({b}.k_a * s.alpha - {b}.k_ya * s.U_y))'
+            )
+        return '(' + ', '.join(value if k == place.component else '0.0' for k in range(3)) + ')'
+    if place.hook == 'sensing':
+        return f's.value + {value}'
+    if place.component != BOTH_WIRES:
+        value = f'{"s.wire" if place.component == 1 else "(1.0 - s.wire)"} * {value}'
+    if place.hook == 'actuation':
+        return f's.J + {value}'
+    return f'({value}, {value})' if place.hook == 'transformation_stress' else value
+
+
+def folder_with(name: str, text: str) -> Path:
+    """A folder of the user's cache that holds one effect file with this text, and nothing else."""
+    folder = cache_folder(f'formula-{sha256((name + text).encode()).hexdigest()[:20]}')
+    file = folder / f'{name}.py'
+    if not file.exists() or file.read_text() != text:
+        partial = file.with_suffix('.part')
+        partial.write_text(text)
+        partial.replace(file)
+    return folder
+
+
+def effect_in(name: str, folder: Path) -> FoundEffect:
+    """The effect of that name in a folder."""
+    return find_effects([folder])[name]
+
+
+def common_lines(hook: str, component: int | None = None) -> list[str]:
+    """The lines of an effect that follow from its port (on sensing: from its channel)."""
+    lines = [f'stage={STAGES[hook]!r},'] if hook in STAGES else []
+    if hook == 'sensing' and component is not None:
+        lines.append(f'channels=({CHANNELS[component]!r},),')
+    if hook == 'structure_force':
+        lines.append("systems=('module',),")
+    return lines
+
+

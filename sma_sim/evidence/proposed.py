@@ -1,0 +1,92 @@
+"""A proposed equation as plain data for programs, and in a few lines for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.diagnose import Diagnosis
+from sma_sim.evidence.equation.propose import Judged, Proposal
+from sma_sim.evidence.json_values import finite
+
+
+def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
+    """The `proposed` entry of a verdict: port, formula, fitted coefficients, errors before and after, what is as good."""
+    proposal = known(diagnosis)
+    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    formula = proposal.formula
+    return {
+        'effect': proposal.effect,
+        'port': formula.place.hook,
+        'ports': list(proposal.ports),
+        'place': formula.place.name,
+        'formula': formula.equation,
+        'term': [term.name for term in formula.terms],
+        'variables': list(formula.variables),
+        'coefficients': coefficients(diagnosis),
+        'file': str(file) if file else None,
+        'source': formula.with_values(values_of(diagnosis)).text(),
+        'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
+        'cross_validated': {'before': finite(proposal.before), 'after': finite(proposal.fitted.validated)},
+        'alike': list(proposal.alike),
+        'ranking': [ranked(one) for one in proposal.judged],
+    }
+
+
+def known(diagnosis: Diagnosis) -> Proposal:
+    """The proposal of a diagnosis that has one."""
+    assert diagnosis.proposal is not None
+    return diagnosis.proposal
+
+
+def values_of(diagnosis: Diagnosis) -> dict[str, float]:
+    """The parameters of the proposed effect after the last fit, by their short names."""
+    prefix = f'effects.{known(diagnosis).effect}.'
+    values = diagnosis.calibration.values
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+
+
+def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
+    """The parameters with units and, where they are known, 95 % intervals."""
+    proposal, sure = known(diagnosis), diagnosis.calibration.uncertainty
+    intervals = {one.name: one for one in sure.intervals} if sure else {}
+    found = {}
+    for p in proposal.formula.parameters:
+        interval = intervals.get(f'effects.{proposal.effect}.{p.name}')
+        found[p.name] = {
+            'value': values_of(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
+            'low': finite(interval.low) if interval else None, 'high': finite(interval.high) if interval else None,
+        }  # fmt: skip
+    return found
+
+
+def ranked(one: Judged) -> dict[str, Any]:
+    """A formula that was tried."""
+    fitted = one.tried.fitted.values_of(one.formula.name)
+    return {
+        'effect': one.formula.name, 'port': one.formula.place.hook, 'formula': one.formula.equation,
+        'cross_validated_error': finite(one.error), 'parameters': fitted,
+        'variables': list(one.formula.variables),
+    }  # fmt: skip
+
+
+def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
+    """The proposal for the terminal."""
+    proposal = diagnosis.proposal
+    if proposal is None:
+        return
+    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    yield f'proposed: {proposal.formula.equation}'
+    for name, one in coefficients(diagnosis).items():
+        range_ = '' if one['low'] is None or one['high'] is None else f'  ({one["low"]:.4g} to {one["high"]:.4g})'
+        yield f'{proposal.effect}.{name} = {one["value"]:.4g} {one["unit"]}{range_}'
+    yield f'with it the held-out error falls from {number(before.held_out)} to {number(after.held_out)}'
+    if proposal.alike:
+        yield f'these data cannot tell it from {", ".join(proposal.alike)}'
+
+
+def number(value: float) -> str:
+    """An error over noise."""
+    return f'{value:.2f}' if math.isfinite(value) else '-'

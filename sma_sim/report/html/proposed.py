@@ -1,0 +1,76 @@
+"""Section: the equation that is proposed for what no known effect explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sma_sim.evidence.diagnose import Diagnosis
+from sma_sim.evidence.equation.portrait import Portrait
+from sma_sim.evidence.equation.propose import Proposal
+from sma_sim.evidence.proposed import coefficients, number, ranked
+from sma_sim.report.html.figures import new_figure
+from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
+from sma_sim.report.html.step_figures import channel_plot
+from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
+
+COLOURS = (BLUE, RED, GREY, '#7a5195')
+CAPTION = (
+    'The missing quantity in the training runs (points: the formula plus what the residuals still ask for, with two '
+    'standard errors) and the formula (rings).'
+)
+
+
+def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
+    """The formula, its parameters, the quantity over its variable, the other formulas that were tried."""
+    before, after = found.steps[-2], found.steps[-1]
+    lead = f'No known effect explains what is left. Proposed: {proposal.formula.equation}'
+    rows = [
+        (name, f'{one["value"]:.4g}', '' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
+         one['description'])
+        for name, one in coefficients(found).items()
+    ]  # fmt: skip
+    others = [
+        (one['formula'], f'{one["cross_validated_error"]:.3f}', listed(one['parameters']))
+        for one in map(ranked, proposal.judged) if one['cross_validated_error'] is not None
+    ]  # fmt: skip
+    blocks: list[Block] = [
+        Paragraph(lead, 'lead'),
+        Paragraph(f'With it the held-out error over noise falls from {number(before.held_out)} to {number(after.held_out)}. '
+                  + alike_words(proposal)),
+        Table(('parameter', 'value', '95 %', 'unit', ''), rows),
+        Plot(portrait_figure(proposal.portrait), CAPTION, 380),
+        channel_plot(before, after),
+        Table(('formula', 'cross-validated error', 'parameters'), others, 'Formulas that were refitted, best first.'),
+    ]  # fmt: skip
+    return Section('Proposed equation', blocks)
+
+
+def listed(values: Mapping[str, float]) -> str:
+    """Fitted values in a line."""
+    return ', '.join(f'{name} = {value:.3g}' for name, value in values.items())
+
+
+def alike_words(proposal: Proposal) -> str:
+    """What cannot be told from it."""
+    if not proposal.alike:
+        return 'The other formulas that were refitted foretell worse.'
+    return f'These data cannot tell it from {", ".join(proposal.alike)}.'
+
+
+def portrait_figure(portrait: Portrait) -> object:
+    """The quantity over its variable."""
+    figure = new_figure()
+    for k, trace in enumerate(portrait.traces):
+        figure.add_scatter(
+            x=trace.x, y=trace.quantity, mode='markers', name=trace.label,
+            marker={'color': COLOURS[k % len(COLOURS)], 'size': 6},
+            error_y={'type': 'data', 'array': 2.0 * trace.error, 'thickness': 1, 'width': 0},
+        )  # fmt: skip
+    for k, trace in enumerate(portrait.traces):
+        figure.add_scatter(
+            x=trace.x, y=trace.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
+            marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
+        )  # fmt: skip
+    figure.update_xaxes(title_text=f'{portrait.variable} [{portrait.variable_unit}]')
+    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]')
+    return figure

@@ -1,0 +1,161 @@
+"""Equations of what nobody listed: terms, the files made of them, and the search that finds them."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+
+import numpy as np
+import pytest
+from campaigns import command, config
+
+from sma_sim import Effect, Parameter, find_effects, simulate
+from sma_sim.challenge.make import make_challenge
+from sma_sim.evidence.candidates import with_effect
+from sma_sim.evidence.diagnose import Request, bare_fit, some_held_out
+from sma_sim.evidence.equation.any_term import any_term
+from sma_sim.evidence.equation.formula import Formula
+from sma_sim.evidence.equation.places import places_for
+from sma_sim.evidence.equation.propose import propose
+from sma_sim.evidence.equation.states import along, fields_of
+from sma_sim.evidence.equation.terms import factor, per_unit, product_unit
+from sma_sim.evidence.equation.trying import Guess
+from sma_sim.evidence.selection import Workplace
+from sma_sim.model.config import read_config
+from sma_sim.solver.simulate import Model
+
+CHANNELS = ('U_x', 'U_y', 'alpha')
+PLACES = {place.name: place for place in places_for('module', CHANNELS)}
+SHAPES = {'place': 0.02, 'width': 0.03, 'waves': 80.0, 'phase': 0.5, 'instant': 9.0, 'pace': 4.0, 'peaks': 0.1, 'fixed': 1.5}
+TIMES = np.linspace(0.0, 30.0, 121)
+
+
+def guess(place, term, amount):
+    """A term with some shapes; thresholds of temperature lie above the ambient one."""
+    chosen = next(one for one in PLACES[place].terms if one.name == term)
+    shapes = tuple(SHAPES[s.grid] * (1.0 if s.of != 'T' else 400.0 if s.grid == 'width' else 16000.0) for s in chosen.shapes)
+    return Guess(PLACES[place], chosen, shapes, amount, 0.0, tuple((0.5 * s, 2.0 * s) for s in shapes))
+
+
+def shown(model):
+    result = simulate(Model(model), command(3, 30.0), TIMES)
+    assert result.completed
+    return np.array([result['U_y_m'] / 1e-3, result['alpha_rad'] / 0.15])
+
+
+@pytest.mark.parametrize(
+    ('place', 'term', 'amount'),
+    [
+        ('moment_alpha', 'alpha_wave', 3e-3), ('moment_alpha', 'hinge_leaking', -5e-3), ('force_U_y', 'oscillation', 0.05),
+        ('stiffness', 'slow_warmth', 3e-3), ('heat', 'dT_switched', -1e-3), ('heat_2', 'T_bump', 0.05),
+        ('power', 'J_above', -0.2), ('power_1', 'tired_supply', -0.05), ('stress', 'worked', -1e6),
+        ('stress_1', 'T_above', 1e5), ('sense_alpha', 'play', 1.0), ('sense_U_y', 'settling', 1e-4),
+    ],
+)  # fmt: skip
+def test_a_formula_in_a_file_is_the_term_that_was_tried(place, term, amount):
+    """The compiled chooser and the file come from one text; they must do the same, and without an amount nothing."""
+    one = guess(place, term, amount)
+    formula, chooser = Formula((one,)), any_term(one.place.hook, bool(one.term.rate))
+    bare = config()
+    tried = with_effect(bare, chooser.found, chooser.values(one.place, one.term, amount, one.shapes))
+    values = {p.name: p.default for p in formula.parameters}
+    written = with_effect(bare, formula.found(), values)
+    neutral = with_effect(bare, formula.found(), {**values, 'c': 0.0})
+    there = shown(tried)
+    assert np.abs(there - shown(bare)).max() > 1e-3
+    assert shown(written) == pytest.approx(there, abs=2e-3 * np.abs(there - shown(bare)).max() + 1e-6)
+    assert shown(neutral) == pytest.approx(shown(bare), abs=1e-4)
+
+
+def test_every_term_makes_a_file_that_loads():
+    for place in places_for('module', (*CHANNELS, 'F_1')):
+        for term in place.terms:
+            one = Guess(place, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes))
+            formula = Formula((one,))
+            effect = formula.found().effect
+            assert isinstance(effect, Effect) and effect.port == place.hook and effect.equation == formula.equation
+            strength, *shapes = effect.parameters
+            assert strength.neutral == 0.0 and strength.default == -1.2e-3 and all(p.neutral is None for p in shapes)
+            assert all(p.bounds[0] < p.default < p.bounds[1] and p.unit and 'unit' not in p.unit for p in effect.parameters)
+
+
+def test_a_formula_of_several_terms_keeps_their_names_apart():
+    terms = [guess('moment_alpha', name, 1e-3) for name in ('hinge_leaking', 'hinge_relaxing', 'alpha_well')]
+    effect = Formula(tuple(terms)).found().effect
+    names = [p.name for p in effect.parameters]
+    assert names[:3] == ['c_1', 'c_2', 'c_3'] and len(set(names)) == len(names) and effect.states == ('z_1', 'z_2')
+    assert np.isfinite(shown(with_effect(config(), Formula(tuple(terms)).found(), {}))).all()
+
+
+def test_units_of_coefficients():
+    assert per_unit('W', 'K') == 'W/K' and per_unit('-', '-') == '-' and per_unit('-', 'K') == '1/K'
+    assert per_unit('N m', product_unit('rad', 's')) == 'N m/(rad s)' and product_unit('-', 'K') == 'K'
+    assert factor('s.T - s.T_E') == '(s.T - s.T_E)' and factor('max(0.0, s.t - p.t_0)') == 'max(0.0, s.t - p.t_0)'
+
+
+def test_terms_along_a_run_are_those_of_the_simulator():
+    """The state of a slow average, integrated at the samples, beside the exact answer to a step of temperature."""
+    term = next(one for one in PLACES['stress'].terms if one.name == 'slow_T')
+    time = np.linspace(0.0, 20.0, 201)
+    hot = {'T_E_K': np.full(201, 298.0), 'alpha_rad': 0 * time, 'U_x_m': 0 * time, 'U_y_m': 0 * time, 'J_eq_W': 0 * time}
+    hot |= {f'{kind}_{k}{unit}': np.full(201, value) for k in (1, 2)
+            for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))}  # fmt: skip
+    fields = fields_of(time, hot, config().parameters, 0, 1)
+    from sma_sim.evidence.equation.states import Course
+
+    assert along(term, (4.0,), Course('run', 0, fields)) == pytest.approx(10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1)
+
+
+def test_effects_on_the_structure_see_the_temperatures(tmp_path):
+    """Alone too: no effect on the wires has put them there before."""
+    (tmp_path / 'warm.py').write_text(
+        'from sma_sim import Effect, Parameter\n'
+        "EFFECT = Effect(name='warm', port='structure_force', equation='', source='', systems=('module',),\n"
+        "    parameters=(Parameter('c', 1e-5, 'N m/K', (-1.0, 1.0), '', '', 0.0),),\n"
+        '    kernel=lambda s, b, p: (0.0, 0.0, p.c * (s.T + s.T_other - 2.0 * s.T_E)))\n'
+    )
+    warm = with_effect(config(), find_effects([tmp_path])['warm'], {'c': 2e-5})
+    moved = np.abs(shown(warm) - shown(config()))
+    assert moved[1, 0] < 1e-6 < 1e-3 < moved[1].max() and isinstance(Parameter, type)
+
+
+@pytest.fixture(scope='module')
+def ripple():
+    """A moment that is periodic in the angle, on short runs, and what is proposed for it."""
+    case = make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0)
+    training, held = some_held_out(case.campaign, None)
+    with ThreadPoolExecutor(2) as pool:
+        place = Workplace(pool, Event(), lambda words: None)
+        request = Request('mas')
+        bare = bare_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), place)
+        return case, bare, propose([bare], place)
+
+
+def test_the_equation_of_a_hidden_effect_is_found(ripple):
+    case, bare, proposal = ripple
+    assert proposal is not None and bare.validated > 1.3
+    assert proposal.formula.place.name == 'moment_alpha' and proposal.formula.variables == ('alpha',)
+    assert proposal.fitted.validated < 1.15 < proposal.before
+    values = proposal.fitted.values_of(proposal.effect)
+    true = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
+    assert abs(values['c']) == pytest.approx(true['M_0'], rel=0.1)
+    assert 2.0 * np.pi / values['k'] == pytest.approx(true['period'], rel=0.05)
+
+
+def test_the_proposal_as_a_file_runs(ripple, tmp_path):
+    case, _, proposal = ripple
+    values = proposal.fitted.values_of(proposal.effect)
+    file = proposal.write(tmp_path / 'effects', values, 'a test')
+    (tmp_path / 'better.yaml').write_text(f'effects:\n  paths: [effects]\n  active: [{file.stem}]\n')
+    read = read_config(tmp_path / 'better.yaml')
+    assert read.effects[0].found.effect.source == 'a test'
+    assert read.effects[0].values == pytest.approx(list(values.values()), rel=1e-5)
+    assert np.abs(shown(read) - shown(config())).max() > 1e-3
+
+
+def test_the_quantity_is_drawn_over_its_variable(ripple):
+    _, _, proposal = ripple
+    portrait = proposal.portrait
+    assert (portrait.variable, portrait.variable_unit, portrait.unit) == ('alpha', 'rad', 'N m')
+    for trace in portrait.traces:
+        within = np.abs(trace.quantity - trace.formula) <= 3.0 * trace.error + 0.1 * np.abs(trace.formula).max()
+        assert within.mean() > 0.9
