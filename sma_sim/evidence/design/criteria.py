@@ -7,7 +7,7 @@ S^-1 takes out what it can follow by refitting, at the price of leaving what the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +42,9 @@ class Follower:
     inverse: Matrix
     log_det: float
 
-    def left(self, difference: Matrix) -> Vector:
-        """Squares (d,) of differences (d, N) that refitting leaves, its price included."""
-        pull = difference @ self.G.T
-        rest: Vector = np.einsum('dn,dn->d', difference, difference) - np.einsum('di,ij,dj->d', pull, self.inverse, pull)
-        return np.maximum(rest, 0.0)
+    def refitted(self, difference: Vector) -> Vector:
+        """The unknowns (m,) that follow a difference (N,) best, at the price of leaving what the recordings say."""
+        return np.asarray(self.inverse @ (self.G @ difference))
 
     @property
     def freedom(self) -> float:
@@ -55,7 +53,7 @@ class Follower:
 
     def residual(self, difference: Vector) -> Vector:
         """What is left of one difference (N,), as the best refit shows it."""
-        return difference - (self.inverse @ (self.G @ difference)) @ self.G
+        return difference - self.refitted(difference) @ self.G
 
 
 def follower(one: Foretold) -> Follower:
@@ -65,20 +63,15 @@ def follower(one: Foretold) -> Follower:
     return Follower(one.centres[0], G, np.linalg.inv(M), float(np.linalg.slogdet(M)[1]))
 
 
-def ratios(foretold: Sequence[Foretold]) -> list[Ratio]:
-    """Every ordered pair of hypotheses."""
-    followers = [follower(one) for one in foretold]
+def ratios(misfits: Mapping[tuple[int, int], Vector], followers: Sequence[Follower]) -> list[Ratio]:
+    """Every ordered pair (true, rival), from the squares (d,) that the refitted rival leaves of each draw.
+
+    log p(y | true)/p(y | rival), expected over the noise.
+    """
     return [
-        Ratio(a, b, tuple(ratio_draws(foretold[a], followers[a], followers[b]).tolist()))
-        for a in range(len(foretold)) for b in range(len(foretold)) if a != b
-    ]  # fmt: skip
-
-
-def ratio_draws(true: Foretold, itself: Follower, rival: Follower) -> Vector:
-    """log p(y | true)/p(y | rival), expected over the noise, for each draw (d,)."""
-    misfit = rival.left(true.draws - rival.centre)
-    found: Vector = 0.5 * (misfit - rival.freedom + rival.log_det - itself.log_det)
-    return found
+        Ratio(a, b, tuple((0.5 * (left - followers[b].freedom + followers[b].log_det - followers[a].log_det)).tolist()))
+        for (a, b), left in misfits.items()
+    ]
 
 
 def worth_of_ratios(found: Sequence[Ratio], counted: Sequence[tuple[int, int]]) -> float:

@@ -25,6 +25,8 @@ Matrix = NDArray[np.float64]
 BARE = 'nothing'  # the name of the hypothesis that no effect is missing
 LEADING = 10.0  # log evidence behind the best within which an explanation is a rival to be told apart
 STARTS = 2  # of the bare fit
+DRAWS = 3  # from each posterior
+SHORTENINGS, SHORTER = 6, 0.5  # of a draw that the recordings contradict
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Hypothesis:
     """A fitted explanation. `evidence`: log of its evidence by Laplace's method (natural, up to a common constant).
 
     `root` (n, n): L with L L^T the posterior covariance of the n unknowns that all runs share, in z. `starts` (wires,):
-    the mean start of the recordings, in z. `factor`: by how much the noise was widened in `fitted.problem`.
+    the mean start of the recordings, in z; `draws` (d, n) of the shared unknowns from the posterior.
+    `factor`: by how much the noise was widened in `fitted.problem`.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Hypothesis:
     evidence: float
     root: Matrix
     starts: Vector
+    draws: Matrix
     factor: float = 1.0
 
     @property
@@ -171,12 +175,32 @@ def hypothesis(name: str, fit: Fitted, factor: float, place: Workplace) -> Hypot
     parts = normal_parts(problem, z, place.pool, measured_steps(problem, z, place.pool), central=True)
     hessian = summed(parts, z)[2]
     n = len(problem.shared)
-    covariance = np.linalg.inv(hessian)[:n, :n]
+    covariance: Matrix = np.linalg.inv(hessian)
     starts = np.mean([z[at[n : n + problem.wires]] for at in problem.places()], axis=0)
     return Hypothesis(
-        name, replace(fit, cost=cost), -cost - 0.5 * float(np.linalg.slogdet(hessian)[1]), np.linalg.cholesky(covariance),
-        starts, factor,
+        name, replace(fit, cost=cost), -cost - 0.5 * float(np.linalg.slogdet(hessian)[1]), 
+        np.linalg.cholesky(covariance[:n, :n]), starts, posterior_draws(fit, cost, covariance, place)[:, :n], factor,
     )  # fmt: skip
+
+
+def posterior_draws(fit: Fitted, cost: float, covariance: Matrix, place: Workplace) -> Matrix:
+    """Draws (DRAWS, all unknowns) from the posterior: normal ones, drawn in where the recordings contradict them.
+
+    Valleys are curved: a step of one standard deviation along the tangent may leave them. Each step is shortened until the
+    cost rises by no more than twice what the curvature foretells.
+    """
+    problem, random = fit.problem, np.random.default_rng(place.seed)
+    low, high = problem.limits()
+    root, found = np.linalg.cholesky(covariance), []
+    for _ in range(DRAWS):
+        xi = random.normal(size=len(fit.z))
+        for _ in range(SHORTENINGS):
+            at = np.clip(fit.z + root @ xi, low, high)
+            if cost_at(problem, at, place.pool) - cost <= float(xi @ xi) + 1.0:
+                break
+            xi = SHORTER * xi
+        found.append(at)
+    return np.array(found)
 
 
 def models_of(model: str) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.design.hypotheses import Hypothesis
 from sma_sim.evidence.design.sequences import Grid, as_input
 from sma_sim.evidence.parallel import Parcel
+from sma_sim.evidence.problem import Problem
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, Campaign, Recording
 from sma_sim.evidence.residuals import Nuisance, Prepared, model_columns, prepare
 from sma_sim.model.config import Config
@@ -26,7 +27,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 STEP = 0.5  # of a secant, in standard deviations of the posterior
 SAMPLES = 1000  # of a trial at the most; each then counts for several of the measurement
-RTOL = 1e-5
+RTOL = 1e-5  # of the simulations
 
 
 @dataclass(frozen=True)
@@ -37,16 +38,34 @@ class Limits:
     stress: float
 
 
+Place = tuple[Parcel, Nuisance]  # a model, and what is unknown about the run
+
+
 @dataclass(frozen=True)
 class Points:
     """Where a hypothesis is looked at: `centres` times (a centre, its `columns` neighbours), then `draws`.
 
-    `steps` (centres, columns): how far the neighbours lie, in standard deviations.
+    `steps` (centres, columns): how far the neighbours lie, in standard deviations. `best` (m,) and `root` (m, m) of the
+    unknowns z: the fit, and the root of their covariance.
     """
 
-    at: tuple[tuple[Parcel, Nuisance], ...]
+    at: tuple[Place, ...]
     steps: Matrix
     draws: int
+    problem: Problem
+    best: Vector
+    root: Matrix
+
+    def place_at(self, u: Vector) -> tuple[Place, Vector]:
+        """The model at whitened unknowns u (m,), and u as far as bounds allow it."""
+        low, high = self.problem.limits()
+        z = np.clip(self.best + self.root @ u, low, high)
+        return placed(self.problem, z), np.asarray(np.linalg.solve(self.root, z - self.best), dtype=np.float64)
+
+
+def placed(problem: Problem, z: Vector) -> Place:
+    """The model at z."""
+    return Parcel(problem.fitted(z)), problem.nuisance(z)
 
 
 @dataclass(frozen=True)
@@ -85,28 +104,22 @@ def empty_run(training: Campaign, grid: Grid, factor: float) -> tuple[Prepared, 
 
 
 def points_of(one: Hypothesis, run: Prepared, centres: int, draws: int, seed: int) -> Points:
-    """The fitted values (and `centres` - 1 draws) with their neighbours, and `draws` from the posterior."""
+    """The fitted values with their neighbours, and `draws`; so for `centres` - 1 of the draws too."""
     problem = replace(one.fitted.problem.at_tolerance(RTOL), runs=(run,), delay=None)
     low, high = problem.limits()
     n, wires = one.shared, problem.wires
     root = np.zeros((n + wires, n + wires))
     root[:n, :n], root[n:, n:] = one.root, np.eye(wires)
-    best = np.concatenate([one.fitted.z[:n], one.starts])
+    best = np.clip(np.concatenate([one.fitted.z[:n], one.starts]), low, high)
     random = np.random.default_rng(seed)
-
-    def drawn() -> Vector:
-        xi = np.concatenate([random.normal(size=n), np.zeros(wires)])
-        at: Vector = np.clip(best + root @ xi, low, high)
-        at[n:] = random.uniform(-1.0, 1.0, wires)
-        return at
-
-    middles = [best, *(drawn() for _ in range(centres - 1))]
-    at, steps = [], np.zeros((centres, n + wires))
-    for c, middle in enumerate(middles):
+    drawn = [np.concatenate([draw, random.uniform(-1.0, 1.0, wires)]) for draw in one.draws]
+    at: list[Vector] = []
+    steps = np.zeros((centres, n + wires))
+    for c, middle in enumerate([best, *drawn[: centres - 1]]):
         neighbours, steps[c] = neighbours_of(middle, root, low, high)
         at += [middle, *neighbours]
-    at += [drawn() for _ in range(draws)]
-    return Points(tuple((Parcel(problem.fitted(z)), problem.nuisance(z)) for z in at), steps, draws)
+    at += drawn[:draws]
+    return Points(tuple(placed(problem, z) for z in at), steps, draws, problem, best, root)
 
 
 def neighbours_of(middle: Vector, root: Matrix, low: Vector, high: Vector) -> tuple[list[Vector], Vector]:
@@ -138,7 +151,7 @@ def foretell(points: Sequence[Points], runs: Sequence[Prepared], pool: Executor)
 Shown = tuple[Vector, float, float]  # channels over noise (N,), the largest temperature and stress
 
 
-def one_run(at: Sequence[tuple[Parcel, Nuisance]], run: Prepared) -> list[Shown] | None:
+def one_run(at: Sequence[Place], run: Prepared) -> list[Shown] | None:
     """All points of one hypothesis under one command."""
     try:
         found = [shown(parcel.config, run, nuisance) for parcel, nuisance in at]
