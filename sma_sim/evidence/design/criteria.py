@@ -7,7 +7,7 @@ S^-1 takes out what it can follow by refitting, at the price of leaving what the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from sma_sim.evidence.design.trial import Foretold
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+DRAWS = 8  # from the posterior of what is taken for true, in opposite pairs
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,12 @@ class Follower:
     inverse: Matrix
     log_det: float
 
-    def refitted(self, difference: Vector) -> Vector:
-        """The unknowns (m,) that follow a difference (N,) best, at the price of leaving what the recordings say."""
-        return np.asarray(self.inverse @ (self.G @ difference))
+    def left(self, differences: Matrix) -> Vector:
+        """Squares (d,) of differences (d, N) that the best refit leaves, the price of leaving the recordings included."""
+        pull = differences @ self.G.T
+        squares = np.einsum('dn,dn->d', differences, differences)
+        rest: Vector = squares - np.einsum('di,ij,dj->d', pull, self.inverse, pull)
+        return np.maximum(rest, 0.0)
 
     @property
     def freedom(self) -> float:
@@ -53,7 +57,7 @@ class Follower:
 
     def residual(self, difference: Vector) -> Vector:
         """What is left of one difference (N,), as the best refit shows it."""
-        return difference - self.refitted(difference) @ self.G
+        return difference - (self.inverse @ (self.G @ difference)) @ self.G
 
 
 def follower(one: Foretold) -> Follower:
@@ -63,21 +67,24 @@ def follower(one: Foretold) -> Follower:
     return Follower(one.centres[0], G, np.linalg.inv(M), float(np.linalg.slogdet(M)[1]))
 
 
-def ratios(misfits: Mapping[tuple[int, int], Vector], followers: Sequence[Follower]) -> list[Ratio]:
-    """Every ordered pair (true, rival), from the squares (d,) that the refitted rival leaves of each draw.
+def ratios(foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]]) -> list[Ratio]:
+    """log p(y | true)/p(y | rival) of pairs (true, rival), expected over the noise, at draws from the true one's posterior.
 
-    log p(y | true)/p(y | rival), expected over the noise.
+    The draws are those of the linearised model, the same for every command and in opposite pairs: their mean is the fit.
     """
-    return [
-        Ratio(a, b, tuple((0.5 * (left - followers[b].freedom + followers[b].log_det - followers[a].log_det)).tolist()))
-        for (a, b), left in misfits.items()
-    ]
+    followers = {k: follower(foretold[k]) for pair in pairs for k in pair}
+    found = []
+    for a, b in pairs:
+        true, rival = followers[a], followers[b]
+        half = np.random.default_rng(a).normal(size=(DRAWS // 2, len(true.G)))
+        left = rival.left(true.centre - rival.centre + np.concatenate([half, -half]) @ true.G)
+        found.append(Ratio(a, b, tuple((0.5 * (left - rival.freedom + rival.log_det - true.log_det)).tolist())))
+    return found
 
 
-def worth_of_ratios(found: Sequence[Ratio], counted: Sequence[tuple[int, int]]) -> float:
-    """Mean of log(1 + ratio) over the pairs and draws: no direction and no draw is bought with another's loss."""
-    values = [one.draws for one in found if (one.true, one.rival) in counted]
-    return float(np.mean(np.log1p(np.maximum(np.array(values), 0.0))))
+def worth_of_ratios(found: Sequence[Ratio]) -> float:
+    """Mean of log(1 + ratio) over pairs and draws: no direction and no draw is bought with another's loss."""
+    return float(np.mean(np.log1p(np.maximum(np.array([one.draws for one in found]), 0.0))))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import LAST_RTOL, MODELS, Options, check, prepared, search, together
 from sma_sim.evidence.candidates import Candidate, candidates_for
-from sma_sim.evidence.descent import FIRST, LAST, cost_at, descend, measured_steps, normal_parts, summed
+from sma_sim.evidence.descent import FIRST, Effort, cost_at, descend, measured_steps, normal_parts, summed
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, other_kinetics, plausible, refit, refit_both_ways
 from sma_sim.evidence.screening import Screened, screen
@@ -23,6 +23,7 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 BARE = 'nothing'  # the name of the hypothesis that no effect is missing
+PATIENT = Effort(most=40, damping=1e2, enough=0.1, gain=0.0, near=False)  # evidence differs by less than a fit's progress
 LEADING = 10.0  # log evidence behind the best within which an explanation is a rival to be told apart
 STARTS = 2  # of the bare fit
 DRAWS = 3  # from each posterior
@@ -164,7 +165,7 @@ def hypotheses(training: Campaign, rivals: Sequence[tuple[str, Fitted]], place: 
 def on_all_samples(training: Campaign, fit: Fitted, place: Workplace) -> Fitted:
     """The descent continued on all samples."""
     problem = replace(prepared(training, fit.problem.config, Options(), 1), free=fit.problem.free).at_tolerance(LAST_RTOL)
-    found = descend(problem, fit.z, place.pool, LAST, place.stop)
+    found = descend(problem, fit.z, place.pool, PATIENT, place.stop)
     return Fitted(problem, found.z, found.cost)
 
 
@@ -175,12 +176,12 @@ def hypothesis(name: str, fit: Fitted, factor: float, place: Workplace) -> Hypot
     parts = normal_parts(problem, z, place.pool, measured_steps(problem, z, place.pool), central=True)
     hessian = summed(parts, z)[2]
     n = len(problem.shared)
-    covariance: Matrix = np.linalg.inv(hessian)
-    starts = np.mean([z[at[n : n + problem.wires]] for at in problem.places()], axis=0)
-    return Hypothesis(
-        name, replace(fit, cost=cost), -cost - 0.5 * float(np.linalg.slogdet(hessian)[1]), 
-        np.linalg.cholesky(covariance[:n, :n]), starts, posterior_draws(fit, cost, covariance, place)[:, :n], factor,
-    )  # fmt: skip
+    covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
+    starts = np.mean(np.array([z[at[n : n + problem.wires]] for at in problem.places()]), axis=0, dtype=np.float64)
+    root = np.asarray(np.linalg.cholesky(covariance[:n, :n]), dtype=np.float64)
+    draws = posterior_draws(fit, cost, covariance, place)[:, :n]
+    evidence = -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])
+    return Hypothesis(name, replace(fit, cost=cost), evidence, root, starts, draws, factor)
 
 
 def posterior_draws(fit: Fitted, cost: float, covariance: Matrix, place: Workplace) -> Matrix:

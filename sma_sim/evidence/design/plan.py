@@ -12,7 +12,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.design.criteria import Ratio, gain, known, weak_directions, worth_of_ratios
+from sma_sim.evidence.design.criteria import gain, known, ratios, weak_directions, worth_of_ratios
 from sma_sim.evidence.design.hypotheses import (
     DRAWS,
     LEADING,
@@ -24,10 +24,9 @@ from sma_sim.evidence.design.hypotheses import (
     named_rivals,
     with_common_kinetics,
 )
-from sma_sim.evidence.design.rivalry import rivalry
-from sma_sim.evidence.design.search import Bench, Sought, Tried, Worth, judged, seek
+from sma_sim.evidence.design.search import Bench, Sought, Worth, judged, seek
 from sma_sim.evidence.design.sequences import Grid
-from sma_sim.evidence.design.trial import Foretold, Limits, Points, Shown, empty_run, one_run, points_of, with_command
+from sma_sim.evidence.design.trial import Foretold, Limits, Shown, empty_run, one_run, points_of
 from sma_sim.evidence.parallel import Parcel, some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.residuals import Prepared, command_column
@@ -145,7 +144,7 @@ def next_experiment(
         single = len(found) == 1
         points = tuple(points_of(one, run, CENTRES if single else 1, 0 if single else DRAWS, wanted.seed) for one in found)
         weights = weights_for(found[0], wanted) if single else np.zeros((0, 0))
-        bench = Bench(points, run, grid, limits, worth_for(found, points, weights, pool), pool)
+        bench = Bench(points, run, grid, limits, worth_for(found, weights), pool)
         sought = seek(bench, wanted.budget, wanted.seed, told)
         if sought is None:
             raise UserError(
@@ -241,12 +240,12 @@ def counted_pairs(found: Sequence[Hypothesis]) -> list[tuple[int, int]]:
     return [(a, b) for a in alive for b in range(len(found)) if a != b]
 
 
-def worth_for(found: Sequence[Hypothesis], points: Sequence[Points], weights: Matrix, pool: Executor) -> Worth:
+def worth_for(found: Sequence[Hypothesis], weights: Matrix) -> Worth:
     """The objective of the search."""
     if len(found) == 1:
-        return lambda foretold, run: gain(weights, found[0].root, foretold[0])
+        return lambda foretold: gain(weights, found[0].root, foretold[0])
     counted = counted_pairs(found)
-    return lambda foretold, run: worth_of_ratios(rivalry(foretold, points, run, counted, pool), counted)
+    return lambda foretold: worth_of_ratios(ratios(foretold, counted))
 
 
 def assembled(
@@ -259,7 +258,7 @@ def assembled(
     defaults = [one.foretold for one in sought.defaults if one.foretold is not None]
     return Plan(
         found, bench.grid, best.levels, bench.limits, origins,
-        () if single else expectations(found, bench, best, sought.defaults),
+        () if single else expectations(found, best.foretold, defaults),
         knowledge_of(found[0], best.foretold[0], [one[0] for one in defaults]) if single else (),
         (best.worth, float(np.mean([one.worth for one in sought.defaults]))) if single else (0.0, 0.0),
         best.foretold, bench.run, 1, sought.count, sought.interrupted, 0.0,
@@ -267,22 +266,15 @@ def assembled(
 
 
 def expectations(
-    found: Sequence[Hypothesis], bench: Bench, best: Tried, defaults: Sequence[Tried]
+    found: Sequence[Hypothesis], best: Sequence[Foretold], defaults: Sequence[Sequence[Foretold]]
 ) -> tuple[Expected, ...]:
     """Every ordered pair: designed against the mean of the default sequences."""
-    usual = [all_ratios(one, bench) for one in defaults]
+    pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
+    usual = [ratios(one, pairs) for one in defaults]
     return tuple(
         Expected(found[one.true].name, found[one.rival].name, one.mean, float(np.mean([row[k].mean for row in usual])))
-        for k, one in enumerate(all_ratios(best, bench))
+        for k, one in enumerate(ratios(best, pairs))
     )
-
-
-def all_ratios(one: Tried, bench: Bench) -> list[Ratio]:
-    """Every ordered pair under one sequence."""
-    count = len(bench.points)
-    pairs = [(a, b) for a in range(count) for b in range(count) if a != b]
-    run = with_command(bench.run, one.levels, bench.grid)
-    return rivalry(one.foretold or (), bench.points, run, pairs, bench.pool)
 
 
 def knowledge_of(one: Hypothesis, best: Foretold, defaults: Sequence[Foretold]) -> tuple[Knowledge, ...]:

@@ -14,7 +14,7 @@ from sma_sim.evidence.design.trial import Foretold, Limits, Points, foretell, wi
 from sma_sim.evidence.residuals import Prepared
 
 Vector = NDArray[np.float64]
-Worth = Callable[[Sequence[Foretold], Prepared], float]
+Worth = Callable[[Sequence[Foretold]], float]
 BATCH = 8  # sequences that are tried at once: fixed, so that the result does not depend on the number of cores
 DEFAULTS = 8  # default sequences that the design is compared with
 RANDOM_PART = 0.35  # of the budget
@@ -58,10 +58,10 @@ def judged(bench: Bench, batch: Sequence[Vector], keep: bool = False) -> list[Tr
     """Sequences tried; None for those that exceed a limit, or that a hypothesis cannot run."""
     runs = [with_command(bench.run, levels, bench.grid) for levels in batch]
     found: list[Tried | None] = []
-    for levels, run, row in zip(batch, runs, foretell(bench.points, runs, bench.pool), strict=True):
+    for levels, row in zip(batch, foretell(bench.points, runs, bench.pool), strict=True):
         whole = [one for one in row if one is not None and one.within(bench.limits)]
         good = len(whole) == len(row)
-        found.append(Tried(levels, bench.worth(whole, run), tuple(whole) if keep else None) if good else None)
+        found.append(Tried(levels, bench.worth(whole), tuple(whole) if keep else None) if good else None)
     return found
 
 

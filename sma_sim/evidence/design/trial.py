@@ -45,22 +45,12 @@ Place = tuple[Parcel, Nuisance]  # a model, and what is unknown about the run
 class Points:
     """Where a hypothesis is looked at: `centres` times (a centre, its `columns` neighbours), then `draws`.
 
-    `steps` (centres, columns): how far the neighbours lie, in standard deviations. `best` (m,) and `root` (m, m) of the
-    unknowns z: the fit, and the root of their covariance.
+    `steps` (centres, columns): how far the neighbours lie, in standard deviations.
     """
 
     at: tuple[Place, ...]
     steps: Matrix
     draws: int
-    problem: Problem
-    best: Vector
-    root: Matrix
-
-    def place_at(self, u: Vector) -> tuple[Place, Vector]:
-        """The model at whitened unknowns u (m,), and u as far as bounds allow it."""
-        low, high = self.problem.limits()
-        z = np.clip(self.best + self.root @ u, low, high)
-        return placed(self.problem, z), np.asarray(np.linalg.solve(self.root, z - self.best), dtype=np.float64)
 
 
 def placed(problem: Problem, z: Vector) -> Place:
@@ -119,7 +109,7 @@ def points_of(one: Hypothesis, run: Prepared, centres: int, draws: int, seed: in
         neighbours, steps[c] = neighbours_of(middle, root, low, high)
         at += [middle, *neighbours]
     at += drawn[:draws]
-    return Points(tuple(placed(problem, z) for z in at), steps, draws, problem, best, root)
+    return Points(tuple(placed(problem, z) for z in at), steps, draws)
 
 
 def neighbours_of(middle: Vector, root: Matrix, low: Vector, high: Vector) -> tuple[list[Vector], Vector]:
