@@ -177,7 +177,7 @@ def hypothesis(name: str, fit: Fitted, factor: float, place: Workplace) -> Hypot
     hessian = summed(parts, z)[2]
     n = len(problem.shared)
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    starts = np.mean(np.array([z[at[n : n + problem.wires]] for at in problem.places()]), axis=0, dtype=np.float64)
+    starts: Vector = np.array([z[at[n : n + problem.wires]] for at in problem.places()]).mean(axis=0)
     root = np.asarray(np.linalg.cholesky(covariance[:n, :n]), dtype=np.float64)
     draws = posterior_draws(fit, cost, covariance, place)[:, :n]
     evidence = -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])
