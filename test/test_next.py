@@ -203,3 +203,12 @@ def test_mistakes_that_need_the_fit(rivals):
             next_experiment(runs, config(), wanted)
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), Wanted(**SHORT))
+
+
+def test_without_names_the_leading_explanations_are_told_apart():
+    """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
+    runs = measured(channels=('alpha',), g_y=-0.3)
+    plan = next_experiment(runs, config(), Wanted(**(SHORT | {'budget': 16})))
+    names = {one.name for one in plan.hypotheses}
+    assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
+    assert len(plan.expected) == len(names) * (len(names) - 1)
