@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.data import add_data_options, check_outputs, chosen_executor, read_data, system_words, write_json
 from sma_sim.cli.fit import STOPPED
 from sma_sim.cli.options import add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.evidence.design.offer import confounded
 from sma_sim.evidence.diagnose import Diagnosis, Request, diagnose, some_held_out
 from sma_sim.evidence.proposed import values_of
 from sma_sim.evidence.recording import Campaign
@@ -61,16 +64,34 @@ def write_outputs(
 ) -> Path | None:
     """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
     written = write_improved(arguments, found) if arguments.out else None
+    rivals = confounded(found)
+    command = next_command(arguments, rivals) if rivals else ''
     if arguments.json:
-        write_json(arguments.json, as_data(found, written))
+        offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
+        write_json(arguments.json, as_data(found, written) | offered)
     if arguments.report:
-        write_diagnosis_page(arguments.report, found, training, held)
+        write_diagnosis_page(arguments.report, found, training, held, command)
+    if command:
+        print(f'to find the experiment that tells {" from ".join(rivals)}: {command}')
     return written
 
 
 def tell(words: str) -> None:
     """Say what is being done."""
     print(f'  {words}', file=sys.stderr, flush=True)
+
+
+def next_command(arguments: argparse.Namespace, rivals: Sequence[str]) -> str:
+    """The command that designs an experiment between these explanations, on the same data and model."""
+    words = ['sma-sim', 'next', *map(str, arguments.data)]
+    for option, values in (
+        ('--between', rivals), ('--config', arguments.config), ('--map', arguments.map), ('--system', arguments.system),
+    ):  # fmt: skip
+        if values:
+            words += [option, *([str(values)] if isinstance(values, str | Path) else values)]
+    for option, given in (('--set', arguments.words), ('--effect', arguments.effects), ('--noise', arguments.noise)):
+        words += [word for value in given for word in (option, value)]
+    return shlex.join([*words, '-o', 'next.csv'])
 
 
 def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | None:

@@ -22,8 +22,10 @@ from sma_sim.report.html.tried import round_section
 from sma_sim.report.palette import GREY
 
 
-def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held: Campaign | None) -> None:
-    """The page of a diagnosis. Raises UserError."""
+def write_diagnosis_page(
+    path: Path, found: Diagnosis, training: Campaign, held: Campaign | None, offer: str = ''
+) -> None:  # fmt: skip
+    """The page of a diagnosis; `offer` is the command that designs a deciding experiment. Raises UserError."""
     before = {name: parameter.default for name, parameter in DEFAULTS.items()} | found.steps[0].values
     for one in found.calibration.free:
         before.setdefault(one.name, one.center)
@@ -32,17 +34,17 @@ def write_diagnosis_page(path: Path, found: Diagnosis, training: Campaign, held:
     if found.proposal is not None:
         steps.append(proposed_section(found, found.proposal))
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
-    sections = [fall_section(found), *steps, parameters_section(found.calibration, before), *left]
+    sections = [fall_section(found, offer), *steps, parameters_section(found.calibration, before), *left]
     write_page(path, f'Diagnosis: {found.verdict}', [*sections, data_section(training, held)])
 
 
-def fall_section(found: Diagnosis) -> Section:
+def fall_section(found: Diagnosis, offer: str) -> Section:
     """The verdict, and the error over noise step by step."""
     return Section('How the error fell', [
         Paragraph(headline(found), 'lead'),
         Plot(fall_figure(found), 'Error over noise (root mean square over channels) of the runs that were fitted and of '
              'those held out, from the bare model through each added effect; 1 is the noise.', 360),
-        Bullets([*remarks(found), *closing(found)]),
+        Bullets([*remarks(found), *([f'the experiment that tells them apart: {offer}'] if offer else []), *closing(found)]),
     ])  # fmt: skip
 
 

@@ -1,0 +1,164 @@
+"""Designed against default experiments, on robots of which the design knows nothing but gentle recordings.
+
+    python benchmarks/designs.py [--minutes 60] [--seeds 1] [--tries 200] [--file designs.jsonl] [--pairs A/B ...]
+
+For each pair of explanations a robot of sma_sim/challenge (MAS kinetics, other parameters, its own formula of the first
+effect) makes two gentle recordings, which leave the pair confounded. `next` designs 100 s between them. The designed and
+three default sequences (random steps of the same power) are run on the robot, with noise, and both explanations are
+fitted to the old recordings and the new one together. Achieved is by how much the new recording raised the log evidence
+ratio for the true one. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from sma_sim import Campaign, Input, Recording
+from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.robot import NOISE_STD, Robot
+from sma_sim.evidence.design.hypotheses import Hypothesis, hypotheses
+from sma_sim.evidence.design.plan import Plan, Wanted, next_experiment
+from sma_sim.evidence.design.sequences import Grid, as_input, default_sequence
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.selection import Workplace
+from sma_sim.model.errors import UserError
+
+PAIRS = (
+    ('natural_convection', 'radiation'), ('gravity', 'sensor_bias'), ('driver_lag', 'latent_heat_scale'),
+    ('beam_creep', 'ambient_heating'), ('guide_friction', 'joint_friction'), ('thermal_crosstalk', 'polycrystal'),
+    ('beam_nonlinearity', 'sensor_gain'), ('functional_fatigue', 'ambient_heating'), ('sensor_lag', 'driver_lag'),
+    ('clausius_clapeyron_mismatch', 'r_phase'),
+)  # fmt: skip
+DEFAULTS = 1
+RATE, LENGTH, HOLD = 20.0, 100.0, 0.5  # [1/s], [s], [s]
+POWER = 15.0  # [W] of the new experiment
+GENTLE = (8.0, 60.0, 3)  # [W], [s] and steps of an old recording
+POSE = ('U_x', 'U_y', 'alpha')
+
+
+def robot_of(pair: Sequence[str], seed: int) -> tuple[Robot, Any]:
+    """The robot that has the first effect of a pair, and the model to start from."""
+    made = make_challenge(seed, kinds=[pair[0]], duration=5.0, rate=10.0)
+    return made.robot, made.nominal
+
+
+def measured(robot: Robot, name: str, source: Input, random: np.random.Generator) -> Recording:
+    """What the robot's sensors show under a command."""
+    time_, channels = robot.measure(source, RATE)
+    noisy = {channel: channels[channel] + NOISE_STD[channel] * random.standard_normal(len(time_)) for channel in POSE}
+    return Recording(name, 'module', time_, noisy, source)
+
+
+def with_recording(campaign: Campaign, more: Recording) -> Campaign:
+    """One recording more."""
+    return replace(campaign, recordings=(*campaign.recordings, more))
+
+
+def achieved(plan: Plan, old: Campaign, new: Recording, place: Workplace) -> float:
+    """By how much a new recording raises the log evidence of the first hypothesis over the second, all fitted again."""
+    wires = plan.hypotheses[0].fitted.problem.wires
+    fits = [(one.name, extended(one, wires)) for one in plan.hypotheses]
+    first, second = hypotheses(with_recording(old, new), fits, place)
+    before = plan.hypotheses[0].evidence - plan.hypotheses[1].evidence
+    return first.evidence - second.evidence - before
+
+
+def extended(one: Hypothesis, wires: int) -> Any:
+    """The fit with the starts of one run more, in the middle of their priors."""
+    return replace(one.fitted, z=np.append(one.fitted.z, np.zeros(wires)))
+
+
+def solve(pair: Sequence[str], seed: int, tries: int) -> dict[str, Any]:
+    """One case."""
+    begun = time.perf_counter()
+    robot, nominal = robot_of(pair, seed)
+    T_E = nominal.parameters['environment.T_E']
+    random = np.random.default_rng([seed, 77])
+    power, seconds, steps = GENTLE
+    gentle = [gentle_command(power, seconds, steps, T_E, random) for _ in range(2)]
+    noise = {name: NOISE_STD[name] for name in POSE}
+    old = Campaign(tuple(measured(robot, f'old{k + 1}', one, random) for k, one in enumerate(gentle)), noise)
+    wanted = Wanted(tuple(pair), (), LENGTH, HOLD, POWER, 440.0, 5e8, 'mas', tries, seed)
+    plan = next_experiment(old, nominal, wanted)
+    grid = plan.grid
+    defaults = [default_sequence(grid, random) for _ in range(DEFAULTS)]
+    with some_executor(None) as pool:
+        place = Workplace(pool, Event(), lambda words: None)
+        gains = [
+            achieved(plan, old, measured(robot, 'new', as_input(levels, grid, T_E), random), place)
+            for levels in (plan.levels, *defaults)
+        ]
+    before = plan.hypotheses[0].evidence - plan.hypotheses[1].evidence
+    expected = plan.expected[0]
+    return {
+        'case': [list(pair), seed], 'before': before, 'expected': [expected.designed, expected.default],
+        'designed': gains[0], 'defaults': gains[1:], 'levels': plan.levels.tolist(), 'design_seconds': plan.seconds,
+        'seconds': time.perf_counter() - begun,
+    }  # fmt: skip
+
+
+def gentle_command(power: float, seconds: float, steps: int, T_E: float, random: np.random.Generator) -> Input:
+    """Few small steps."""
+    grid = Grid(round(seconds / HOLD), HOLD, power)
+    return as_input(np.repeat(np.round(random.uniform(-power, power, steps), 3), grid.cells // steps), grid, T_E)
+
+
+def ratio(one: dict[str, Any]) -> float:
+    """Achieved by the design over achieved by the default sequences on average."""
+    return float(one['designed'] / np.mean(one['defaults']))
+
+
+def summary(results: list[dict[str, Any]]) -> Iterator[str]:
+    """The table."""
+    yield '| true, against | before | expected: designed, default | achieved: designed | default | times |'
+    yield '|---|---|---|---|---|---|'
+    for one in results:
+        (true, rival), _ = one['case']
+        defaults = ', '.join(f'{x:.3g}' for x in one['defaults'])
+        designed, usual = one['expected']
+        yield (f'| {true}, {rival} | {one["before"]:.1f} | {designed:.3g}, {usual:.3g} | {one["designed"]:.4g} | '
+               f'{defaults} | {ratio(one):.1f} |')  # fmt: skip
+    if results:
+        times = [ratio(one) for one in results]
+        yield f'\nmedian {np.median(times):.1f} times, least {min(times):.1f}'
+
+
+def main() -> None:
+    """Solve what is not solved yet, as long as there is time; print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--pairs', nargs='+', default=['/'.join(pair) for pair in PAIRS], metavar='TRUE/RIVAL')
+    parser.add_argument('--seeds', type=int, default=1)
+    parser.add_argument('--tries', type=int, default=120)
+    parser.add_argument('--minutes', type=float, default=60.0)
+    parser.add_argument('--file', type=Path, default=Path('designs.jsonl'))
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
+    known = {json.dumps(one['case']) for one in done}
+    end = time.monotonic() + 60.0 * arguments.minutes
+    for seed in range(1, arguments.seeds + 1):
+        for pair in (words.split('/') for words in arguments.pairs):
+            if time.monotonic() > end or json.dumps([pair, seed]) in known:
+                continue
+            try:
+                one = solve(pair, seed, arguments.tries)
+            except UserError as error:
+                print(pair, seed, error, flush=True)
+                continue
+            done.append(one)
+            with arguments.file.open('a') as file:
+                file.write(json.dumps(one) + '\n')
+            print(list(summary([one]))[2], f'{one["seconds"]:.0f} s', flush=True)
+    print(*summary(done), sep='\n')
+
+
+if __name__ == '__main__':
+    main()

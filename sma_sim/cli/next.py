@@ -1,0 +1,153 @@
+"""`sma-sim next`: the command sequence that best tells rival explanations, or parameters, apart."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli.data import (
+    add_data_options,
+    check_outputs,
+    chosen_executor,
+    read_data,
+    system_words,
+    table_text,
+    write_json,
+)
+from sma_sim.cli.fit import STOPPED
+from sma_sim.cli.options import add_config_options, announce_compilation, config_from
+from sma_sim.evidence.design.plan import Plan, Wanted, next_experiment
+from sma_sim.evidence.design.sequences import as_rows
+from sma_sim.evidence.design.words import as_data, inseparable_words
+from sma_sim.evidence.tables import write_columns
+from sma_sim.model.config import effect_folders_of
+from sma_sim.model.errors import UserError
+from sma_sim.report.html.design_page import write_design_page
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser('next', help='design the experiment that decides')
+    add_data_options(parser)
+    parser.add_argument(
+        '--between', nargs='+', default=[], metavar='EFFECT',
+        help='explanations to tell apart: effects, a+b for two together, `nothing` (default: those that rival the best)',
+    )  # fmt: skip
+    parser.add_argument('--parameters', nargs='+', default=[], metavar='NAME', help='parameters to know better, instead')
+    parser.add_argument('--length', type=float, default=Wanted.length, metavar='S', help='of the experiment (default 100 s)')
+    parser.add_argument('--hold', type=float, default=Wanted.hold, metavar='S', help='least time of a level (default 0.5 s)')
+    parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: that of the recordings)')
+    parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
+    parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
+    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='sequences to try (default 300)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the search')
+    parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
+    add_config_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Design, and write what was asked for."""
+    check_outputs(arguments, arguments.out)
+    if arguments.tries < 1:
+        raise UserError(f'--tries {arguments.tries}: expected 1 or more')
+    config = config_from(arguments, *system_words(arguments))
+    training, _ = read_data(arguments, config)
+    announce_compilation()
+    with chosen_executor(arguments) as executor:
+        plan = next_experiment(training, config, wanted_from(arguments), executor, tell)
+    if arguments.out:
+        times, levels = as_rows(plan.levels, plan.grid)
+        write_columns(arguments.out, {'time_s': times, 'J_eq_W': levels})
+    if arguments.json:
+        write_json(arguments.json, as_data(plan))
+    if arguments.report:
+        write_design_page(arguments.report, plan)
+    print(*plan_text(plan), sep='\n')
+    for path in (arguments.out, arguments.report, arguments.json):
+        if path:
+            print(path)
+    return STOPPED if plan.interrupted else 0
+
+
+def wanted_from(arguments: argparse.Namespace) -> Wanted:
+    """The options."""
+    return Wanted(
+        tuple(arguments.between), tuple(arguments.parameters), arguments.length, arguments.hold, arguments.max_power,
+        arguments.max_temperature, arguments.max_stress, arguments.model, arguments.tries, arguments.seed,
+        tuple(effect_folders_of(arguments.config, arguments.words)),
+    )  # fmt: skip
+
+
+def tell(words: str) -> None:
+    """Say what is being done."""
+    print(f'  {words}', file=sys.stderr, flush=True)
+
+
+def plan_text(plan: Plan) -> Iterator[str]:
+    """The result for the terminal."""
+    rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
+    yield (
+        f'{rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer; '
+        f'the best of {plan.tried} sequences'
+    )
+    yield ''
+    if plan.rivals:
+        yield from rival_text(plan)
+    else:
+        yield from knowledge_text(plan)
+    yield ''
+    reached = {
+        'power': (max(abs(plan.levels)), plan.grid.power, 'W'),
+        'temperature': (max(one.temperature for one in plan.foretold), plan.limits.temperature, 'K'),
+        'stress': (1e-6 * max(one.stress for one in plan.foretold), 1e-6 * plan.limits.stress, 'MPa'),
+    }
+    yield table_text(
+        ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'),
+        [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()],
+    )
+    yield 'time above limits: none'
+    if plan.interrupted:
+        yield 'stopped early: the best so far'
+
+
+def rival_text(plan: Plan) -> Iterator[str]:
+    """What the recordings say of the rivals, and what the experiment is expected to say."""
+    best = max(one.evidence for one in plan.hypotheses)
+    yield table_text(
+        ('explanation', 'kinetics', 'error over noise', 'log evidence behind the best'),
+        [
+            (one.name, one.fitted.problem.config.model, f'{one.fitted.error * one.factor:.3f}', f'{best - one.evidence:.1f}')
+            for one in plan.hypotheses
+        ],
+    )
+    yield ''
+    yield table_text(
+        ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'),
+        [
+            (one.true, one.rival, f'{one.designed:.4g}', f'{one.default:.4g}', times_text(one.designed, one.default))
+            for one in plan.expected
+        ],
+    )
+    yield from inseparable_words(plan)
+
+
+def times_text(designed: float, default: float) -> str:
+    """How many times the default."""
+    return f'{designed / default:.1f}' if default > 0.0 else ''
+
+
+def knowledge_text(plan: Plan) -> Iterator[str]:
+    """How well parameters will be known."""
+    yield table_text(
+        ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
+        [
+            (one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit)
+            for one in plan.knowledge
+        ],
+    )
+    yield f'information on what was asked for: {plan.gains[0]:.2f} nat, {plan.gains[1]:.2f} by a default sequence'

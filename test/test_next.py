@@ -1,0 +1,214 @@
+"""The next experiment: sequences keep their limits, criteria are what dense formulas say, designs beat the default."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import NOISE, campaign, config, scaled
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from sma_sim import UserError, find_effects
+from sma_sim.cli.main import main
+from sma_sim.cli.simulate import read_module_input
+from sma_sim.evidence.candidates import with_effect
+from sma_sim.evidence.design import criteria
+from sma_sim.evidence.design.criteria import follower, gain, known, ratios, weak_directions, worth_of_ratios
+from sma_sim.evidence.design.plan import Wanted, next_experiment
+from sma_sim.evidence.design.sequences import SHAPES, Grid, as_input, as_rows, changed, default_sequence, some_sequence, tidy
+from sma_sim.evidence.design.trial import Foretold, Limits
+from sma_sim.evidence.design.words import as_data, inseparable_words
+from sma_sim.evidence.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.tables import write_columns
+
+POSE = ('U_x', 'U_y', 'alpha')
+SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 24}
+
+
+@given(seed=some.integers(0, 2**32 - 1), cells=some.integers(4, 300), power=some.floats(0.01, 40.0))
+@settings(deadline=None)
+def test_sequences_keep_power_length_and_hold(seed, cells, power):
+    grid, random = Grid(cells, 0.25, power), np.random.default_rng(seed)
+    parents = [some_sequence(grid, random), tidy(default_sequence(grid, random), grid)]
+    parents += [tidy(shape(grid, random), grid) for shape in SHAPES]
+    for levels in [*parents, changed(parents, grid, random)]:
+        assert levels.shape == (cells,) and np.abs(levels).max() <= power
+        times, rows = as_rows(levels, grid)
+        assert times[0] == 0.0 and times[-1] == grid.length and rows[-1] == 0.0
+        assert np.diff(times).min() >= 0.25 - 1e-9
+        held = as_input(levels, grid, 298.0)
+        at = np.searchsorted(held.times, 0.25 * (np.arange(cells) + 0.5), side='right') - 1
+        assert np.array_equal(held.values[at, 0], levels)
+
+
+def linear_model(seed, m=4, N=30):
+    """A hypothesis that is linear: its centre and the derivatives by whitened unknowns."""
+    random = np.random.default_rng(seed)
+    G = random.normal(size=(1, m, N))
+    return Foretold(random.normal(size=(1, N)), G, np.zeros((0, N)), 300.0, 1e8)
+
+
+def test_ratio_is_the_divergence_of_the_predictive_distributions(monkeypatch):
+    monkeypatch.setattr(criteria, 'DRAWS', 40_000)
+    a, b = linear_model(1), linear_model(2)
+    (found,) = ratios([a, b], [(0, 1)])
+    S_a, S_b = (np.eye(30) + one.jacobians[0].T @ one.jacobians[0] for one in (a, b))
+    d, inverse = (a.centres - b.centres)[0], np.linalg.inv(S_b)
+    dets = np.linalg.slogdet(S_b)[1] - np.linalg.slogdet(S_a)[1]
+    exact = 0.5 * (d @ inverse @ d + np.trace(inverse @ S_a) - 30 + dets)
+    assert found.mean == pytest.approx(exact, rel=0.02) and exact > 1.0
+
+
+def test_what_a_rival_can_follow_is_no_evidence():
+    a, b = linear_model(1), linear_model(2)
+    strong = replace(b, jacobians=1e4 * b.jacobians)
+    follows = replace(a, centres=b.centres + (np.array([1.0, -2.0, 0.5, 1.0]) @ b.jacobians[0])[None])
+    left = follower(strong).left(follows.centres - strong.centres)
+    assert left[0] < 1e-6 < 1.0 < follower(b).left(follows.centres - b.centres)[0]
+    rest = follower(strong).residual((follows.centres - strong.centres)[0])
+    assert np.abs(rest).max() < 1e-6
+    assert worth_of_ratios(ratios([a, a], [(0, 1)])) == pytest.approx(0.0, abs=1.0)
+
+
+def test_knowledge_is_that_of_the_joint_information():
+    one, root = linear_model(3), np.linalg.cholesky(np.diag([0.5, 0.1]) + 0.05)
+    weights = np.array([[1.0, 0.0]])
+    before, then = known(weights, root), known(weights, root, one)
+    G = one.jacobians[0]
+    whitening = np.block([[np.linalg.inv(root), np.zeros((2, 2))], [np.zeros((2, 2)), np.eye(2)]])
+    information = whitening.T @ (np.eye(4) + G @ G.T) @ whitening  # in the unknowns themselves, starts included
+    assert before.std[0] == pytest.approx(np.sqrt((root @ root.T)[0, 0]))
+    assert then.std[0] == pytest.approx(np.sqrt(np.linalg.inv(information)[0, 0]))
+    assert gain(weights, root, one) == pytest.approx(np.log(before.std[0] / then.std[0]))
+
+
+def test_weak_directions_are_those_of_large_variance():
+    covariance = np.diag([1e-4, 0.3, 1e-6, 0.2])
+    assert np.abs(weak_directions(covariance, 0.1, 1))[:, [1, 3]].sum() == pytest.approx(2.0)
+    assert len(weak_directions(1e-6 * covariance, 0.1, 3)) == 3
+
+
+def measured(effect='gravity', channels=POSE, seeds=(1, 2), **values):
+    truth = scaled(config('mas'), wire__lambda=1.05, beam__E=1.04)
+    if effect:
+        truth = with_effect(truth, find_effects()[effect], values or {'g_y': -9.81})
+    runs = campaign(truth, seeds, noise=1.0, rate=10.0, channels=channels)
+    return replace(runs, noise_std={name: NOISE[name] for name in channels})
+
+
+@pytest.fixture(scope='module')
+def rivals():
+    runs = measured()
+    return runs, next_experiment(runs, config(), Wanted(('gravity', 'sensor_bias'), **SHORT))
+
+
+def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
+    runs, plan = rivals
+    assert {(one.true, one.rival) for one in plan.expected} == {('gravity', 'sensor_bias'), ('sensor_bias', 'gravity')}
+    assert plan.expected[0].designed > plan.expected[0].default > 0.0
+    assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
+    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 24 and not plan.interrupted
+    assert plan.limits_from['power'] == 'the largest command in the recordings'
+    data = json.loads(json.dumps(as_data(plan), allow_nan=False))
+    assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0
+    assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
+
+
+def test_the_same_seed_gives_the_same_sequence(rivals):
+    runs, plan = rivals
+    again = next_experiment(runs, config(), Wanted(('gravity', 'sensor_bias'), **SHORT))
+    assert np.array_equal(again.levels, plan.levels)
+
+
+def test_given_limits_are_kept(rivals):
+    runs, _ = rivals
+    wanted = Wanted(('gravity', 'sensor_bias'), power=20.0, temperature=325.0, stress=3e8, **SHORT)
+    plan = next_experiment(runs, config(), wanted)
+    assert plan.limits == Limits(325.0, 3e8) and max(one.temperature for one in plan.foretold) <= 325.0
+    assert set(plan.limits_from.values()) == {'given'}
+
+
+def test_what_the_equations_make_alike_is_said():
+    """A spring in series is an equal shift of 1/E_A and 1/E_M, which every fit is free to make."""
+    runs = measured('')
+    plan = next_experiment(runs, config(), Wanted(('nothing', 'attachment_compliance'), **SHORT))
+    assert plan.inseparable == (('attachment_compliance', 'nothing'),)
+    (words,) = inseparable_words(plan)
+    assert words.startswith('no experiment on these channels tells attachment_compliance from nothing apart')
+
+
+def test_ctrl_c_gives_the_best_so_far():
+    seen = []
+
+    def told(words):
+        seen.append(words)
+        if 'sequences tried' in words:
+            raise KeyboardInterrupt
+
+    plan = next_experiment(measured(), config(), Wanted(('gravity', 'sensor_bias'), **SHORT), told=told)
+    assert plan.interrupted and plan.tried < 24 and plan.expected[0].designed > 0.0
+
+
+def write_runs(folder, runs):
+    folder.mkdir()
+    for one in runs.recordings:
+        at = np.searchsorted(one.source.times, one.time, side='right') - 1
+        columns = {'time_s': one.time, 'J_eq_W': one.source.values[at, 0]}
+        write_columns(folder / f'{one.name}.csv', columns | {CHANNEL_COLUMNS[c]: v for c, v in one.channels.items()})
+    (folder / 'meta.json').write_text(json.dumps({'noise_std': dict(runs.noise_std)}))
+
+
+def test_the_command_knows_parameters_better(tmp_path, capsys):
+    write_runs(tmp_path / 'data', measured(''))
+    out, told, page = (tmp_path / name for name in ('next.csv', 'next.json', 'next.html'))
+    words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '24']
+    assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
+    shown = capsys.readouterr().out
+    assert 'wire.lambda' in shown and 'time above limits: none' in shown
+    source = read_module_input(out, 298.0, False, None)
+    assert source.times[-1] == 20.0 and source.values[-1, 0] == 0.0
+    data = json.loads(told.read_text())
+    assert data['kind'] == 'parameters' and data['information_nat']['designed'] > data['information_nat']['default'] > 0.0
+    for one in data['parameters'].values():
+        assert one['std_designed'] <= one['std_now'] * (1 + 1e-9)
+    assert 'J_eq [W]' in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['--between', 'gravity'], 'at least two'),
+        (['--between', 'gravity', 'gravity'], 'different explanations'),
+        (['--between', 'gravity', 'nothing', '--parameters', 'beam.E'], 'one of them'),
+        (['--length', '1', '--parameters', 'beam.E'], 'at least four holds'),
+        (['--max-power', '-1'], 'max-power'),
+        (['--tries', '0'], 'tries'),
+    ],
+)
+def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
+    write_runs(tmp_path / 'data', measured('', seeds=(1,)))
+    assert main(['next', str(tmp_path / 'data'), *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_mistakes_that_need_the_fit(rivals):
+    runs, _ = rivals
+    for wanted, message in (
+        (Wanted(('gravitation', 'sensor_bias'), **SHORT), 'gravity'),
+        (Wanted((), ('beam.X',), **SHORT), 'beam.E'),
+        (Wanted((), ('beam.E',), temperature=290.0, **SHORT), '--max-temperature'),
+    ):
+        with pytest.raises(UserError, match=message):
+            next_experiment(runs, config(), wanted)
+    with pytest.raises(UserError, match='wire'):
+        next_experiment(runs, config(system='wire'), Wanted(**SHORT))
+
+
+def test_without_names_the_leading_explanations_are_told_apart():
+    """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
+    runs = measured(channels=('alpha',), g_y=-0.3)
+    plan = next_experiment(runs, config(), Wanted(**(SHORT | {'budget': 16})))
+    names = {one.name for one in plan.hypotheses}
+    assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
+    assert len(plan.expected) == len(names) * (len(names) - 1)
