@@ -7,10 +7,10 @@ import os
 import sys
 import traceback
 
-from sma_sim.cli import add, bag, challenge, compare, diagnose, effects, fit, init, paper, play, plot, simulate, tour
+from sma_sim.cli import add, bag, challenge, compare, diagnose, effects, fit, init, latent, paper, play, plot, simulate, tour
 from sma_sim.model.errors import UserError
 
-VERBS = (tour, init, simulate, fit, compare, diagnose, add, play, plot, bag, effects, challenge, paper)
+VERBS = (tour, init, simulate, fit, compare, diagnose, latent, add, play, plot, bag, effects, challenge, paper)
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 
 

@@ -1,0 +1,248 @@
+"""Which unknown quantity, acting where, would make a calibrated model meet the measurement (docs/latent.md)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.calibrate import Options, check, prepared, together
+from sma_sim.evidence.descent import FIRST, descend, start_point
+from sma_sim.evidence.diagnose import PREFERENCE, STARTS, Request, bare_fit, some_held_out
+from sma_sim.evidence.latent.design import Design, Stopped, Told, design_of
+from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
+from sma_sim.evidence.latent.ports import Port, ports_of
+from sma_sim.evidence.latent.ranking import Weighed, dealt, errors_of, estimate_of, floor_of, p_value, weigh_all, widening
+from sma_sim.evidence.latent.responses import binned, grid_of
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.problem import Problem, residuals_at
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.refit import Fitted
+from sma_sim.evidence.selection import Workplace, judged_error
+from sma_sim.model.config import Config
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+MOST_RUNS = 3  # those with the largest error are looked at
+SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypotheses
+LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
+ALIKE = 1.1  # ratio of the errors left within which two explain alike
+FINALISTS = 6
+CERTAIN = 7.0  # difference of log evidences below which data do not tell
+GAUSS_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Course:
+    """One port's time course in one run: `mean` and `band` (k,) (95 %: mean +- band) at times (k,) [s], in its unit."""
+
+    run: str
+    port: Port
+    time: Vector
+    mean: Vector
+    band: Vector
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One hypothesis: what it leaves of the error over noise, what it costs, and the time courses.
+
+    `error`, `held_out`: error over noise that is left, of all data and in gaps that were left out in turn, `dof` the
+    effective number of values that were fitted, `evidence` the logarithm of the odds against nothing at all, `prior` what
+    the course looks like, `beyond`: part of the instants at which it leaves its band.
+    """
+
+    hypothesis: Hypothesis
+    evidence: float
+    dof: float
+    prior: str
+    error: float
+    held_out: float
+    beyond: float
+    courses: tuple[Course, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the hypothesis."""
+        return self.hypothesis.name
+
+
+@dataclass(frozen=True)
+class Latent:
+    """What was found. `verdict`: the name of the best hypothesis, or `none`; `alike`: those it cannot be told from, and why.
+
+    `findings`: best first; those after the finalists have no courses. `error`, `held_out`: over noise, without any of them;
+    `p_value`: how often chance alone does as well; `widened`: by which factor noise was widened for what no port explains.
+    """
+
+    verdict: str
+    alike: Mapping[str, str]
+    findings: tuple[Finding, ...]
+    error: float
+    held_out: float
+    p_value: float
+    widened: float
+    config: Config
+    model: str
+    delay: float
+    runs: tuple[str, ...]
+    interrupted: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class LatentRequest:
+    """How to look: kinetics (hybrid, mas or auto), `fit` the model first or take it as calibrated, seed of the draws."""
+
+    model: str = 'auto'
+    fit: bool = True
+    seed: int = 0
+    options: Options = field(default_factory=lambda: Options(starts=STARTS))
+
+
+@dataclass(frozen=True)
+class Models:
+    """The chosen model at its optimum, and the other kinetics at theirs where they were fitted."""
+
+    chosen: Fitted
+    other: Fitted | None
+
+
+def fitted_models(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Models:
+    """Both kinetics, fitted as a diagnosis does; with `fit` off only starts and delay are."""
+    if not request.fit:
+        model = config.model if request.model == 'auto' else request.model
+        return Models(as_calibrated(training, replace(config, model=model), request, place), None)
+    names = ('hybrid', 'mas') if request.model == 'auto' else (request.model,)
+    found = [bare_fit(training, config, Request(name, (), request.seed, request.options), place) for name in names]
+    found.sort(key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+    return Models(found[0], found[1] if len(found) > 1 else None)
+
+
+def as_calibrated(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Fitted:
+    """The configuration as it is, with the starts and the delay that suit it."""
+    every = max(1, max(len(one.time) for one in training.recordings) // 1000)
+    full = prepared(training, config, request.options, every)
+    place.told('estimating starts and delay')
+    found = descend(replace(full, free=()), start_point(replace(full, free=())), place.pool, FIRST, place.stop)
+    return Fitted(full, np.concatenate([np.zeros(len(full.free)), found.z]), found.cost)
+
+
+def worst_runs(training: Campaign, one: Fitted, pool: Executor) -> list[int]:
+    """The runs with the largest error, in their order."""
+    residuals = residuals_at(one.problem, one.z, pool)
+    sizes = [0.0 if found is None else float(np.mean(found**2)) for found in residuals]
+    return sorted(np.argsort(sizes)[::-1][:MOST_RUNS].tolist())
+
+
+def on_all_samples(training: Campaign, one: Fitted, chosen: Sequence[int]) -> tuple[Problem, Vector]:
+    """The problem of some runs on all their samples, and z there."""
+    full = replace(prepared(training, one.problem.config, Options(), 1), free=one.problem.free)
+    places, shared = full.places(), len(full.shared)
+    z = np.concatenate([one.z[:shared], *(one.z[places[k][shared:]] for k in chosen)])
+    return replace(full, runs=tuple(full.runs[k] for k in chosen)), z
+
+
+def discrepancy(training: Campaign, models: Models, chosen: Sequence[int], design: Design, pool: Executor) -> list[Matrix]:
+    """By run, what the other kinetics show differently (channels, bins), over noise; zero where they were not fitted."""
+    if models.other is None:
+        return [np.zeros_like(run.residuals) for run in design.runs]
+    problem, z = on_all_samples(training, models.other, chosen)
+    found = []
+    for run, own, shown in zip(problem.runs, design.runs, residuals_at(problem, z, pool), strict=True):
+        grid = grid_of(run, len(own.grid.knots) - 1)
+        found.append(np.zeros_like(own.residuals) if shown is None else binned(shown, run, grid) - own.residuals)
+    return found
+
+
+def latent(
+    campaign: Campaign, config: Config, held: Campaign | None = None, request: LatentRequest | None = None,
+    executor: Executor | None = None, told: Told = lambda words: None,
+) -> Latent:  # fmt: skip
+    """Find the quantity, and where it acts, that would make `config` explain the campaign's recordings.
+
+    Those of `held` are not looked at, so that what is made of the answer can be judged by them; without it the last of three
+    or more is held out. A KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be fitted.
+    """
+    begun, request, stop = time.perf_counter(), request or LatentRequest(), Event()
+    training, _ = some_held_out(campaign, held)
+    check(training, config, request.options)
+    with some_executor(executor) as pool:
+        place = Workplace(pool, stop, told, (), request.seed)
+        models = fitted_models(training, config, request, place)
+        work = partial(searched, training, config, models, request, place)
+        found = together([work], stop)[0]
+    return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - begun)
+
+
+def searched(training: Campaign, config: Config, models: Models, request: LatentRequest, place: Workplace) -> Latent:
+    """The search around a fitted model."""
+    fitted = models.chosen
+    chosen = worst_runs(training, fitted, place.pool)
+    problem, z = on_all_samples(training, fitted, chosen)
+    ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
+    answer = Latent(
+        'none', {}, (), fitted.error, float('nan'), 1.0, 1.0, problem.fitted(z), fitted.problem.config.model,
+        problem.delay_at(z), tuple(run.name for run in problem.runs), False, 0.0,
+    )  # fmt: skip
+    try:
+        design = design_of(problem, z, ports, place.pool, place.stop, place.told)
+        gap = discrepancy(training, models, chosen, design, place.pool)
+        return judged(answer, design, ports, gap, request.seed, place)
+    except Stopped:
+        return answer
+
+
+def judged(
+    answer: Latent, design: Design, ports: Sequence[Port], gap: Sequence[Matrix], seed: int, place: Workplace
+) -> Latent:
+    """All hypotheses weighed; the best once more with the noise that their best leaves."""
+    hypotheses, T_E = hypotheses_of(ports), answer.config.parameters['environment.T_E']
+    place.told(f'weighing {len(hypotheses)} hypotheses')
+    first = weigh_all(design, hypotheses, T_E, gap, seed, place.pool, place.stop)
+    chance, widened = p_value(first), widening(design, first[0])
+    finalists = [one.hypothesis for one in first[:FINALISTS]]
+    place.told(f'once more for {", ".join(one.name for one in finalists)}, noise widened by {widened:.2f}')
+    last = weigh_all(design, finalists, T_E, gap, seed, place.pool, place.stop, widened)
+    findings = dealt([partial(finding, design, one, gap, widened) for one in last], place.pool, place.stop)
+    before = findings[0][1]
+    answer = replace(
+        answer, findings=tuple(one for one, _ in findings), held_out=before, p_value=chance, widened=widened,
+        error=float(np.sqrt(sum(run.raw for run in design.runs) / sum(run.samples for run in design.runs))),
+    )  # fmt: skip
+    best = answer.findings[0]
+    if chance > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
+        return answer
+    return replace(answer, verdict=best.name, alike=alike(best, answer.findings[1:]))
+
+
+def alike(best: Finding, others: Sequence[Finding]) -> dict[str, str]:
+    """The hypotheses that explain as well, with the reason."""
+    found = {}
+    for one in others:
+        why = reason(best.hypothesis, one.hypothesis)
+        if best.evidence - one.evidence < CERTAIN or (why and one.error < ALIKE * best.error):
+            found[one.name] = why or 'these recordings do not tell'
+    return found
+
+
+def finding(design: Design, one: Weighed, gap: Sequence[Matrix], widened: float) -> tuple[Finding, float]:
+    """What is reported of a hypothesis, and the error in gaps without it."""
+    estimate = estimate_of(design, one, widened)
+    band = GAUSS_95 * np.hypot(estimate.std, floor_of(design, one, gap, widened))
+    error, before, after = errors_of(design, one, estimate, widened)
+    courses, at = [], 0
+    for run in design.runs:
+        for port in one.hypothesis.ports:
+            part = slice(at, at + len(run.grid.knots))
+            courses.append(Course(run.name, port, run.grid.knots, port.probe * estimate.u[part], port.probe * band[part]))
+            at = part.stop
+    beyond, prior = float(np.mean(np.abs(estimate.u) > band)), one.prior
+    found = Finding(one.hypothesis, prior.evidence, prior.dof, prior.words, error, after, beyond, tuple(courses))
+    return found, before
