@@ -14,12 +14,11 @@ from sma_sim.evidence.latent.hypotheses import Hypothesis
 from sma_sim.evidence.latent.inference import Products, added
 from sma_sim.evidence.latent.ports import Port
 from sma_sim.evidence.latent.priors import Points
-from sma_sim.evidence.latent.responses import Grid, binned, grid_of, ready, sensed, submitted
+from sma_sim.evidence.latent.responses import Grid, acting, binned, course_at, grid_of, marked, ready, sensed, submitted
 from sma_sim.evidence.parallel import Parcel
-from sma_sim.evidence.problem import Linear, Problem, linearise
+from sma_sim.evidence.problem import Problem, linearise, residuals_at
 from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.residuals import Nuisance, Prepared, model_columns, weighted_residuals
-from sma_sim.model.config import Config
+from sma_sim.evidence.residuals import model_columns, weighted_residuals
 from sma_sim.model.effects.ports import CHANNELS
 
 Vector = NDArray[np.float64]
@@ -34,8 +33,8 @@ class RunDesign:
     """One run: binned residuals (channels, bins), its rows (ports' knots, then its z), and their products by fold.
 
     `rows` (rows, channels bins) are per probe and per unit of z; `first` tells where the rows of a port begin, `place`
-    where its z are among all. `raw` is the sum of squares of the samples, `samples` their number. `columns`: the model
-    at the knots.
+    where its z are among all. `excess`: squares of the samples beyond those of the bins, `samples` their number.
+    `columns`: the model at the knots.
     """
 
     name: str
@@ -46,7 +45,7 @@ class RunDesign:
     first: Mapping[str, int]
     place: NDArray[np.int64]
     folds: tuple[Products, ...]
-    raw: float
+    excess: float
     samples: int
     columns: Mapping[str, Vector]
 
@@ -79,16 +78,19 @@ class Design:
             at += len(own)
         return rows, places, m
 
-    def products(self, one: Hypothesis, fold: int | None = None) -> Products:
-        """The products of a hypothesis over all data (with the pull of the fit's prior), or over one fold."""
+    def products(self, one: Hypothesis, widened: float = 1.0, fold: int | None = None) -> Products:
+        """The products of a hypothesis over all data (with the pull of the fit's prior), or over one fold.
+
+        `widened`: the variance of noise, over what was stated.
+        """
         rows, places, m = self.places(one)
         size = m + len(self.z)
         gram, pull, squares, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
         for run, own, place in zip(self.runs, rows, places, strict=True):
             part = added(run.folds) if fold is None else run.folds[fold]
-            gram[np.ix_(place, place)] += part.gram[np.ix_(own, own)]
-            pull[place] += part.pull[own]
-            squares, count = squares + part.squares, count + part.count
+            gram[np.ix_(place, place)] += part.gram[np.ix_(own, own)] / widened
+            pull[place] += part.pull[own] / widened
+            squares, count = squares + part.squares / widened, count + part.count
         if fold is None:
             pull[m:] += self.z
         return Products(gram, pull, squares, count)
@@ -140,27 +142,72 @@ class Stopped(Exception):
     """Ctrl-C before there was enough to tell anything."""
 
 
-def design_of(problem: Problem, z: Vector, ports: Sequence[Port], pool: Executor, stop: Event, told: Told) -> Design:
+@dataclass(frozen=True)
+class Place:
+    """Around what a model is linearised: the runs (with a row of input at every knot), z (n,), and courses by run and port.
+
+    `courses` (knots,) are in the ports' units; a port that has none is at zero.
+    """
+
+    problem: Problem
+    grids: tuple[Grid, ...]
+    z: Vector
+    courses: tuple[Mapping[Port, Vector], ...]
+
+    def problem_of(self, k: int) -> tuple[Problem, Vector]:
+        """The problem of one run by itself, its courses active, and its part of z."""
+        acts = [acting(port, self.grids[k], u) for port, u in self.courses[k].items() if port.hook != 'sensing']
+        config = replace(self.problem.config, effects=(*self.problem.config.effects, *acts))
+        return replace(self.problem, config=config, runs=(self.problem.runs[k],)), self.z[self.problem.places()[k]]
+
+    def sensors(self, k: int, delay: float) -> Matrix:
+        """What courses of the sensing ports add to the weighted residuals of a run, (channels, samples)."""
+        run, grid = self.problem.runs[k], self.grids[k]
+        shown = np.zeros_like(run.weight)
+        for port, u in self.courses[k].items():
+            if port.hook == 'sensing':
+                row = run.channels.index(CHANNELS[port.component])
+                shown[row] += course_at(grid, u, run.time - delay) * run.weight[row]
+        return shown
+
+    def residuals(self, pool: Executor) -> list[Matrix | None]:
+        """Binned residuals (channels, bins) of every run; None where the model cannot be run."""
+        found: list[Matrix | None] = []
+        for k, run in enumerate(self.problem.runs):
+            problem, z = self.problem_of(k)
+            shown = residuals_at(problem, z, pool)[0]
+            extra = self.sensors(k, problem.delay_at(z))
+            found.append(None if shown is None else binned(shown + extra, run, self.grids[k]))
+        return found
+
+
+def place_of(problem: Problem, z: Vector) -> Place:
+    """The fitted model itself."""
+    grids = tuple(grid_of(run, MOST_KNOTS // len(problem.runs)) for run in problem.runs)
+    runs = tuple(
+        replace(run, source=marked(run.source, grid.knots)) for run, grid in zip(problem.runs, grids, strict=True)
+    )
+    return Place(replace(problem, runs=runs), grids, z, tuple({} for _ in runs))
+
+
+def design_of(place: Place, ports: Sequence[Port], pool: Executor, stop: Event, told: Told) -> Design:
     """Every run's response to every port at every knot. Raises Stopped."""
-    linear = linearise(problem, z, pool)
-    config, most = problem.fitted(z), MOST_KNOTS // len(problem.runs)
     runs = []
-    for run, one in zip(problem.runs, linear, strict=True):
-        grid = grid_of(run, most)
-        told(f'responses of {run.name} to {len(ports)} ports at {len(grid.knots)} instants')
-        runs.append(run_design(config, run, one, grid, problem.nuisance(z[one.place]), ports, pool, stop))
-    return Design(tuple(runs), z)
+    for k, run in enumerate(place.problem.runs):
+        told(f'responses of {run.name} to {len(ports)} ports at {len(place.grids[k].knots)} instants')
+        runs.append(run_design(place, k, ports, pool, stop))
+    return Design(tuple(runs), place.z)
 
 
-def run_design(
-    config: Config, run: Prepared, one: Linear, grid: Grid, nuisance: Nuisance, ports: Sequence[Port], pool: Executor,
-    stop: Event,
-) -> RunDesign:  # fmt: skip
-    """One run's responses. Raises Stopped."""
-    begun, marked, plain = ready(config, run, grid, nuisance)
-    base = binned(weighted_residuals(begun, marked, plain), run, grid)
+def run_design(place: Place, k: int, ports: Sequence[Port], pool: Executor, stop: Event) -> RunDesign:
+    """One run's responses. Its residuals are those without the courses, as the linear model has them. Raises Stopped."""
+    problem, z = place.problem_of(k)
+    run, grid, config = problem.runs[0], place.grids[k], problem.fitted(z)
+    linear = linearise(problem, z, pool)[0]
+    begun, plain_run, plain = ready(config, run, problem.nuisance(z))
+    base = binned(weighted_residuals(begun, plain_run, plain), run, grid)
     work = {
-        port: [] if port.hook == 'sensing' else submitted(port, marked, grid, Parcel(begun), plain, base, pool)
+        port: [] if port.hook == 'sensing' else submitted(port, plain_run, grid, Parcel(begun), plain, base, pool)
         for port in ports
     }
     rows, first, at = [], {}, 0
@@ -173,19 +220,24 @@ def run_design(
         first[port.name] = at
         at += len(shown)
         rows.append(shown.reshape(len(shown), -1))
-    rows.append(np.array([binned(row, run, grid).ravel() for row in one.jacobian]))
+    rows.append(np.array([binned(row, run, grid).ravel() for row in linear.jacobian]))
     every = np.concatenate(rows).astype(float)
-    residuals = binned(one.residuals, run, grid)
+    raw = linear.residuals + place.sensors(k, plain.delay)
+    residuals = binned(raw, run, grid)
+    excess = float(np.sum(raw**2) - np.sum(residuals**2))
+    for port, u in place.courses[k].items():
+        part = slice(first[port.name], first[port.name] + len(u))
+        residuals = residuals - ((u / port.probe) @ every[part]).reshape(residuals.shape)
     return RunDesign(
-        run.name, run.channels, grid, residuals, every, first, one.place, products_by_fold(every, residuals, grid),
-        float(np.sum(one.residuals**2)), run.samples, model_columns(begun, replace(marked, time=grid.knots), plain),
+        run.name, run.channels, grid, residuals, every, first, place.problem.places()[k],
+        products_by_fold(every, residuals, grid), excess, run.samples,
+        model_columns(begun, replace(plain_run, time=grid.knots), plain),
     )  # fmt: skip
 
 
 def products_by_fold(rows: Matrix, residuals: Matrix, grid: Grid) -> tuple[Products, ...]:
     """The products of all rows of a run over each fold of its blocks of time."""
-    channels = len(residuals)
-    fold = np.tile(np.arange(grid.bins) * BLOCKS // grid.bins % FOLDS, channels)
+    fold = np.tile(np.arange(grid.bins) * BLOCKS // grid.bins % FOLDS, len(residuals))
     values = residuals.ravel()
     found = []
     for k in range(FOLDS):

@@ -34,10 +34,6 @@ class Products:
             self.gram - part.gram, self.pull - part.pull, self.squares - part.squares, self.count - part.count
         )
 
-    def over(self, variance: float) -> Products:
-        """With every sample's noise variance multiplied."""
-        return Products(self.gram / variance, self.pull / variance, self.squares / variance, self.count)
-
 
 def added(parts: Sequence[Products]) -> Products:
     """The sum of parts of the data."""
@@ -70,6 +66,14 @@ def projected(whole: Products, m: int) -> tuple[Matrix, Matrix]:
     n = len(whole.pull) - m
     share: Matrix = np.asarray(np.linalg.solve(whole.gram[m:, m:] + np.eye(n), whole.gram[m:, :m]).T, float)
     return whole.gram[:m, :m] - share @ whole.gram[m:, :m], share
+
+
+def without(whole: Products, z: Vector) -> float:
+    """Log evidence of the data without any u, but for what does not depend on the model; z is where it was linearised."""
+    n = len(z)
+    hessian, pull = whole.gram[-n:, -n:] + np.eye(n), whole.pull[-n:]
+    misfit = whole.squares + float(z @ z) - float(pull @ np.linalg.solve(hessian, pull))
+    return -0.5 * misfit - 0.5 * float(np.linalg.slogdet(hessian)[1])
 
 
 def weighed(gram: Matrix, pulls: Matrix, words: str, covariance: Matrix) -> tuple[Prior, Vector]:

@@ -15,11 +15,22 @@ from numpy.typing import NDArray
 from sma_sim.evidence.calibrate import Options, check, prepared, together
 from sma_sim.evidence.descent import FIRST, descend, start_point
 from sma_sim.evidence.diagnose import PREFERENCE, STARTS, Request, bare_fit, some_held_out
-from sma_sim.evidence.latent.design import Design, Stopped, Told, design_of
+from sma_sim.evidence.latent.design import Design, Place, Stopped, Told, design_of, place_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
+from sma_sim.evidence.latent.inference import Products, added, without
 from sma_sim.evidence.latent.ports import Port, ports_of
-from sma_sim.evidence.latent.ranking import Weighed, dealt, errors_of, estimate_of, floor_of, p_value, weigh_all, widening
-from sma_sim.evidence.latent.responses import binned, grid_of
+from sma_sim.evidence.latent.ranking import (
+    Weighed,
+    error_of,
+    errors_in_gaps,
+    estimate_of,
+    floor_of,
+    p_value,
+    weigh,
+    weigh_all,
+    widening,
+)
+from sma_sim.evidence.latent.refine import refined
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
@@ -153,12 +164,11 @@ def discrepancy(training: Campaign, models: Models, chosen: Sequence[int], desig
     """By run, what the other kinetics show differently (channels, bins), over noise; zero where they were not fitted."""
     if models.other is None:
         return [np.zeros_like(run.residuals) for run in design.runs]
-    problem, z = on_all_samples(training, models.other, chosen)
-    found = []
-    for run, own, shown in zip(problem.runs, design.runs, residuals_at(problem, z, pool), strict=True):
-        grid = grid_of(run, len(own.grid.knots) - 1)
-        found.append(np.zeros_like(own.residuals) if shown is None else binned(shown, run, grid) - own.residuals)
-    return found
+    shown = place_of(*on_all_samples(training, models.other, chosen)).residuals(pool)
+    return [
+        np.zeros_like(own.residuals) if one is None else one - own.residuals
+        for own, one in zip(design.runs, shown, strict=True)
+    ]
 
 
 def latent(
@@ -176,50 +186,59 @@ def latent(
     with some_executor(executor) as pool:
         place = Workplace(pool, stop, told, (), request.seed)
         models = fitted_models(training, config, request, place)
-        work = partial(searched, training, config, models, request, place)
-        found = together([work], stop)[0]
+        found = together([partial(searched, training, models, place)], stop)[0]
     return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - begun)
 
 
-def searched(training: Campaign, config: Config, models: Models, request: LatentRequest, place: Workplace) -> Latent:
+def searched(training: Campaign, models: Models, place: Workplace) -> Latent:
     """The search around a fitted model."""
     fitted = models.chosen
     chosen = worst_runs(training, fitted, place.pool)
     problem, z = on_all_samples(training, fitted, chosen)
+    config = problem.fitted(z)
     ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
     answer = Latent(
-        'none', {}, (), fitted.error, float('nan'), 1.0, 1.0, problem.fitted(z), fitted.problem.config.model,
-        problem.delay_at(z), tuple(run.name for run in problem.runs), False, 0.0,
+        'none', {}, (), fitted.error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
+        tuple(run.name for run in problem.runs), False, 0.0,
     )  # fmt: skip
+    start = place_of(problem, z)
     try:
-        design = design_of(problem, z, ports, place.pool, place.stop, place.told)
+        design = design_of(start, ports, place.pool, place.stop, place.told)
         gap = discrepancy(training, models, chosen, design, place.pool)
-        return judged(answer, design, ports, gap, request.seed, place)
+        return judged(answer, start, design, ports, gap, place)
     except Stopped:
         return answer
 
 
 def judged(
-    answer: Latent, design: Design, ports: Sequence[Port], gap: Sequence[Matrix], seed: int, place: Workplace
+    answer: Latent, start: Place, design: Design, ports: Sequence[Port], gap: Sequence[Matrix], place: Workplace
 ) -> Latent:
-    """All hypotheses weighed; the best once more with the noise that their best leaves."""
+    """All hypotheses weighed; where the best is more than chance, the best are refined, and weighed against one another."""
     hypotheses, T_E = hypotheses_of(ports), answer.config.parameters['environment.T_E']
     place.told(f'weighing {len(hypotheses)} hypotheses')
-    first = weigh_all(design, hypotheses, T_E, gap, seed, place.pool, place.stop)
-    chance, widened = p_value(first), widening(design, first[0])
-    finalists = [one.hypothesis for one in first[:FINALISTS]]
-    place.told(f'once more for {", ".join(one.name for one in finalists)}, noise widened by {widened:.2f}')
-    last = weigh_all(design, finalists, T_E, gap, seed, place.pool, place.stop, widened)
-    findings = dealt([partial(finding, design, one, gap, widened) for one in last], place.pool, place.stop)
-    before = findings[0][1]
-    answer = replace(
-        answer, findings=tuple(one for one, _ in findings), held_out=before, p_value=chance, widened=widened,
-        error=float(np.sqrt(sum(run.raw for run in design.runs) / sum(run.samples for run in design.runs))),
-    )  # fmt: skip
-    best = answer.findings[0]
-    if chance > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
+    weighed = weigh_all(design, hypotheses, T_E, gap, place.seed, place.pool, place.stop)
+    answer = replace(answer, p_value=p_value(weighed), error=error_of(design, sum(r.squares for r in whole_runs(design))))
+    finalists = weighed[:FINALISTS]
+    if answer.p_value <= SIGNIFICANT:
+        place.told(f'refining {", ".join(one.hypothesis.name for one in finalists)}')
+        jobs = [partial(refined, start, one, T_E, place.pool, place.stop, place.told) for one in finalists]
+        finalists = together(jobs, place.stop)
+    widened = min(widening(one, 1.0) for one in finalists)
+    last = [weigh(one.design, one.hypothesis, T_E, (), widened) for one in finalists]
+    nothing = without(design.products(hypotheses[0], widened), design.z)
+    findings = [finding(one, gap, widened, nothing) for one in last]
+    findings.sort(key=lambda one: -one.evidence)
+    in_gaps = errors_in_gaps(weigh(design, finalists[0].hypothesis, T_E, (), widened), widened)[0]
+    answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
+    best = findings[0]
+    if answer.p_value > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
         return answer
-    return replace(answer, verdict=best.name, alike=alike(best, answer.findings[1:]))
+    return replace(answer, verdict=best.name, alike=alike(best, findings[1:]))
+
+
+def whole_runs(design: Design) -> list[Products]:
+    """The products of every run."""
+    return [added(run.folds) for run in design.runs]
 
 
 def alike(best: Finding, others: Sequence[Finding]) -> dict[str, str]:
@@ -232,17 +251,17 @@ def alike(best: Finding, others: Sequence[Finding]) -> dict[str, str]:
     return found
 
 
-def finding(design: Design, one: Weighed, gap: Sequence[Matrix], widened: float) -> tuple[Finding, float]:
-    """What is reported of a hypothesis, and the error in gaps without it."""
-    estimate = estimate_of(design, one, widened)
-    band = GAUSS_95 * np.hypot(estimate.std, floor_of(design, one, gap, widened))
-    error, before, after = errors_of(design, one, estimate, widened)
+def finding(one: Weighed, gap: Sequence[Matrix], widened: float, nothing: float) -> Finding:
+    """What is reported of a hypothesis; `nothing` is the log evidence without any."""
+    estimate, prior = estimate_of(one, widened), one.prior
+    band = GAUSS_95 * np.hypot(estimate.std, floor_of(one, gap, widened))
     courses, at = [], 0
-    for run in design.runs:
+    for run in one.design.runs:
         for port in one.hypothesis.ports:
             part = slice(at, at + len(run.grid.knots))
             courses.append(Course(run.name, port, run.grid.knots, port.probe * estimate.u[part], port.probe * band[part]))
             at = part.stop
-    beyond, prior = float(np.mean(np.abs(estimate.u) > band)), one.prior
-    found = Finding(one.hypothesis, prior.evidence, prior.dof, prior.words, error, after, beyond, tuple(courses))
-    return found, before
+    return Finding(
+        one.hypothesis, one.evidence - nothing, prior.dof, prior.words, error_of(one.design, estimate.squares, widened),
+        errors_in_gaps(one, widened)[1], float(np.mean(np.abs(estimate.u) > band)), tuple(courses),
+    )  # fmt: skip

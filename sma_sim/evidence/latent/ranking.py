@@ -24,6 +24,7 @@ from sma_sim.evidence.latent.inference import (
     projected,
     solved,
     with_shifts,
+    without,
 )
 from sma_sim.evidence.latent.priors import covariances
 from sma_sim.evidence.uncertainty import autocorrelation_time
@@ -38,11 +39,14 @@ DRAWS = 299
 class Weighed:
     """A hypothesis with the prior that the data prefer, and the best evidence of each draw of chance, (DRAWS,).
 
-    `single`: evidence of the best covariance by itself, which is what chance is compared with.
+    `design`: the model around which it was weighed. `evidence`: logarithm, comparable between designs. `single`: of the
+    best covariance by itself over nothing, which is what chance is compared with.
     """
 
     hypothesis: Hypothesis
+    design: Design
     prior: Prior
+    evidence: float
     single: float
     by_chance: Vector
 
@@ -71,13 +75,14 @@ def chance(design: Design, gap: Sequence[Matrix], seed: int) -> list[Matrix]:
 
 
 def weigh(design: Design, one: Hypothesis, T_E: float, noise: Sequence[Matrix], widened: float = 1.0) -> Weighed:
-    """The prior that the data prefer for one hypothesis."""
-    whole = design.products(one)
+    """The prior that the data prefer for one hypothesis; `noise` may be empty."""
+    whole = design.products(one, widened)
     m = len(whole.pull) - len(design.z)
-    gram, share = projected(whole.over(widened), m)
-    pulls = np.column_stack([whole.pull / widened, design.pulls(one, noise)])
+    gram, share = projected(whole, m)
+    pulls = np.column_stack([whole.pull, design.pulls(one, noise)]) if noise else whole.pull[:, None]
     prior, scores = best_prior(gram, share @ pulls[m:] - pulls[:m], covariances(one.hook, design.points(one, T_E)))
-    return Weighed(one, prior, float(scores[0]), scores[1:])
+    evidence = prior.evidence + without(whole, design.z)
+    return Weighed(one, design, prior, evidence, float(scores[0]), scores[1:])
 
 
 def p_value(weighed: Sequence[Weighed]) -> float:
@@ -87,48 +92,49 @@ def p_value(weighed: Sequence[Weighed]) -> float:
     return float((1 + np.sum(by_chance >= best)) / (len(by_chance) + 1))
 
 
-def estimate_of(design: Design, one: Weighed, widened: float) -> Estimate:
+def estimate_of(one: Weighed, widened: float) -> Estimate:
     """The time courses of one hypothesis."""
-    return estimated(design.products(one.hypothesis).over(widened), one.prior)
+    return estimated(one.design.products(one.hypothesis, widened), one.prior)
 
 
-def widening(design: Design, one: Weighed) -> float:
+def widening(one: Weighed, widened: float) -> float:
     """By how much the variance of noise is to be multiplied because of what is left: its size times its correlation time."""
-    found = estimate_of(design, one, 1.0)
+    found = estimate_of(one, widened)
     total = 0.0
-    left = design.left(one.hypothesis, np.concatenate([found.u, found.z]))
+    left = one.design.left(one.hypothesis, np.concatenate([found.u, found.z]))
     for residuals in left:
         total += sum(float(row @ row) * autocorrelation_time(row) for row in residuals)
     return max(1.0, total / sum(residuals.size for residuals in left))
 
 
-def floor_of(design: Design, one: Weighed, gap: Sequence[Matrix], widened: float) -> Vector:
+def floor_of(one: Weighed, gap: Sequence[Matrix], widened: float) -> Vector:
     """The course (m,) that the difference of the kinetics would be taken for."""
-    whole = design.products(one.hypothesis)
-    pull = design.pulls(one.hypothesis, [part.reshape(-1, 1) for part in gap])[:, 0]
+    whole = one.design.products(one.hypothesis, widened)
+    pull = one.design.pulls(one.hypothesis, [part.reshape(-1, 1) for part in gap])[:, 0] / widened
     m = len(one.prior.root)
-    data = Products(whole.gram, pull, 0.0, whole.count).over(widened)
+    data = Products(whole.gram, pull, 0.0, whole.count)
     return solved(data, with_shifts(one.prior, len(pull) - m))[0][:m]
 
 
-def errors_of(design: Design, one: Weighed, found: Estimate, widened: float) -> tuple[float, float, float]:
-    """Error over noise that is left, and in gaps that are left out in turn: without the hypothesis and with it."""
-    whole = design.products(one.hypothesis).over(widened)
-    gaps = [design.products(one.hypothesis, fold).over(widened) for fold in range(FOLDS)]
+def error_of(design: Design, squares: float, widened: float = 1.0) -> float:
+    """Error over noise of all samples from a sum of squares over the bins."""
+    samples = sum(run.samples for run in design.runs)
+    return float(np.sqrt(max(sum(run.excess for run in design.runs) + widened * squares, 0.0) / samples))
+
+
+def errors_in_gaps(one: Weighed, widened: float) -> tuple[float, float]:
+    """Error over noise in gaps that are left out in turn: without the hypothesis and with it."""
+    whole = one.design.products(one.hypothesis, widened)
+    gaps = [one.design.products(one.hypothesis, widened, fold) for fold in range(FOLDS)]
     before, after = foretold(whole, gaps, one.prior)
-    raw, samples = sum(run.raw for run in design.runs), sum(run.samples for run in design.runs)
-
-    def error(squares: float) -> float:
-        return float(np.sqrt(max(raw + widened * (squares - whole.squares), 0.0) / samples))
-
-    return error(found.squares), error(before), error(after)
+    return error_of(one.design, before, widened), error_of(one.design, after, widened)
 
 
 def weigh_all(
     design: Design, hypotheses: Sequence[Hypothesis], T_E: float, gap: Sequence[Matrix], seed: int, pool: Executor,
-    stop: Event, widened: float = 1.0,
+    stop: Event,
 ) -> list[Weighed]:  # fmt: skip
     """All hypotheses, the most credible first. Raises Stopped."""
     noise = chance(design, gap, seed)
-    jobs = [partial(weigh, design, one, T_E, noise, widened) for one in hypotheses]
-    return sorted(dealt(jobs, pool, stop), key=lambda one: -one.prior.evidence)
+    jobs = [partial(weigh, design, one, T_E, noise) for one in hypotheses]
+    return sorted(dealt(jobs, pool, stop), key=lambda one: -one.evidence)

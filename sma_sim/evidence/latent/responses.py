@@ -92,14 +92,12 @@ def marked(source: Input, knots: Vector) -> Input:
     return Input(times, values, source.linear)
 
 
-def ready(config: Config, run: Prepared, grid: Grid, nuisance: Nuisance) -> tuple[Config, Prepared, Nuisance]:
-    """The run with its start in the configuration, its commands where they were, and a row at every knot."""
+def ready(config: Config, run: Prepared, nuisance: Nuisance) -> tuple[Config, Prepared, Nuisance]:
+    """The run with its start in the configuration and its commands where they were."""
     source = with_switches(run, nuisance.switches)
     begun = started(config, source, nuisance.start)
     none = np.zeros(0)
-    plain = replace(
-        run, source=marked(source, grid.knots), changed=none, interval=none, group=np.zeros(0, dtype=np.int64)
-    )
+    plain = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
     return begun, plain, Nuisance(delay=nuisance.delay)
 
 
@@ -139,14 +137,22 @@ def knocked(task: Knocks) -> NDArray[np.float32]:
     return found
 
 
+def course_at(grid: Grid, values: Vector, time: Vector) -> Vector:
+    """The course through values (knots,) at times (k,) [s], as courses/course.py has it."""
+    at = np.clip((time - grid.knots[0]) / grid.spacing, 0.0, len(values) - 1.000001)
+    k = at.astype(np.int64)
+    part = np.sin(0.5 * np.pi * (at - k)) ** 2
+    found: Vector = values[k] * (1.0 - part) + values[k + 1] * part
+    return found
+
+
 def sensed(port: Port, run: Prepared, grid: Grid, delay: float) -> NDArray[np.float32]:
     """Change of the binned residuals per probe by an offset of what a channel shows, (knots, channels, bins)."""
     found = np.zeros((len(grid.knots), len(run.channels), grid.bins), dtype=np.float32)
     row = run.channels.index(CHANNELS[port.component])
     shown = np.zeros_like(run.weight)
-    for k, middle in enumerate(grid.knots):
-        part = np.minimum(np.abs(run.time - delay - middle) / grid.spacing, 1.0)
-        shown[row] = port.probe * np.cos(0.5 * np.pi * part) ** 2 * run.weight[row]
+    for k, values in enumerate(port.probe * np.eye(len(grid.knots))):
+        shown[row] = course_at(grid, values, run.time - delay) * run.weight[row]
         found[k] = binned(shown, run, grid)
     return found
 
