@@ -49,8 +49,15 @@ REASONS = {
 }  # fmt: skip
 
 
-def reason(one: Hypothesis, other: Hypothesis) -> str:
-    """Why two hypotheses may be alike; '' where physics knows no reason."""
+WIRES = ('heat', 'power', 'stress', 'strain')
+UNSEEN = 'where no force is measured a pull of the wires shows only as the moment that it makes'
+
+
+def reason(one: Hypothesis, other: Hypothesis, pulls_seen: bool) -> str:
+    """Why two hypotheses may be alike; '' where physics knows no reason. `pulls_seen`: the wires' forces were measured."""
     if one.group == other.group:
         return 'the same quantity, on one wire or on both'
-    return REASONS.get(frozenset((one.group, other.group)), '')
+    pair = frozenset((one.group, other.group))
+    if not pulls_seen and len(pair.intersection(WIRES)) == 1 and pair & {'moment_alpha', 'force_U_y'}:
+        return UNSEEN
+    return REASONS.get(pair, '')

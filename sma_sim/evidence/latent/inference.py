@@ -94,15 +94,15 @@ def weighed(gram: Matrix, pulls: Matrix, words: str, covariance: Matrix) -> tupl
     return Prior(words, size * root, float(scores[best, 0]), dof), scores.max(axis=0)
 
 
-def best_prior(gram: Matrix, pulls: Matrix, covariances: Mapping[str, Matrix]) -> tuple[Prior, Vector]:
-    """The most credible of the covariances, or of its mixtures; and the best evidence of single ones by column."""
+def best_prior(gram: Matrix, pulls: Matrix, covariances: Mapping[str, Matrix], mixed: bool) -> tuple[Prior, Vector]:
+    """The most credible of the covariances, or (`mixed`) of its mixtures; and the best evidence of single ones by column."""
     found = {words: weighed(gram, pulls, words, one) for words, one in covariances.items()}
     by_chance = np.max([scores for _, scores in found.values()], axis=0)
     first = max((prior for prior, _ in found.values()), key=lambda prior: prior.evidence)
     size = float(np.mean(np.sum(first.root**2, axis=1)))
     mixtures = [
         weighed(gram, pulls[:, :1], f'{first.words}; {words}', first.root @ first.root.T + MIXED * size * one)[0]
-        for words, one in covariances.items() if words != first.words
+        for words, one in covariances.items() if mixed and words != first.words
     ]  # fmt: skip
     return max([first, *mixtures], key=lambda prior: prior.evidence), by_chance
 

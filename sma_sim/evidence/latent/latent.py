@@ -44,7 +44,7 @@ MOST_RUNS = 3  # those with the largest error are looked at
 SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypotheses
 LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
 ALIKE = 1.1  # ratio of the errors left within which two explain alike
-FINALISTS = 6
+FINALISTS, FAR = 6, 1.6  # that are refined: the most credible, and how much more than the best they may leave
 CERTAIN = 7.0  # difference of log evidences below which data do not tell
 GAUSS_95 = 1.96
 
@@ -218,7 +218,7 @@ def judged(
     place.told(f'weighing {len(hypotheses)} hypotheses')
     weighed = weigh_all(design, hypotheses, T_E, gap, place.seed, place.pool, place.stop)
     answer = replace(answer, p_value=p_value(weighed), error=error_of(design, sum(r.squares for r in whole_runs(design))))
-    finalists = weighed[:FINALISTS]
+    finalists = nearly_best(weighed)
     if answer.p_value <= SIGNIFICANT:
         place.told(f'refining {", ".join(one.hypothesis.name for one in finalists)}')
         jobs = [partial(refined, start, one, T_E, place.pool, place.stop, place.told) for one in finalists]
@@ -229,11 +229,25 @@ def judged(
     findings = [finding(one, gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
     in_gaps = errors_in_gaps(weigh(design, finalists[0].hypothesis, T_E, (), widened), widened)[0]
+    best = simplest(findings)
+    findings.sort(key=lambda one: one is not best)
     answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
-    best = findings[0]
     if answer.p_value > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
         return answer
-    return replace(answer, verdict=best.name, alike=alike(best, findings[1:]))
+    pulls_seen = any(port.name in ('sense_F_1', 'sense_F_2', 'sense_stress') for port in ports)
+    return replace(answer, verdict=best.name, alike=alike(findings, pulls_seen))
+
+
+def nearly_best(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """The most credible hypotheses, without those that leave far more than the best."""
+    errors = [error_of(one.design, estimate_of(one, 1.0).squares) for one in weighed[:FINALISTS]]
+    return [one for one, error in zip(weighed, errors, strict=False) if error <= FAR * min(errors)]
+
+
+def simplest(findings: Sequence[Finding]) -> Finding:
+    """Of those that leave nearly as little as any, the one whose courses take the fewest values."""
+    least = min(one.error for one in findings)
+    return min((one for one in findings if one.error <= ALIKE * least), key=lambda one: one.dof)
 
 
 def whole_runs(design: Design) -> list[Products]:
@@ -241,12 +255,13 @@ def whole_runs(design: Design) -> list[Products]:
     return [added(run.folds) for run in design.runs]
 
 
-def alike(best: Finding, others: Sequence[Finding]) -> dict[str, str]:
-    """The hypotheses that explain as well, with the reason."""
-    found = {}
-    for one in others:
-        why = reason(best.hypothesis, one.hypothesis)
-        if best.evidence - one.evidence < CERTAIN or (why and one.error < ALIKE * best.error):
+def alike(findings: Sequence[Finding], pulls_seen: bool) -> dict[str, str]:
+    """The hypotheses that explain as well as the best, which is the first, with the reason."""
+    best, found = findings[0], {}
+    least = min(one.error for one in findings)
+    for one in findings[1:]:
+        why = reason(best.hypothesis, one.hypothesis, pulls_seen)
+        if one.error <= ALIKE * least and (why or abs(best.evidence - one.evidence) < CERTAIN):
             found[one.name] = why or 'these recordings do not tell'
     return found
 

@@ -18,8 +18,8 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 PARTS = (1.0, 0.5, 0.25)  # of a step that are tried
-ITERATIONS = 2
-CLOSE = 1.02  # ratio of the errors, simulated over foretold, below which a model is linear enough
+ITERATIONS = 3
+ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
 def refined(place: Place, one: Weighed, T_E: float, pool: Executor, stop: Event, told: Told) -> Weighed:
@@ -36,7 +36,7 @@ def refined(place: Place, one: Weighed, T_E: float, pool: Executor, stop: Event,
         place, after = ahead
         told(f'{one.hypothesis.name}: error over noise {np.sqrt(after / residual_count(one)):.2f}')
         one = weigh(design_of(place, one.hypothesis.ports, pool, stop, lambda words: None), one.hypothesis, T_E, (), 1.0)
-        if after > 0.9 * before:
+        if after > ENOUGH * before:
             break
         before = after
     return one
