@@ -18,8 +18,9 @@ from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.latent.latent import Latent, latent
 
 KINDS = (
-    'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam', 'backlash',
-    'leaking_hinge', 'fan', 'shaking_table', 'drying_film', 'ageing', 'supply_limit', 'sensor_ripple', 'sensor_drift', 'none',
+    'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam',
+    'backlash', 'leaking_hinge', 'fan', 'shaking_table', 'drying_film', 'ageing', 'supply_limit', 'sensor_ripple',
+    'sensor_drift', 'none',
 )  # fmt: skip
 DETECTABLE = 1.3  # error over noise
 
@@ -59,9 +60,9 @@ def run(kind: str, seed: int, channels: str) -> dict[str, Any]:
     found = latent(case.campaign, case.nominal)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
-        'kind': kind, 'seed': seed, 'channels': channels, 'port': right, 'verdict': found.verdict, 'alike': list(found.alike),
-        'error': found.error, 'left': found.findings[0].error, 'p': found.p_value, 'hooks': hooks(found),
-        'cpu': time.process_time() - begun, 'wall': found.seconds,
+        'kind': kind, 'seed': seed, 'channels': channels, 'port': right, 'verdict': found.verdict,
+        'alike': list(found.alike), 'error': found.error, 'left': found.findings[0].error, 'p': found.p_value,
+        'hooks': hooks(found), 'cpu': time.process_time() - begun, 'wall': found.seconds,
     }  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from sma_sim.evidence.latent.inference import Products, added, without
 from sma_sim.evidence.latent.ports import Port, ports_of
 from sma_sim.evidence.latent.ranking import (
     Weighed,
+    dealt,
     error_of,
     errors_in_gaps,
     estimate_of,
@@ -44,7 +45,7 @@ MOST_RUNS = 3  # those with the largest error are looked at
 SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypotheses
 LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
 ALIKE = 1.1  # ratio of the errors left within which two explain alike
-FINALISTS, FAR = 6, 1.6  # that are refined: the most credible, and how much more than the best they may leave
+FINALISTS = 6  # the most credible, which are simulated with their time courses
 CERTAIN = 7.0  # difference of log evidences below which data do not tell
 GAUSS_95 = 1.96
 
@@ -218,17 +219,15 @@ def judged(
     place.told(f'weighing {len(hypotheses)} hypotheses')
     weighed = weigh_all(design, hypotheses, T_E, gap, place.seed, place.pool, place.stop)
     answer = replace(answer, p_value=p_value(weighed), error=error_of(design, sum(r.squares for r in whole_runs(design))))
-    finalists = nearly_best(weighed)
+    finalists = weighed[:FINALISTS]
     if answer.p_value <= SIGNIFICANT:
-        place.told(f'refining {", ".join(one.hypothesis.name for one in finalists)}')
-        jobs = [partial(refined, start, one, T_E, place.pool, place.stop, place.told) for one in finalists]
-        finalists = together(jobs, place.stop)
+        finalists = refined(start, finalists, place.pool, place.stop, place.told)
     widened = min(widening(one, 1.0) for one in finalists)
-    last = [weigh(one.design, one.hypothesis, T_E, (), widened) for one in finalists]
+    last = dealt([partial(weigh, one.design, one.hypothesis, T_E, (), widened) for one in finalists], place.pool, place.stop)
     nothing = without(design.products(hypotheses[0], widened), design.z)
     findings = [finding(one, gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
-    in_gaps = errors_in_gaps(weigh(design, finalists[0].hypothesis, T_E, (), widened), widened)[0]
+    in_gaps = errors_in_gaps(replace(last[0], design=design), widened)[0]
     best = simplest(findings)
     findings.sort(key=lambda one: one is not best)
     answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
@@ -236,12 +235,6 @@ def judged(
         return answer
     pulls_seen = any(port.name in ('sense_F_1', 'sense_F_2', 'sense_stress') for port in ports)
     return replace(answer, verdict=best.name, alike=alike(findings, pulls_seen))
-
-
-def nearly_best(weighed: Sequence[Weighed]) -> list[Weighed]:
-    """The most credible hypotheses, without those that leave far more than the best."""
-    errors = [error_of(one.design, estimate_of(one, 1.0).squares) for one in weighed[:FINALISTS]]
-    return [one for one, error in zip(weighed, errors, strict=False) if error <= FAR * min(errors)]
 
 
 def simplest(findings: Sequence[Finding]) -> Finding:

@@ -74,13 +74,14 @@ def chance(design: Design, gap: Sequence[Matrix], seed: int) -> list[Matrix]:
     ]
 
 
-def weigh(design: Design, one: Hypothesis, T_E: float, noise: Sequence[Matrix], widened: float = 1.0) -> Weighed:
+def weigh(design: Design, one: Hypothesis, T_E: float, noise: Sequence[Matrix] = (), widened: float = 1.0) -> Weighed:
     """The prior that the data prefer for one hypothesis: a single covariance while chance is tried, else a mixture."""
+    points = design.points(one, T_E)
     whole = design.products(one, widened)
     m = len(whole.pull) - len(design.z)
     gram, share = projected(whole, m)
     pulls = np.column_stack([whole.pull, design.pulls(one, noise)]) if noise else whole.pull[:, None]
-    prior, scores = best_prior(gram, share @ pulls[m:] - pulls[:m], covariances(one.hook, design.points(one, T_E)), not noise)
+    prior, scores = best_prior(gram, share @ pulls[m:] - pulls[:m], covariances(one.hook, points), not noise)
     evidence = prior.evidence + without(whole, design.z)
     return Weighed(one, design, prior, evidence, float(scores[0]), scores[1:])
 

@@ -2,49 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.latent.design import Place, Told, design_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis
 from sma_sim.evidence.latent.ports import Port
-from sma_sim.evidence.latent.ranking import Weighed, estimate_of, weigh, widening
+from sma_sim.evidence.latent.ranking import Weighed, error_of, estimate_of, widening
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 PARTS = (1.0, 0.5, 0.25)  # of a step that are tried
-ITERATIONS = 3
+ITERATIONS = 2
+FAR, BEHIND = 1.6, 1.3  # ratio of the error left to the least, above which a hypothesis is given up: at first, and later
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
-def refined(place: Place, one: Weighed, T_E: float, pool: Executor, stop: Event, told: Told) -> Weighed:
-    """The hypothesis around its own time courses, after a few Gauss-Newton steps; as it was where none of them helps."""
-    before = squares_of(place, pool)
+@dataclass(frozen=True)
+class Tried:
+    """A hypothesis on its way: around what it was linearised, the sum of squares there, and whether it got nowhere."""
+
+    place: Place
+    weighed: Weighed
+    squares: float
+    settled: bool = False
+
+    @property
+    def error(self) -> float:
+        """Error over noise that the linear model foretells with its courses."""
+        return error_of(self.weighed.design, estimate_of(self.weighed, 1.0).squares)
+
+
+def refined(
+    start: Place, finalists: Sequence[Weighed], pool: Executor, stop: Event, told: Told
+) -> list[Weighed]:
+    """The finalists around their own time courses, without those that fall far behind on the way. Raises Stopped."""
+    squares = squares_of(start, pool)
+    tried = nearly_best([Tried(start, one, squares) for one in finalists], FAR)
     for _ in range(ITERATIONS):
-        if stop.is_set():
+        told(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
+        tried = nearly_best(together([partial(closer, one, pool, stop) for one in tried], stop), BEHIND)
+        if all(one.settled for one in tried):
             break
-        widened = widening(one, 1.0)
-        found = estimate_of(one, widened)
-        ahead = stepped(place, one.hypothesis, found.u, one.design.z + found.z, before, pool)
-        if ahead is None:
-            break
-        place, after = ahead
-        told(f'{one.hypothesis.name}: error over noise {np.sqrt(after / residual_count(one)):.2f}')
-        one = weigh(design_of(place, one.hypothesis.ports, pool, stop, lambda words: None), one.hypothesis, T_E, (), 1.0)
-        if after > ENOUGH * before:
-            break
-        before = after
-    return one
+    return [one.weighed for one in tried]
 
 
-def residual_count(one: Weighed) -> int:
-    """Bins of all channels and runs."""
-    return sum(run.residuals.size for run in one.design.runs)
+def nearly_best(tried: Sequence[Tried], far: float) -> list[Tried]:
+    """Without those that leave more than `far` times what the best leaves."""
+    errors = [one.error for one in tried]
+    return [one for one, error in zip(tried, errors, strict=True) if error <= far * min(errors)]
+
+
+def closer(tried: Tried, pool: Executor, stop: Event) -> Tried:
+    """One Gauss-Newton step; the prior stays as it is. Raises Stopped."""
+    one = tried.weighed
+    if tried.settled:
+        return tried
+    found = estimate_of(one, widening(one, 1.0))
+    ahead = stepped(tried.place, one.hypothesis, found.u, one.design.z + found.z, tried.squares, pool)
+    if ahead is None:
+        return replace(tried, settled=True)
+    place, squares = ahead
+    design = design_of(place, one.hypothesis.ports, pool, stop, lambda words: None)
+    return Tried(place, replace(one, design=design), squares, squares > ENOUGH * tried.squares)
 
 
 def squares_of(place: Place, pool: Executor) -> float:
