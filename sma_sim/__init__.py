@@ -3,6 +3,7 @@
 from sma_sim.evidence.calibrate import Calibration, Options, calibrate
 from sma_sim.evidence.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.held_out import held_out
+from sma_sim.evidence.latent.latent import Latent, latent
 from sma_sim.evidence.recording import Campaign, Recording
 from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.residuals import Nuisance, predict
@@ -21,6 +22,7 @@ __all__ = [
     'Diagnosis',
     'Effect',
     'Input',
+    'Latent',
     'Model',
     'Nuisance',
     'Options',
@@ -33,6 +35,7 @@ __all__ = [
     'diagnose',
     'find_effects',
     'held_out',
+    'latent',
     'module_input',
     'predict',
     'read_campaign',

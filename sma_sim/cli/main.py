@@ -16,6 +16,7 @@ from sma_sim.cli import (
     effects,
     fit,
     init,
+    latent,
     next,
     paper,
     play,
@@ -25,7 +26,7 @@ from sma_sim.cli import (
 )
 from sma_sim.model.errors import UserError
 
-VERBS = (tour, init, simulate, fit, compare, diagnose, add, next, play, plot, bag, effects, challenge, paper)
+VERBS = (tour, init, simulate, fit, compare, diagnose, latent, add, next, play, plot, bag, effects, challenge, paper)
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 
 

@@ -1,0 +1,65 @@
+"""`sma-sim latent`: which unknown force, heat, strain or offset would make the model meet the measurement."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli.data import (
+    add_data_options,
+    check_outputs,
+    chosen_executor,
+    read_data,
+    system_words,
+    table_text,
+    write_json,
+)
+from sma_sim.cli.fit import STOPPED
+from sma_sim.cli.options import add_config_options, announce_compilation, config_from
+from sma_sim.evidence.diagnose import some_held_out
+from sma_sim.evidence.latent.latent import LatentRequest, latent
+from sma_sim.evidence.latent.words import HEADER, as_data, rows, sentences
+from sma_sim.report.html.latent_page import write_latent_page
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        'latent', help='find the quantity that is missing, and where it acts, where no known effect explains the error'
+    )
+    add_data_options(parser)
+    parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=Path)
+    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument('--no-fit', action='store_true', help='--config is calibrated: fit starts and delay only')
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the tests by chance')
+    add_config_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Estimate, and write what was asked for."""
+    check_outputs(arguments)
+    config = config_from(arguments, *system_words(arguments))
+    training, held = read_data(arguments, config)
+    announce_compilation()
+    with chosen_executor(arguments) as executor:
+        request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)
+        found = latent(training, config, held, request, executor, tell)
+    if arguments.json:
+        write_json(arguments.json, as_data(found))
+    if arguments.report:
+        write_latent_page(arguments.report, found, *some_held_out(training, held))
+    print(*sentences(found), sep='\n')
+    if found.findings:
+        print(table_text(HEADER, rows(found)))
+    for path in (arguments.report, arguments.json):
+        if path:
+            print(path)
+    return STOPPED if found.interrupted else 0
+
+
+def tell(words: str) -> None:
+    """Say what is being done."""
+    print(f'  {words}', file=sys.stderr, flush=True)

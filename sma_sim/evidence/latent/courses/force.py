@@ -1,0 +1,25 @@
+"""A force on the plate, or a moment, with a given time course."""
+
+from typing import Any
+
+from sma_sim.evidence.latent.courses.course import course, values
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import State
+from sma_sim.model.parameters import BeamConstants
+
+
+def force(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
+    """The course on one of the three coordinates."""
+    u = course(s.t, p)
+    return u if p.wire == 0.0 else 0.0, u if p.wire == 1.0 else 0.0, u if p.wire == 2.0 else 0.0
+
+
+EFFECT = Effect(
+    name='latent_force',
+    port='structure_force',
+    systems=('module',),
+    equation='F = u(t) on one coordinate',
+    source='a basis, not a law of nature',
+    parameters=values('N, N m'),
+    kernel=force,
+)

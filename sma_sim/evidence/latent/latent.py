@@ -1,0 +1,275 @@
+"""Which unknown quantity, acting where, would make a calibrated model meet the measurement (docs/latent.md)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.calibrate import Options, check, prepared, together
+from sma_sim.evidence.descent import FIRST, descend, start_point
+from sma_sim.evidence.diagnose import PREFERENCE, STARTS, Request, bare_fit, some_held_out
+from sma_sim.evidence.latent.design import Design, Place, Stopped, Told, design_of, place_of
+from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
+from sma_sim.evidence.latent.inference import Products, added, without
+from sma_sim.evidence.latent.ports import Port, ports_of
+from sma_sim.evidence.latent.ranking import (
+    Weighed,
+    dealt,
+    error_of,
+    errors_in_gaps,
+    estimate_of,
+    floor_of,
+    p_value,
+    weigh,
+    weigh_all,
+    widening,
+)
+from sma_sim.evidence.latent.refine import refined
+from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.problem import Problem, residuals_at
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.refit import Fitted
+from sma_sim.evidence.selection import Workplace, judged_error
+from sma_sim.model.config import Config
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+MOST_RUNS = 3  # those with the largest error are looked at
+SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypotheses
+LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
+ALIKE = 1.1  # ratio of the errors left within which two explain alike
+FINALISTS = 6  # the most credible, which are simulated with their time courses
+CERTAIN = 7.0  # difference of log evidences below which data do not tell
+GAUSS_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Course:
+    """One port's time course in one run: `mean` and `band` (k,) (95 %: mean +- band) at times (k,) [s], in its unit."""
+
+    run: str
+    port: Port
+    time: Vector
+    mean: Vector
+    band: Vector
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One hypothesis: what it leaves of the error over noise, what it costs, and the time courses.
+
+    `error`, `held_out`: error over noise that is left, of all data and in gaps that were left out in turn, `dof` the
+    effective number of values that were fitted, `evidence` the logarithm of the odds against nothing at all, `prior` what
+    the course looks like, `beyond`: part of the instants at which it leaves its band.
+    """
+
+    hypothesis: Hypothesis
+    evidence: float
+    dof: float
+    prior: str
+    error: float
+    held_out: float
+    beyond: float
+    courses: tuple[Course, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the hypothesis."""
+        return self.hypothesis.name
+
+
+@dataclass(frozen=True)
+class Latent:
+    """What was found. `verdict`: the name of the best hypothesis, or `none`; `alike`: those it cannot be told from, and why.
+
+    `findings`: best first; those after the finalists have no courses. `error`, `held_out`: over noise, without any of them;
+    `p_value`: how often chance alone does as well; `widened`: by which factor noise was widened for what no port explains.
+    """
+
+    verdict: str
+    alike: Mapping[str, str]
+    findings: tuple[Finding, ...]
+    error: float
+    held_out: float
+    p_value: float
+    widened: float
+    config: Config
+    model: str
+    delay: float
+    runs: tuple[str, ...]
+    interrupted: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class LatentRequest:
+    """How to look: kinetics (hybrid, mas or auto), `fit` the model first or take it as calibrated, seed of the draws."""
+
+    model: str = 'auto'
+    fit: bool = True
+    seed: int = 0
+    options: Options = field(default_factory=lambda: Options(starts=STARTS))
+
+
+@dataclass(frozen=True)
+class Models:
+    """The chosen model at its optimum, and the other kinetics at theirs where they were fitted."""
+
+    chosen: Fitted
+    other: Fitted | None
+
+
+def fitted_models(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Models:
+    """Both kinetics, fitted as a diagnosis does; with `fit` off only starts and delay are."""
+    if not request.fit:
+        model = config.model if request.model == 'auto' else request.model
+        return Models(as_calibrated(training, replace(config, model=model), request, place), None)
+    names = ('hybrid', 'mas') if request.model == 'auto' else (request.model,)
+    found = [bare_fit(training, config, Request(name, (), request.seed, request.options), place) for name in names]
+    found.sort(key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+    return Models(found[0], found[1] if len(found) > 1 else None)
+
+
+def as_calibrated(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Fitted:
+    """The configuration as it is, with the starts and the delay that suit it."""
+    every = max(1, max(len(one.time) for one in training.recordings) // 1000)
+    full = prepared(training, config, request.options, every)
+    place.told('estimating starts and delay')
+    found = descend(replace(full, free=()), start_point(replace(full, free=())), place.pool, FIRST, place.stop)
+    return Fitted(full, np.concatenate([np.zeros(len(full.free)), found.z]), found.cost)
+
+
+def worst_runs(training: Campaign, one: Fitted, pool: Executor) -> list[int]:
+    """The runs with the largest error, in their order."""
+    residuals = residuals_at(one.problem, one.z, pool)
+    sizes = [0.0 if found is None else float(np.mean(found**2)) for found in residuals]
+    return sorted(np.argsort(sizes)[::-1][:MOST_RUNS].tolist())
+
+
+def on_all_samples(training: Campaign, one: Fitted, chosen: Sequence[int]) -> tuple[Problem, Vector]:
+    """The problem of some runs on all their samples, and z there."""
+    full = replace(prepared(training, one.problem.config, Options(), 1), free=one.problem.free)
+    places, shared = full.places(), len(full.shared)
+    z = np.concatenate([one.z[:shared], *(one.z[places[k][shared:]] for k in chosen)])
+    return replace(full, runs=tuple(full.runs[k] for k in chosen)), z
+
+
+def discrepancy(training: Campaign, models: Models, chosen: Sequence[int], design: Design, pool: Executor) -> list[Matrix]:
+    """By run, what the other kinetics show differently (channels, bins), over noise; zero where they were not fitted."""
+    if models.other is None:
+        return [np.zeros_like(run.residuals) for run in design.runs]
+    shown = place_of(*on_all_samples(training, models.other, chosen)).residuals(pool)
+    return [
+        np.zeros_like(own.residuals) if one is None else one - own.residuals
+        for own, one in zip(design.runs, shown, strict=True)
+    ]
+
+
+def latent(
+    campaign: Campaign, config: Config, held: Campaign | None = None, request: LatentRequest | None = None,
+    executor: Executor | None = None, told: Told = lambda words: None,
+) -> Latent:  # fmt: skip
+    """Find the quantity, and where it acts, that would make `config` explain the campaign's recordings.
+
+    Those of `held` are not looked at, so that what is made of the answer can be judged by them; without it the last of three
+    or more is held out. A KeyboardInterrupt ends the search with what there is. Raises UserError for what cannot be fitted.
+    """
+    begun, request, stop = time.perf_counter(), request or LatentRequest(), Event()
+    training, _ = some_held_out(campaign, held)
+    check(training, config, request.options)
+    with some_executor(executor) as pool:
+        place = Workplace(pool, stop, told, (), request.seed)
+        models = fitted_models(training, config, request, place)
+        found = together([partial(searched, training, models, place)], stop)[0]
+    return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - begun)
+
+
+def searched(training: Campaign, models: Models, place: Workplace) -> Latent:
+    """The search around a fitted model."""
+    fitted = models.chosen
+    chosen = worst_runs(training, fitted, place.pool)
+    problem, z = on_all_samples(training, fitted, chosen)
+    config = problem.fitted(z)
+    ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
+    answer = Latent(
+        'none', {}, (), fitted.error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
+        tuple(run.name for run in problem.runs), False, 0.0,
+    )  # fmt: skip
+    start = place_of(problem, z)
+    try:
+        design = design_of(start, ports, place.pool, place.stop, place.told)
+        gap = discrepancy(training, models, chosen, design, place.pool)
+        return judged(answer, start, design, ports, gap, place)
+    except Stopped:
+        return answer
+
+
+def judged(
+    answer: Latent, start: Place, design: Design, ports: Sequence[Port], gap: Sequence[Matrix], place: Workplace
+) -> Latent:
+    """All hypotheses weighed; where the best is more than chance, the best are refined, and weighed against one another."""
+    hypotheses, T_E = hypotheses_of(ports), answer.config.parameters['environment.T_E']
+    place.told(f'weighing {len(hypotheses)} hypotheses')
+    weighed = weigh_all(design, hypotheses, T_E, gap, place.seed, place.pool, place.stop)
+    answer = replace(answer, p_value=p_value(weighed), error=error_of(design, sum(r.squares for r in whole_runs(design))))
+    finalists = weighed[:FINALISTS]
+    if answer.p_value <= SIGNIFICANT:
+        finalists = refined(start, finalists, place.pool, place.stop, place.told)
+    widened = min(widening(one, 1.0) for one in finalists)
+    last = dealt([partial(weigh, one.design, one.hypothesis, T_E, (), widened) for one in finalists], place.pool, place.stop)
+    nothing = without(design.products(hypotheses[0], widened), design.z)
+    findings = [finding(one, gap, widened, nothing) for one in last]
+    findings.sort(key=lambda one: -one.evidence)
+    in_gaps = errors_in_gaps(replace(last[0], design=design), widened)[0]
+    best = simplest(findings)
+    findings.sort(key=lambda one: one is not best)
+    answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
+    if answer.p_value > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
+        return answer
+    pulls_seen = any(port.name in ('sense_F_1', 'sense_F_2', 'sense_stress') for port in ports)
+    return replace(answer, verdict=best.name, alike=alike(findings, pulls_seen))
+
+
+def simplest(findings: Sequence[Finding]) -> Finding:
+    """Of those that leave nearly as little as any, the one whose courses take the fewest values."""
+    least = min(one.error for one in findings)
+    return min((one for one in findings if one.error <= ALIKE * least), key=lambda one: one.dof)
+
+
+def whole_runs(design: Design) -> list[Products]:
+    """The products of every run."""
+    return [added(run.folds) for run in design.runs]
+
+
+def alike(findings: Sequence[Finding], pulls_seen: bool) -> dict[str, str]:
+    """The hypotheses that explain as well as the best, which is the first, with the reason."""
+    best, found = findings[0], {}
+    least = min(one.error for one in findings)
+    for one in findings[1:]:
+        why = reason(best.hypothesis, one.hypothesis, pulls_seen)
+        if one.error <= ALIKE * least and (why or abs(best.evidence - one.evidence) < CERTAIN):
+            found[one.name] = why or 'these recordings do not tell'
+    return found
+
+
+def finding(one: Weighed, gap: Sequence[Matrix], widened: float, nothing: float) -> Finding:
+    """What is reported of a hypothesis; `nothing` is the log evidence without any."""
+    estimate, prior = estimate_of(one, widened), one.prior
+    band = GAUSS_95 * np.hypot(estimate.std, floor_of(one, gap, widened))
+    courses, at = [], 0
+    for run in one.design.runs:
+        for port in one.hypothesis.ports:
+            part = slice(at, at + len(run.grid.knots))
+            courses.append(Course(run.name, port, run.grid.knots, port.probe * estimate.u[part], port.probe * band[part]))
+            at = part.stop
+    return Finding(
+        one.hypothesis, one.evidence - nothing, prior.dof, prior.words, error_of(one.design, estimate.squares, widened),
+        errors_in_gaps(one, widened)[1], float(np.mean(np.abs(estimate.u) > band)), tuple(courses),
+    )  # fmt: skip

@@ -1,0 +1,166 @@
+"""What a recording would show if something acted at a port: the response of all samples to a hat of time at each knot.
+
+The measured samples are taken together in bins of time, whose means keep all that is slower than a bin.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.latent.ports import Port
+from sma_sim.evidence.parallel import Parcel
+from sma_sim.evidence.residuals import Nuisance, Prepared, started, weighted_residuals, with_switches
+from sma_sim.model.config import Config
+from sma_sim.model.effects.library import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.solver.inputs import Input
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+COURSES = Path(__file__).parent / 'courses'
+NAMES = {
+    'structure_force': 'latent_force', 'wire_heat': 'latent_heat', 'wire_strain': 'latent_strain',
+    'transformation_stress': 'latent_stress', 'actuation': 'latent_power',
+}  # fmt: skip
+MOST_KNOTS, LEAST_SPACING = 101, 1.0  # per run, as in courses/course.py; [s]
+BINS_PER_KNOT = 5
+KNOTS_AT_ONCE = 5  # of one task
+MARK = 1e-9  # [K] of ambient temperature: rows that differ make the solver begin a step at every knot
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The knots (k,) [s] of a run, one `spacing` apart, and the bin of every sample (samples,), -1 for none."""
+
+    knots: Vector
+    spacing: float
+    bin_of: NDArray[np.int64]
+    bins: int
+
+    @property
+    def middles(self) -> Vector:
+        """Middles of the bins [s]."""
+        middles: Vector = self.knots[0] + (np.arange(self.bins) + 0.5) * self.spacing / BINS_PER_KNOT
+        return middles
+
+
+@cache
+def courses() -> dict[str, FoundEffect]:
+    """The effects with a given time course, by the port of effects on which they act."""
+    found = find_effects([COURSES])
+    return {hook: found[name] for hook, name in NAMES.items()}
+
+
+def grid_of(run: Prepared, most: int = MOST_KNOTS - 1) -> Grid:
+    """Knots from the first to the last sample of a run, with `most` spacings at the most."""
+    first, last = float(run.time[0]), float(run.time[-1])
+    count = int(np.clip(round((last - first) / LEAST_SPACING), 4, min(most, MOST_KNOTS - 1)))
+    spacing, bins = (last - first) / count, count * BINS_PER_KNOT
+    knots = np.asarray(first + spacing * np.arange(count + 1), dtype=np.float64)
+    at = np.minimum(((run.time - first) / spacing * BINS_PER_KNOT).astype(np.int64), bins - 1)
+    return Grid(knots, spacing, at, bins)
+
+
+def binned(values: Matrix, run: Prepared, grid: Grid) -> Matrix:
+    """Weighted residuals (channels, samples) as sums over bins over the root of their count: (channels, bins).
+
+    White noise of variance 1 keeps it.
+    """
+    rows = []
+    for row, weights in zip(values, run.weight, strict=True):
+        count = np.bincount(grid.bin_of, weights=weights > 0.0, minlength=grid.bins)
+        rows.append(np.bincount(grid.bin_of, weights=row, minlength=grid.bins) / np.sqrt(np.maximum(count, 1.0)))
+    return np.array(rows)
+
+
+def marked(source: Input, knots: Vector) -> Input:
+    """The input with a row at every knot, so that no step of the solver passes over a hat."""
+    inside = knots[(knots > source.times[0]) & (knots < source.times[-1])]
+    times = np.union1d(source.times, inside)
+    held = np.searchsorted(source.times, times, side='right') - 1
+    values = source.values[held].copy()
+    for k in np.flatnonzero(source.linear):
+        values[:, k] = np.interp(times, source.times, source.values[:, k])
+    values[:, -1] += MARK * (np.arange(len(times)) % 2)
+    return Input(times, values, source.linear)
+
+
+def ready(config: Config, run: Prepared, nuisance: Nuisance) -> tuple[Config, Prepared, Nuisance]:
+    """The run with its start in the configuration and its commands where they were."""
+    source = with_switches(run, nuisance.switches)
+    begun = started(config, source, nuisance.start)
+    none = np.zeros(0)
+    plain = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
+    return begun, plain, Nuisance(delay=nuisance.delay)
+
+
+def acting(port: Port, grid: Grid, course: Vector) -> ActiveEffect:
+    """The effect that acts at a port with values (knots,) at the knots."""
+    beyond = np.full(MOST_KNOTS - len(course), course[-1])
+    return ActiveEffect(
+        courses()[port.hook],
+        (float(grid.knots[0]), grid.spacing, float(port.component), *course.tolist(), *beyond.tolist()),
+    )
+
+
+@dataclass(frozen=True)
+class Knocks:
+    """Some knots of a port at which a run is to be knocked; the base are its binned residuals without."""
+
+    run: Prepared
+    grid: Grid
+    parcel: Parcel
+    nuisance: Nuisance
+    port: Port
+    knots: tuple[int, ...]
+    base: Matrix
+
+
+def knocked(task: Knocks) -> NDArray[np.float32]:
+    """Change of the binned residuals per probe, (knots, channels, bins); 0 where the model cannot be run."""
+    found = np.zeros((len(task.knots), *task.base.shape), dtype=np.float32)
+    config = task.parcel.config
+    for k, knot in enumerate(task.knots):
+        active = acting(task.port, task.grid, task.port.probe * (np.arange(len(task.grid.knots)) == knot))
+        try:
+            shown = weighted_residuals(replace(config, effects=(*config.effects, active)), task.run, task.nuisance)
+        except SimulationError:
+            continue
+        found[k] = binned(shown, task.run, task.grid) - task.base
+    return found
+
+
+def course_at(grid: Grid, values: Vector, time: Vector) -> Vector:
+    """The course through values (knots,) at times (k,) [s], as courses/course.py has it."""
+    at = np.clip((time - grid.knots[0]) / grid.spacing, 0.0, len(values) - 1.000001)
+    k = at.astype(np.int64)
+    part = np.sin(0.5 * np.pi * (at - k)) ** 2
+    found: Vector = values[k] * (1.0 - part) + values[k + 1] * part
+    return found
+
+
+def sensed(port: Port, run: Prepared, grid: Grid, delay: float) -> NDArray[np.float32]:
+    """Change of the binned residuals per probe by an offset of what a channel shows, (knots, channels, bins)."""
+    found = np.zeros((len(grid.knots), len(run.channels), grid.bins), dtype=np.float32)
+    row = run.channels.index(CHANNELS[port.component])
+    shown = np.zeros_like(run.weight)
+    for k, values in enumerate(port.probe * np.eye(len(grid.knots))):
+        shown[row] = course_at(grid, values, run.time - delay) * run.weight[row]
+        found[k] = binned(shown, run, grid)
+    return found
+
+
+def submitted(
+    port: Port, run: Prepared, grid: Grid, parcel: Parcel, nuisance: Nuisance, base: Matrix, pool: Executor
+) -> list[Future[NDArray[np.float32]]]:
+    """The work of one port on one (ready) run, dealt out."""
+    count = len(grid.knots)
+    parts = [tuple(range(k, min(k + KNOTS_AT_ONCE, count))) for k in range(0, count, KNOTS_AT_ONCE)]
+    return [pool.submit(knocked, Knocks(run, grid, parcel, nuisance, port, part, base)) for part in parts]

@@ -1,0 +1,80 @@
+"""The page of `sma-sim latent`: the missing quantity over time, and how all ports compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sma_sim.evidence.latent.latent import Finding, Latent
+from sma_sim.evidence.latent.words import HEADER, rows, sentences
+from sma_sim.evidence.recording import Campaign
+from sma_sim.report.html.data import data_section
+from sma_sim.report.html.figures import SHOWN, new_figure, small
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, Tabs, write_page
+from sma_sim.report.palette import GREY
+
+ROW = 150  # height of one time course [px]
+EXPLAINED = (
+    'error left: over noise, of all data; in gaps: of blocks of time that were left out in turn; values: how many numbers '
+    'the time course amounts to; removed per value: squared error over noise that it removes in gaps, per such number; '
+    'evidence: logarithm of the odds against nothing missing, which decides'
+)
+
+
+def write_latent_page(path: Path, found: Latent, training: Campaign, held: Campaign | None) -> None:
+    """The page. Raises UserError."""
+    sections = [verdict_section(found), courses_section(found), data_section(training, held)]
+    write_page(path, f'Missing quantity: {found.verdict}', sections)
+
+
+def verdict_section(found: Latent) -> Section:
+    """The verdict, and the error that each port leaves."""
+    first, *rest = sentences(found)
+    blocks: list[Block] = [Paragraph(first, 'lead')]
+    if rest:
+        blocks.append(Bullets([line.strip() for line in rest]))
+    if found.findings:
+        blocks += [Plot(error_figure(found), 'Error over noise that each port leaves; 1 is the noise.', 300),
+                   Table(HEADER, rows(found)), Paragraph(EXPLAINED, 'note')]  # fmt: skip
+    return Section('What is missing', blocks)
+
+
+def error_figure(found: Latent) -> object:
+    """Error over noise by port."""
+    figure = new_figure()
+    names = ['nothing', *(one.name for one in found.findings)]
+    values = [found.error, *(one.error for one in found.findings)]
+    figure.add_bar(x=names, y=values, marker={'color': [GREY, *[SHOWN] * len(found.findings)]}, name='error over noise')
+    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'}, annotation_text='noise')
+    figure.update_yaxes(title_text='error over noise')
+    return figure
+
+
+def courses_section(found: Latent) -> Section:
+    """A tab per port with its time courses."""
+    tabs = [(one.name, [course_plot(one)]) for one in found.findings if one.courses]
+    words = 'What would have to act there for the model to meet the measurement, with its 95 % band (of noise, of what else '
+    words += 'the model lacks, and of the choice of kinetics). Where zero lies within the band nothing is needed.'
+    return Section('The missing quantity over time', [Paragraph(words), Tabs(tabs)] if tabs else [])
+
+
+def course_plot(one: Finding) -> Plot:
+    """The time courses of one hypothesis, a row for each run and port."""
+    figure = new_figure(len(one.courses), gap=0.2 / len(one.courses))
+    for row, course in enumerate(one.courses, start=1):
+        time = small(np.concatenate([course.time, course.time[::-1]]))
+        edge = small(np.concatenate([course.mean + course.band, (course.mean - course.band)[::-1]]))
+        figure.add_scatter(
+            x=time, y=edge, fill='toself', mode='lines', line={'width': 0}, fillcolor='rgba(0, 90, 181, 0.18)',
+            name='95 %', legendgroup='band', showlegend=row == 1, hoverinfo='skip', row=row, col=1,
+        )  # fmt: skip
+        figure.add_scatter(
+            x=small(course.time), y=small(course.mean), mode='lines', line={'color': SHOWN, 'width': 1.5}, name='estimate',
+            legendgroup='mean', showlegend=row == 1, hovertemplate=f'%{{y:.3g}} {course.port.unit} at %{{x:.1f}} s',
+            row=row, col=1,
+        )  # fmt: skip
+        figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
+        figure.update_yaxes(title_text=f'{course.port.name}<br>{course.run} [{course.port.unit}]', row=row, col=1)
+    figure.update_xaxes(title_text='time [s]', row=len(one.courses), col=1)
+    return Plot(figure, one.hypothesis.ports[0].description, ROW * len(one.courses) + 90)

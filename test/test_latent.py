@@ -1,0 +1,165 @@
+"""The missing quantity: its course is recovered, the port is named, nothing is seen where nothing is missing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import NOISE, campaign, config
+
+from sma_sim.challenge.files import write_challenge
+from sma_sim.challenge.make import make_challenge
+from sma_sim.cli.main import main
+from sma_sim.evidence.latent.hypotheses import hypotheses_of, reason
+from sma_sim.evidence.latent.inference import Prior, Products, best_prior, estimated, foretold, projected, root_of
+from sma_sim.evidence.latent.latent import LatentRequest, latent
+from sma_sim.evidence.latent.ports import PORTS, ports_of
+from sma_sim.evidence.latent.responses import acting, binned, course_at, grid_of, marked, ready
+from sma_sim.evidence.latent.words import as_data, rows, sentences
+from sma_sim.evidence.residuals import Nuisance, prepare, weighted_residuals
+
+BY_NAME = {port.name: port for port in PORTS}
+
+
+@pytest.fixture(scope='module')
+def shaken():
+    case = make_challenge(7, kinds=['shaking_table'], forces=True, duration=30.0, rate=10.0)
+    return case, latent(case.campaign, case.nominal)
+
+
+def test_a_force_that_shakes_the_plate_is_found_with_its_course(shaken):
+    case, found = shaken
+    best = found.findings[0]
+    assert found.verdict == 'force_U_y' and found.error > 1.3 and best.error < 1.1
+    hidden = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
+    assert {course.run for course in best.courses} == {'run1', 'run2'}
+    for course in best.courses:
+        truth = hidden['F_0'] * np.sin(2.0 * np.pi * hidden['f'] * course.time)
+        assert np.corrcoef(course.mean, truth)[0, 1] > 0.95
+        assert np.mean(np.abs(course.mean - truth) < 1.5 * course.band) > 0.8
+
+
+def test_with_nothing_missing_no_port_is_named():
+    case = make_challenge(8, effects=0, forces=True, duration=30.0, rate=10.0)
+    found = latent(case.campaign, case.nominal)
+    assert found.verdict == 'none' and found.alike == {} and found.p_value > 0.01
+    assert next(iter(sentences(found))).startswith('none')
+
+
+def test_what_is_told(shaken):
+    _, found = shaken
+    data = json.loads(json.dumps(as_data(found)))
+    assert data['verdict'] == 'force_U_y' and data['ports'][0]['name'] == 'force_U_y'
+    course = data['ports'][0]['courses'][0]
+    assert len(course['time_s']) == len(course['mean']) == len(course['band_95'])
+    assert [row[0] for row in rows(found)] == [one['name'] for one in data['ports']]
+    assert 'force on the plate across the beam' in next(iter(sentences(found)))
+
+
+@pytest.mark.parametrize('name', ['force_U_x', 'moment_alpha', 'heat_1', 'strain_2', 'stress_1', 'power_2'])
+@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+def test_responses_add_up(name, model):
+    """The response to a course is about the sum of those to its knots: what the linear model rests on."""
+    start = config(model, solver__rtol=1e-9)
+    run = prepare(campaign(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    grid, port = grid_of(run, 10), BY_NAME[name]
+    begun, plain, nuisance = ready(start, replace(run, source=marked(run.source, grid.knots)), Nuisance(start=(0.3, 0.3)))
+
+    def response(course):
+        one = replace(begun, effects=(acting(port, grid, 1e-2 * port.probe * course),))
+        return binned(weighted_residuals(one, plain, nuisance) - weighted_residuals(begun, plain, nuisance), run, grid)
+
+    knots = np.eye(len(grid.knots))
+    both = response(knots[3] + 0.5 * knots[4])
+    apart = response(knots[3]) + 0.5 * response(knots[4])
+    assert np.abs(both).max() > 1e-4
+    assert np.linalg.norm(both - apart) < 0.1 * np.linalg.norm(both)
+
+
+def test_a_course_goes_through_its_values():
+    run = prepare(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    grid = grid_of(run, 10)
+    values = np.random.default_rng(1).normal(size=len(grid.knots))
+    assert course_at(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
+    middle = grid.knots[:-1] + 0.5 * grid.spacing
+    assert course_at(grid, values, middle) == pytest.approx(0.5 * (values[1:] + values[:-1]))
+
+
+def linear_case(random, strength):
+    """Rows of S and J, and residuals that a smooth course of a strength leaves, with shifts of what was fitted."""
+    t = np.arange(40.0)
+    rows = np.vstack([np.exp(-0.5 * ((np.arange(400) / 10.0 - t[:, None]) / 1.5) ** 2), random.normal(size=(3, 400))])
+    u = strength * np.sin(t / 4.0)
+    r = random.normal(size=400) - u @ rows[:40] - np.array([0.5, -1.0, 0.3]) @ rows[40:]
+    smooth = np.exp(-np.abs(t[:, None] - t) / 5.0)
+    return rows, r, u, smooth
+
+
+def products(rows, r):
+    return Products(rows @ rows.T, rows @ r, float(r @ r), len(r))
+
+
+def test_inference_recovers_a_course_and_prefers_the_smooth_prior():
+    rows, r, u, smooth = linear_case(np.random.default_rng(2), 3.0)
+    whole = products(rows, r)
+    gram, share = projected(whole, 40)
+    pulls = (share @ whole.pull[40:] - whole.pull[:40])[:, None]
+    prior, scores = best_prior(gram, pulls, {'rough': np.eye(40), 'smooth': smooth}, mixed=False)
+    assert prior.words == 'smooth' and scores[0] > 50.0 and 5.0 < prior.dof < 40.0
+    found = estimated(whole, prior)
+    assert np.mean(np.abs(found.u - u) < 2.0 * found.std) > 0.8
+    assert found.squares < 1.2 * 400
+    gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
+    without, with_it = foretold(whole, gaps, prior)
+    assert with_it < 1.3 * 400 < without
+
+
+def test_the_evidence_is_that_of_the_gaussian():
+    """Against the density of the residuals with everything integrated out."""
+    rows, r, _, smooth = linear_case(np.random.default_rng(3), 1.0)
+    whole = products(rows, r)
+    gram, share = projected(whole, 40)
+    prior, scores = best_prior(gram, (share @ whole.pull[40:] - whole.pull[:40])[:, None], {'smooth': smooth}, mixed=False)
+
+    def log_density(covariance):
+        return -0.5 * (np.linalg.slogdet(covariance)[1] + r @ np.linalg.solve(covariance, r))
+
+    nothing = np.eye(400) + rows[40:].T @ rows[40:]
+    something = nothing + rows[:40].T @ prior.root @ prior.root.T @ rows[:40]
+    assert scores[0] == pytest.approx(log_density(something) - log_density(nothing), rel=1e-6)
+
+
+def test_gaps_of_noise_are_not_foretold_by_a_course():
+    rows, r, _, smooth = linear_case(np.random.default_rng(4), 0.0)
+    gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
+    without, with_it = foretold(products(rows, r), gaps, Prior('rough', 3.0 * root_of(smooth), 0.0, 0.0))
+    assert with_it > without
+
+
+def test_hypotheses_and_reasons():
+    one = {found.name: found for found in hypotheses_of(ports_of('module', ('U_x', 'U_y', 'alpha')))}
+    assert {'heat', 'heat_1', 'power', 'sense_alpha', 'force_U_y'} <= set(one) and 'sense_F_1' not in one
+    assert [port.name for port in one['stress'].ports] == ['stress_1', 'stress_2']
+    assert 'sum of all heat' in reason(one['heat_1'], one['power_1'], True)
+    assert reason(one['moment_alpha'], one['stress'], True) == ''
+    assert 'no force is measured' in reason(one['moment_alpha'], one['stress'], False)
+    assert [found.name for found in hypotheses_of(ports_of('wire', ('stress',)))] == [
+        'heat_1', 'strain_1', 'stress_1', 'power_1', 'sense_stress',
+    ]  # fmt: skip
+
+
+def test_a_calibrated_model_is_taken_as_it_is(shaken):
+    case, fitted = shaken
+    found = latent(case.campaign, fitted.config, request=LatentRequest(model='mas', fit=False))
+    assert found.verdict == 'force_U_y' and found.config.parameters['beam.E'] == fitted.config.parameters['beam.E']
+
+
+def test_command(shaken, tmp_path, capsys, monkeypatch):
+    case, _ = shaken
+    monkeypatch.chdir(tmp_path)
+    write_challenge(case, tmp_path / 'case')
+    command = ['latent', 'case', '--config', 'case/nominal.yaml', '--model', 'mas', '--json', 'found.json', '-o', 'p.html']
+    assert main(command) == 0
+    assert 'force_U_y: a missing force' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'found.json').read_text())['verdict'] == 'force_U_y'
+    assert 'The missing quantity over time' in (tmp_path / 'p.html').read_text()
