@@ -154,16 +154,18 @@ def last_of_groups(values: Vector, starts: NDArray[np.intp]) -> Vector:
 def changes_of(time: Vector, command: Vector, sampled: Mask) -> tuple[Vector, Mask]:
     """Times (c,) [s] of the rows at which a command [W] has changed, and whether each tells when it did.
 
-    A row does when it is one without measured cells, or squeezed in between two of a regular grid, rather than a sample
-    that only tells what the command was by then. Where most are samples all are taken for it: cells may be lost. Where
-    nothing is measured all rows tell.
+    A row does when it is one without measured cells or at the time of another, or (in a file without such rows) squeezed in
+    between two of a regular grid, rather than a sample that only tells what the command was by then. Where few do, all
+    are taken for samples that lost their cells. Where nothing is measured all rows tell.
     """
     changed = np.flatnonzero(np.diff(command) != 0.0) + 1
     if len(changed) == 0 or not sampled.any():
         return time[changed], np.ones(len(changed), dtype=bool)
     extra = ~sampled[changed]
     grid = np.diff(time)
-    if are_regular(grid):
+    extra |= np.append(grid, np.inf)[changed] == 0.0
+    extra |= grid[changed - 1] == 0.0
+    if not extra.any() and are_regular(grid):
         inner = changed < len(time) - 1
         around = np.full(len(changed), np.inf)
         around[inner] = time[changed[inner] + 1] - time[changed[inner] - 1]
