@@ -13,6 +13,7 @@ from sma_sim.evidence.bag_runs import write_mcap
 from sma_sim.evidence.bag_writer import BagWriter
 from sma_sim.evidence.recordings import read_campaign, read_recording
 from sma_sim.evidence.repair import outliers
+from sma_sim.evidence.residuals import sampled_changes
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 
@@ -319,3 +320,17 @@ def test_text_of_is_what_the_reader_expects(tmp_path):
     (tmp_path / 'run.csv').write_text(text_of(header, rows))
     (recording,) = read_recording(tmp_path / 'run.csv', 'module', 298.0)
     assert len(recording.time) == 100 and '1 rows without a time: dropped' in recording.notes
+
+
+def test_every_second_row_of_a_file_that_tells_when_commands_change(tmp_path):
+    """Rows of some changes are lost: of these only samples tell, the others stay exact."""
+    instants = [2.0071, 4.0071, 5.513, 8.1234]
+    columns = with_switching_rows(module_columns(), instants, [5.0, 2.0, -3.0, 0.0])
+    half = {name: values[::2] for name, values in columns.items()}
+    (recording,) = read_recording(write_recording(tmp_path / 'run.csv', half), 'module', 298.0)
+    told = np.isin(instants, half['time_s'])
+    assert told.any() and not told.all() and not recording.exact_commands
+    changed, interval = sampled_changes(recording)
+    assert len(changed) == np.count_nonzero(~told) and not np.isin(changed, instants).any()
+    assert np.all(interval < 2.1 / RATE) and np.isin(np.array(instants)[told], recording.source.times).all()
+    assert any(f'{len(changed)} of 4 changes' in note for note in recording.notes)

@@ -13,12 +13,12 @@ from sma_sim.evidence.recording import CHANNEL_COLUMNS, CHANNELS_OF, INPUT_COLUM
 from sma_sim.evidence.repair import gap_notes, held, outliers, rate_note
 from sma_sim.evidence.sessions import (
     Rows,
+    changes_of,
     first_known,
     group_starts,
     kept_rows,
     last_of_groups,
     ordered_sessions,
-    switching_is_exact,
 )
 from sma_sim.evidence.units import check_duration, check_unit, slow_sampling
 from sma_sim.model.errors import UserError
@@ -120,9 +120,10 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
     fill_inputs(place, columns, notes)
     sampled = sampled_rows(place.system, columns)
     command = columns[COMMAND[place.system]]
-    exact = place.stamped or switching_is_exact(columns['time_s'], command, sampled)
+    changes, told = changes_of(columns['time_s'], command, sampled)
+    exact = place.stamped or bool(told.all())
     if not exact:
-        notes.append('the command was sampled with the measurement: each change is uncertain within its interval')
+        notes.append(sampled_note(told))
     merge_equal_times(columns, notes)
     if len(columns['time_s']) < FEWEST:
         only = columns['time_s'][0]
@@ -130,6 +131,7 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
     check_duration(place.path, columns['time_s'])
     if abs(columns['time_s'][0]) > EPOCH:
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')
+        changes = changes - columns['time_s'][0]
         columns['time_s'] = columns['time_s'] - columns['time_s'][0]
     source = source_of(place, columns)
     time, channels = measured(place, columns, notes)
@@ -137,7 +139,15 @@ def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: li
         raise UserError(f'{place.path}: expected at least {FEWEST} measured rows after the first command, got {len(time)}')
     if place.system == 'module':
         notes += slow_sampling(time)
-    return Recording(name, place.system, time, channels, source, exact, tuple(notes))
+    known = () if exact else tuple(changes[told].tolist())
+    return Recording(name, place.system, time, channels, source, exact, tuple(notes), known)
+
+
+def sampled_note(told: NDArray[np.bool_]) -> str:
+    """What is said of changes of the command, of which some (or none) tell when they were."""
+    if not told.any():
+        return 'the command was sampled with the measurement: each change is uncertain within its interval'
+    return f'{int((~told).sum())} of {len(told)} changes of the command were only sampled: uncertain within their interval'
 
 
 def fill_inputs(place: Place, columns: dict[str, Vector], notes: list[str]) -> None:

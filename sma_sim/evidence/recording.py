@@ -37,7 +37,8 @@ class Recording:
     `time` (k,) [s] increases; `channels` holds (k,) by the names of CHANNELS, SI units, NaN where a sample is
     missing (a channel that was never measured is absent). `source` covers `time`; `exact_commands` says that its
     rows are the instants at which the input changed; otherwise they were only sampled, and each change happened
-    somewhere between its row and the row before. `notes` tell what was repaired on the way from the file.
+    somewhere between its row and the row before, but for those of `known_changes` [s]. `notes` tell what was repaired
+    on the way from the file.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Recording:
     source: Input
     exact_commands: bool = True
     notes: tuple[str, ...] = ()
+    known_changes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

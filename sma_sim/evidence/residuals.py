@@ -110,6 +110,7 @@ def sampled_changes(recording: Recording) -> tuple[Vector, Vector]:
     at = np.flatnonzero(np.diff(command)) + 1
     if recording.exact_commands:
         at = at[:0]
+    at = at[~np.isin(times[at], recording.known_changes)]
     return times[at], times[at] - times[at - 1]
 
 

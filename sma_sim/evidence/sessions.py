@@ -15,6 +15,7 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp] | slice
 NEAR = 10  # sampling intervals: a clock that jumps back by no more was set anew, by more it is another session
 IRREGULAR = 0.25  # of the interval
+LEAST_TOLD = 0.25  # of the changes: with fewer, a row without measured cells has lost them, and tells nothing
 REGULAR_PART = 0.95
 SHUFFLED_PART = 0.02  # of the rows step back
 REPEATED_PART = 0.05
@@ -150,23 +151,26 @@ def last_of_groups(values: Vector, starts: NDArray[np.intp]) -> Vector:
     return kept
 
 
-def switching_is_exact(time: Vector, command: Vector, sampled: Mask) -> bool:
-    """Whether the rows (k,) of a command [W] tell when it changed, rather than what it was at a sample.
+def changes_of(time: Vector, command: Vector, sampled: Mask) -> tuple[Vector, Mask]:
+    """Times (c,) [s] of the rows at which a command [W] has changed, and whether each tells when it did.
 
-    They do when at least half of the changes are in rows without measured cells, or in rows squeezed in between two of a
-    regular grid. They do also when nothing changes or nothing is measured.
+    A row does when it is one without measured cells or at the time of another, or (in a file without such rows) squeezed in
+    between two of a regular grid, rather than a sample that only tells what the command was by then. Where few do, all
+    are taken for samples that lost their cells. Where nothing is measured all rows tell.
     """
     changed = np.flatnonzero(np.diff(command) != 0.0) + 1
     if len(changed) == 0 or not sampled.any():
-        return True
+        return time[changed], np.ones(len(changed), dtype=bool)
     extra = ~sampled[changed]
     grid = np.diff(time)
-    if are_regular(grid):
+    extra |= np.append(grid, np.inf)[changed] == 0.0
+    extra |= grid[changed - 1] == 0.0
+    if not extra.any() and are_regular(grid):
         inner = changed < len(time) - 1
         around = np.full(len(changed), np.inf)
         around[inner] = time[changed[inner] + 1] - time[changed[inner] - 1]
         extra |= around <= (1.0 + IRREGULAR) * np.median(grid)
-    return bool(extra.mean() >= 0.5)
+    return time[changed], extra if extra.mean() >= LEAST_TOLD else np.zeros(len(changed), dtype=bool)
 
 
 def kept_rows(values: Sequence[Vector]) -> Mask:
