@@ -23,7 +23,7 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 BARE = 'nothing'  # the name of the hypothesis that no effect is missing
-PATIENT = Effort(most=40, damping=1e2, enough=0.1, gain=0.0, near=False)  # evidence differs by less than a fit's progress
+PATIENT = Effort(most=25, damping=1e2, enough=0.1, gain=0.0, near=False)  # evidence differs by less than a fit's progress
 LEADING = 10.0  # log evidence behind the best within which an explanation is a rival to be told apart
 STARTS = 2  # of the bare fit
 DRAWS = 3  # from each posterior
