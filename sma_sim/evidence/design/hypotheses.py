@@ -115,6 +115,8 @@ def leading_rivals(bare: Fitted, place: Workplace) -> list[tuple[str, Fitted]]:
     place.told(f'screening {len(candidates)} effects')
     screened = screen(bare.problem, bare.z, candidates, place.pool, place.seed)
     tried = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+    if not tried:
+        return [(BARE, bare)]
     place.told(f'fitting {", ".join(one.candidate.name for one in tried)}')
     jobs = [partial(refit_both_ways, bare, one, place.pool, place.stop) for one in tried]
     fits = [
