@@ -1,7 +1,10 @@
 """The next experiment: sequences keep their limits, criteria are what dense formulas say, designs beat the default."""
 
+import argparse
 import json
+import shlex
 from dataclasses import replace
+from types import SimpleNamespace as Some
 
 import numpy as np
 import pytest
@@ -10,11 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sma_sim import UserError, find_effects
+from sma_sim.cli import diagnose, next
 from sma_sim.cli.main import main
 from sma_sim.cli.simulate import read_module_input
 from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.design import criteria
 from sma_sim.evidence.design.criteria import follower, gain, known, ratios, weak_directions, worth_of_ratios
+from sma_sim.evidence.design.offer import confounded
 from sma_sim.evidence.design.plan import Wanted, next_experiment
 from sma_sim.evidence.design.sequences import SHAPES, Grid, as_input, as_rows, changed, default_sequence, some_sequence, tidy
 from sma_sim.evidence.design.trial import Foretold, Limits
@@ -212,3 +217,37 @@ def test_without_names_the_leading_explanations_are_told_apart():
     names = {one.name for one in plan.hypotheses}
     assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
     assert len(plan.expected) == len(names) * (len(names) - 1)
+
+
+def diagnosis(*rounds, effects, given=(), system='module'):
+    """What is read of a diagnosis: by round the effects before it, the accepted one and what explains alike."""
+    made = [
+        Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, alike=alike)) for before, name, alike in rounds
+    ]
+    return Some(calibration=Some(config=Some(system=system)), rounds=made, effects=effects)
+
+
+def test_a_diagnosis_offers_what_it_left_confounded():
+    first = ((), 'gravity', ('sensor_bias',))
+    second = (('gravity',), 'radiation', ('natural_convection',))
+    sure = (('gravity',), 'radiation', ())
+    assert confounded(diagnosis(first, effects=('gravity',))) == ('gravity', 'sensor_bias')
+    found = diagnosis(first, second, effects=('gravity', 'radiation'), given=('driver_lag',))
+    assert confounded(found) == ('gravity+radiation', 'gravity+natural_convection')
+    assert confounded(diagnosis(first, sure, effects=('gravity', 'radiation'))) == ('gravity', 'sensor_bias')
+    assert confounded(diagnosis(sure, effects=('radiation',))) == ()
+    assert confounded(diagnosis(first, effects=('gravity',), system='wire')) == ()
+
+
+def test_the_offered_command_is_one_that_next_takes():
+    parser = argparse.ArgumentParser()
+    verbs = parser.add_subparsers(dest='verb')
+    diagnose.add_parser(verbs)
+    next.add_parser(verbs)
+    words = ['diagnose', 'two words.csv', 'more', '--config', 'robot.yaml', '--set', 'beam.E=2e9', '--noise', 'alpha=1e-3']
+    command = diagnose.next_command(parser.parse_args(words), ('a+b', 'a+c'))
+    program, *rest = shlex.split(command)
+    taken = parser.parse_args(rest)
+    assert program == 'sma-sim' and taken.verb == 'next' and taken.between == ['a+b', 'a+c']
+    assert [str(path) for path in taken.data] == ['two words.csv', 'more'] and str(taken.config) == 'robot.yaml'
+    assert taken.words == ['beam.E=2e9'] and taken.noise == ['alpha=1e-3'] and str(taken.out) == 'next.csv'

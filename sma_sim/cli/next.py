@@ -43,7 +43,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
-    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='sequences to try (default 300)')
+    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='sequences to try (default 200)')
     parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the search')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
     add_config_options(parser)

@@ -23,7 +23,7 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 BARE = 'nothing'  # the name of the hypothesis that no effect is missing
-PATIENT = Effort(most=40, damping=1e2, enough=0.1, gain=0.0, near=False)  # evidence differs by less than a fit's progress
+PATIENT = Effort(most=25, damping=1e2, enough=0.1, gain=0.0, near=False)  # evidence differs by less than a fit's progress
 LEADING = 10.0  # log evidence behind the best within which an explanation is a rival to be told apart
 STARTS = 2  # of the bare fit
 DRAWS = 3  # from each posterior
@@ -115,6 +115,8 @@ def leading_rivals(bare: Fitted, place: Workplace) -> list[tuple[str, Fitted]]:
     place.told(f'screening {len(candidates)} effects')
     screened = screen(bare.problem, bare.z, candidates, place.pool, place.seed)
     tried = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+    if not tried:
+        return [(BARE, bare)]
     place.told(f'fitting {", ".join(one.candidate.name for one in tried)}')
     race = Race(place.stop)
     jobs = [partial(refit_both_ways, bare, one, place.pool, race) for one in tried]

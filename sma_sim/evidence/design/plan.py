@@ -57,7 +57,7 @@ class Wanted:
     temperature: float | None = None
     stress: float | None = None
     model: str = 'auto'
-    budget: int = 300
+    budget: int = 200
     seed: int = 0
     folders: tuple[Path, ...] = ()
 
