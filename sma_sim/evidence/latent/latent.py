@@ -21,7 +21,6 @@ from sma_sim.evidence.latent.inference import Products, added, without
 from sma_sim.evidence.latent.ports import Port, ports_of
 from sma_sim.evidence.latent.ranking import (
     Weighed,
-    dealt,
     error_of,
     errors_in_gaps,
     estimate_of,
@@ -222,7 +221,7 @@ def judged(
     if answer.p_value <= SIGNIFICANT:
         finalists = refined(start, finalists, place.pool, place.stop, place.told)
     widened = min(widening(one, 1.0) for one in finalists)
-    last = dealt([partial(weigh, one.design, one.hypothesis, T_E, (), widened) for one in finalists], place.pool, place.stop)
+    last = [weigh(one.design, one.hypothesis, T_E, (), widened) for one in finalists]
     nothing = without(design.products(hypotheses[0], widened), design.z)
     findings = [finding(one, gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
