@@ -31,6 +31,8 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, nargs='+', default=[301])
     parser.add_argument('--kinds', nargs='+', default=list(KINDS), choices=KINDS)
     parser.add_argument('--channels', nargs='+', default=['forces', 'pose'], choices=('forces', 'pose'))
+    parser.add_argument('--duration', type=float, default=100.0, help='of a run [s]')
+    parser.add_argument('--rate', type=float, default=50.0, help='samples per second')
     parser.add_argument('--out', type=Path, default=Path('latent.jsonl'))
     parser.add_argument('--table', action='store_true', help='only print the table')
     arguments = parser.parse_args()
@@ -40,7 +42,7 @@ def main() -> None:
     ]  # fmt: skip
     for case in cases:
         if case not in {(one['kind'], one['seed'], one['channels']) for one in done}:
-            done.append(one := run(*case))
+            done.append(one := run(*case, arguments.duration, arguments.rate))
             with arguments.out.open('a') as file:
                 file.write(json.dumps(one) + '\n')
             print(row(one), flush=True)
@@ -52,10 +54,10 @@ def read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def run(kind: str, seed: int, channels: str) -> dict[str, Any]:
+def run(kind: str, seed: int, channels: str, duration: float, rate: float) -> dict[str, Any]:
     """One case."""
     kinds = [] if kind == 'none' else [kind]
-    case = make_challenge(seed, effects=len(kinds), kinds=kinds, forces=channels == 'forces')
+    case = make_challenge(seed, len(kinds), None, kinds, channels == 'forces', duration=duration, rate=rate)
     begun = time.process_time()
     found = latent(case.campaign, case.nominal)
     right = case.answer.effects[0].port if case.answer.effects else ''

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import Options, check, prepared, together
 from sma_sim.evidence.descent import FIRST, descend, start_point
-from sma_sim.evidence.diagnose import PREFERENCE, STARTS, Request, bare_fit, some_held_out
+from sma_sim.evidence.diagnose import STARTS, Request, bare_fit, some_held_out
 from sma_sim.evidence.latent.design import Design, Place, Stopped, Told, design_of, place_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
 from sma_sim.evidence.latent.inference import Products, added, without
 from sma_sim.evidence.latent.ports import Port, ports_of
 from sma_sim.evidence.latent.ranking import (
     Weighed,
-    dealt,
     error_of,
     errors_in_gaps,
     estimate_of,
@@ -35,8 +34,8 @@ from sma_sim.evidence.latent.refine import refined
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.refit import Fitted
-from sma_sim.evidence.selection import Workplace, judged_error
+from sma_sim.evidence.refit import Fitted, other_kinetics, refit
+from sma_sim.evidence.selection import Workplace
 from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
@@ -118,23 +117,12 @@ class LatentRequest:
     options: Options = field(default_factory=lambda: Options(starts=STARTS))
 
 
-@dataclass(frozen=True)
-class Models:
-    """The chosen model at its optimum, and the other kinetics at theirs where they were fitted."""
-
-    chosen: Fitted
-    other: Fitted | None
-
-
-def fitted_models(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Models:
-    """Both kinetics, fitted as a diagnosis does; with `fit` off only starts and delay are."""
-    if not request.fit:
-        model = config.model if request.model == 'auto' else request.model
-        return Models(as_calibrated(training, replace(config, model=model), request, place), None)
-    names = ('hybrid', 'mas') if request.model == 'auto' else (request.model,)
-    found = [bare_fit(training, config, Request(name, (), request.seed, request.options), place) for name in names]
-    found.sort(key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
-    return Models(found[0], found[1] if len(found) > 1 else None)
+def fitted_model(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Fitted:
+    """The model fitted as a diagnosis does; with `fit` off only starts and delay are."""
+    if request.fit:
+        return bare_fit(training, config, Request(request.model, (), request.seed, request.options), place)
+    model = config.model if request.model == 'auto' else request.model
+    return as_calibrated(training, replace(config, model=model), request, place)
 
 
 def as_calibrated(training: Campaign, config: Config, request: LatentRequest, place: Workplace) -> Fitted:
@@ -161,14 +149,25 @@ def on_all_samples(training: Campaign, one: Fitted, chosen: Sequence[int]) -> tu
     return replace(full, runs=tuple(full.runs[k] for k in chosen)), z
 
 
-def discrepancy(training: Campaign, models: Models, chosen: Sequence[int], design: Design, pool: Executor) -> list[Matrix]:
-    """By run, what the other kinetics show differently (channels, bins), over noise; zero where they were not fitted."""
-    if models.other is None:
-        return [np.zeros_like(run.residuals) for run in design.runs]
-    shown = place_of(*on_all_samples(training, models.other, chosen)).residuals(pool)
+def discrepancy(
+    training: Campaign, fitted: Fitted, chosen: Sequence[int], design: Design, place: Workplace
+) -> list[Matrix]:
+    """By run, what the other kinetics would show differently (channels, bins), over noise, were they fitted to this model.
+
+    To the model, not to the measurement: what is missing bends two models differently, and that is not of the kinetics.
+    """
+    place.told('fitting the other kinetics to this model')
+    problem, z = on_all_samples(training, fitted, chosen)
+    other, start = on_all_samples(training, Fitted(*other_kinetics(fitted), 0.0), chosen)
+    runs = tuple(
+        run if one is None else replace(run, measured=run.measured + one / np.where(run.weight > 0.0, run.weight, np.inf))
+        for run, one in zip(problem.runs, residuals_at(problem, z, place.pool), strict=True)
+    )
+    as_measured = replace(other, runs=runs)
+    found = refit(as_measured, start, place.pool, place.stop, FIRST)
+    shown = place_of(as_measured, start if found is None else found.z).residuals(place.pool)
     return [
-        np.zeros_like(own.residuals) if one is None else one - own.residuals
-        for own, one in zip(design.runs, shown, strict=True)
+        np.zeros_like(own.residuals) if one is None else one for own, one in zip(design.runs, shown, strict=True)
     ]
 
 
@@ -186,14 +185,13 @@ def latent(
     check(training, config, request.options)
     with some_executor(executor) as pool:
         place = Workplace(pool, stop, told, (), request.seed)
-        models = fitted_models(training, config, request, place)
-        found = together([partial(searched, training, models, place)], stop)[0]
+        fitted = fitted_model(training, config, request, place)
+        found = together([partial(searched, training, fitted, place)], stop)[0]
     return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - begun)
 
 
-def searched(training: Campaign, models: Models, place: Workplace) -> Latent:
+def searched(training: Campaign, fitted: Fitted, place: Workplace) -> Latent:
     """The search around a fitted model."""
-    fitted = models.chosen
     chosen = worst_runs(training, fitted, place.pool)
     problem, z = on_all_samples(training, fitted, chosen)
     config = problem.fitted(z)
@@ -205,7 +203,7 @@ def searched(training: Campaign, models: Models, place: Workplace) -> Latent:
     start = place_of(problem, z)
     try:
         design = design_of(start, ports, place.pool, place.stop, place.told)
-        gap = discrepancy(training, models, chosen, design, place.pool)
+        gap = discrepancy(training, fitted, chosen, design, place)
         return judged(answer, start, design, ports, gap, place)
     except Stopped:
         return answer
@@ -223,7 +221,7 @@ def judged(
     if answer.p_value <= SIGNIFICANT:
         finalists = refined(start, finalists, place.pool, place.stop, place.told)
     widened = min(widening(one, 1.0) for one in finalists)
-    last = dealt([partial(weigh, one.design, one.hypothesis, T_E, (), widened) for one in finalists], place.pool, place.stop)
+    last = [weigh(one.design, one.hypothesis, T_E, (), widened) for one in finalists]
     nothing = without(design.products(hypotheses[0], widened), design.z)
     findings = [finding(one, gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import together
-from sma_sim.evidence.latent.design import Place, Told, design_of
+from sma_sim.evidence.latent.design import Place, Stopped, Told, design_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis
 from sma_sim.evidence.latent.ports import Port
 from sma_sim.evidence.latent.ranking import Weighed, error_of, estimate_of, widening
@@ -43,12 +43,15 @@ class Tried:
 def refined(
     start: Place, finalists: Sequence[Weighed], pool: Executor, stop: Event, told: Told
 ) -> list[Weighed]:
-    """The finalists around their own time courses, without those that fall far behind on the way. Raises Stopped."""
+    """The finalists around their own time courses, without those that fall far behind on the way; as far as they came."""
     squares = squares_of(start, pool)
     tried = nearly_best([Tried(start, one, squares) for one in finalists], FAR)
     for _ in range(ITERATIONS):
         told(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
-        tried = nearly_best(together([partial(closer, one, pool, stop) for one in tried], stop), BEHIND)
+        try:
+            tried = nearly_best(together([partial(closer, one, pool, stop) for one in tried], stop), BEHIND)
+        except Stopped:
+            break
         if all(one.settled for one in tried):
             break
     return [one.weighed for one in tried]
