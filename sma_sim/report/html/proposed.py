@@ -25,7 +25,8 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     before, after = found.steps[-2], found.steps[-1]
     lead = f'No known effect explains what is left. Proposed: {proposal.formula.equation}'
     rows = [
-        (name, f'{one["value"]:.4g}', '' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
+        (name, f'{one["value"]:.4g}', '' if one['std'] is None else f'{one["std"]:.1g}',
+         'only with the priors' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
          one['description'])
         for name, one in coefficients(found).items()
     ]  # fmt: skip
@@ -37,7 +38,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Paragraph(lead, 'lead'),
         Paragraph(f'With it the held-out error over noise falls from {number(before.held_out)} to {number(after.held_out)}. '
                   + alike_words(proposal)),
-        Table(('parameter', 'value', '95 %', 'unit', ''), rows),
+        Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(portrait_figure(proposal.portrait), CAPTION, 380),
         Plot(channel_figure(before, after), 'Error over noise by channel before and after.', 280),
         Table(('formula', 'cross-validated error', 'parameters'), others, 'Formulas that were refitted, best first.'),
