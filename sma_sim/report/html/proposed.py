@@ -16,7 +16,7 @@ from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 COLOURS = (BLUE, RED, GREY, '#7a5195')
 CAPTION = (
     'The missing quantity in the training runs (points: the formula plus what the residuals still ask for, with two '
-    'standard errors) and the formula (rings).'
+    'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
 )
 
 
@@ -67,11 +67,15 @@ def portrait_figure(portrait: Portrait) -> object:
             marker={'color': COLOURS[k % len(COLOURS)], 'size': 6},
             error_y={'type': 'data', 'array': 2.0 * trace.error, 'thickness': 1, 'width': 0},
         )  # fmt: skip
-    for k, trace in enumerate(portrait.traces):
+    if portrait.curve is not None:
+        x, y = portrait.curve
+        figure.add_scatter(x=x, y=y, mode='lines', name='formula', line={'color': ORANGE, 'width': 2})
+    for k, trace in enumerate(portrait.traces if portrait.curve is None else ()):
         figure.add_scatter(
             x=trace.x, y=trace.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
             marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
         )  # fmt: skip
     figure.update_xaxes(title_text=f'{portrait.variable} [{portrait.variable_unit}]')
-    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]')
+    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]', title_standoff=14)
+    figure.update_layout(margin={'l': 96})
     return figure
