@@ -49,14 +49,19 @@ def values_of(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
-    """The parameters with units and, where they are known, 95 % intervals."""
+    """The parameters with units: `std` with the model's priors, and 95 % intervals where data alone can tell.
+
+    Without measured forces the scale of all forces is known from the priors only.
+    """
     proposal, sure = known(diagnosis), diagnosis.calibration.uncertainty
-    intervals = {one.name: one for one in sure.intervals} if sure else {}
+    seen = {one.name: one for one in sure.intervals if one.seen} if sure else {}
     found = {}
     for p in proposal.formula.parameters:
-        interval = intervals.get(f'effects.{proposal.effect}.{p.name}')
+        name = f'effects.{proposal.effect}.{p.name}'
+        interval, std = seen.get(name), proposal.std.get(name)
         found[p.name] = {
             'value': values_of(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
+            'std': None if std is None else finite(std),
             'low': finite(interval.low) if interval else None, 'high': finite(interval.high) if interval else None,
         }  # fmt: skip
     return found
@@ -80,8 +85,8 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
     before, after = diagnosis.steps[-2], diagnosis.steps[-1]
     yield f'proposed: {proposal.formula.equation}'
     for name, one in coefficients(diagnosis).items():
-        range_ = '' if one['low'] is None or one['high'] is None else f'  ({one["low"]:.4g} to {one["high"]:.4g})'
-        yield f'{proposal.effect}.{name} = {one["value"]:.4g} {one["unit"]}{range_}'
+        std = '' if one['std'] is None else f' +- {one["std"]:.1g}'
+        yield f'{proposal.effect}.{name} = {one["value"]:.4g}{std} {one["unit"]}'
     yield f'with it the held-out error falls from {number(before.held_out)} to {number(after.held_out)}'
     if proposal.alike:
         yield f'these data cannot tell it from {", ".join(proposal.alike)}'

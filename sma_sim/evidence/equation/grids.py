@@ -15,7 +15,7 @@ from sma_sim.evidence.equation.terms import Shape, Term
 from sma_sim.evidence.problem import Linear, Problem
 
 Vector = NDArray[np.float64]
-PLACES, INSTANTS, PACES, PEAKS = 9, 19, 5, 6
+PLACES, INSTANTS, PACES, PEAKS = 9, 19, 7, 6
 WIDTHS = (0.06, 0.15, 0.35)  # parts of the visited range
 WAVES = np.arange(1.5, 10.1, 0.5)  # periods within the visited range
 PHASES = (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)

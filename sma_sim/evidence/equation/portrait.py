@@ -1,7 +1,7 @@
 """The missing quantity itself, beside the formula for it: a partial-residual plot through the simulator.
 
 The quantity is the formula along each run plus what residuals still ask for: hats in time at the same place, whose responses
-(less what the fitted parameters absorb) explain the residuals, with a normal prior of the width that has most evidence.
+(less what the fitted parameters absorb) explain the residuals, with a normal prior as wide as the formula is large.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from sma_sim.evidence.refit import Fitted
 
 Vector = NDArray[np.float64]
 NODES = 25  # hats over a run
-WIDTHS = np.geomspace(1e-3, 30.0, 24)  # of the prior, in sizes of the formula
 UNITS = {'t': 's', 'T': 'K', 'T_other': 'K', 'alpha': 'rad', 'U_y': 'm', 'J': 'W', 'x': '-'}
 WORDS = {
     't': 'time', 'T': 'temperature of the wire', 'T_other': 'temperature of the other wire', 'alpha': 'alpha', 'U_y': 'U_y',
@@ -42,13 +41,17 @@ class Trace:
 
 @dataclass(frozen=True)
 class Portrait:
-    """The quantity over the chosen variable, with names and units of both."""
+    """The quantity over the chosen variable, with names and units of both.
+
+    `curve`: the formula as a line, x and y, where it depends on nothing else.
+    """
 
     variable: str
     variable_unit: str
     quantity: str
     unit: str
     traces: tuple[Trace, ...]
+    curve: tuple[Vector, Vector] | None
 
 
 def portrait(fitted: Fitted, formula: Formula, pool: Executor) -> Portrait:
@@ -61,7 +64,7 @@ def portrait(fitted: Fitted, formula: Formula, pool: Executor) -> Portrait:
     sizes = [values_along(formula, course) for courses in seen for course in courses]
     size = max(float(np.sqrt(np.mean(np.concatenate(sizes) ** 2))), 1e-300)
     nodes, columns = hats(bench, fitted, places, size)
-    amounts, errors = most_evident(columns, bench.left)
+    amounts, errors = explained(columns, bench.left)
     runs = fitted.problem.runs
     for k, courses in enumerate(seen):
         for j, (run, course) in enumerate(zip(runs, courses, strict=True)):
@@ -72,7 +75,16 @@ def portrait(fitted: Fitted, formula: Formula, pool: Executor) -> Portrait:
             label = run.name if len(places) == 1 else f'{run.name}, wire {course.wire + 1}'
             traces.append(Trace(label, x, values + size * amounts[at], size * errors[at], values))
     unit = UNITS.get(variable, '1/s' if variable.startswith('d') else formula.place.unit)
-    return Portrait(WORDS.get(variable, variable), unit, formula.place.description, formula.place.unit, tuple(traces))
+    curve = line_of(formula, variable, seen) if formula.variables == (variable,) else None
+    return Portrait(WORDS.get(variable, variable), unit, formula.place.description, formula.place.unit, tuple(traces), curve)
+
+
+def line_of(formula: Formula, variable: str, seen: list[list[Course]]) -> tuple[Vector, Vector]:
+    """The formula at all values of its variable that the runs visit, in their order."""
+    x = np.concatenate([course.fields[variable] for courses in seen for course in courses])
+    y = np.concatenate([values_along(formula, course) for courses in seen for course in courses])
+    order = np.argsort(x)
+    return x[order], y[order]
 
 
 def chosen_variable(formula: Formula) -> str:
@@ -115,15 +127,7 @@ def hats(bench: Bench, fitted: Fitted, places: list[Place], size: float) -> tupl
     return nodes, np.array(columns)
 
 
-def most_evident(columns: NDArray[np.float64], residuals: Vector) -> tuple[Vector, Vector]:
-    """Amounts of the columns that explain the residuals, and their standard errors, with the prior of most evidence."""
-    gram, pull = columns @ columns.T, -columns @ residuals
-    values, vectors = np.linalg.eigh(gram)
-    values, turned = np.maximum(values, 0.0), vectors.T @ pull
-    best, chosen = -np.inf, WIDTHS[0]
-    for width in WIDTHS:
-        evidence = 0.5 * np.sum(turned**2 * width**2 / (1 + width**2 * values)) - 0.5 * np.sum(np.log1p(width**2 * values))
-        if evidence > best:
-            best, chosen = float(evidence), float(width)
-    spread = chosen**2 / (1.0 + chosen**2 * values)
-    return vectors @ (spread * turned), np.sqrt(np.sum(vectors**2 * spread, axis=1))
+def explained(columns: NDArray[np.float64], residuals: Vector) -> tuple[Vector, Vector]:
+    """Amounts of the columns that explain the residuals, and their standard errors; their prior has a width of one."""
+    spread = np.linalg.inv(columns @ columns.T + np.eye(len(columns)))
+    return spread @ (-columns @ residuals), np.sqrt(np.diag(spread))

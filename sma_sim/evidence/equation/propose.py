@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -51,7 +51,8 @@ class Proposal:
     """What is proposed: the best formula as an effect, the others that were tried (best first), which are as good.
 
     `before`: the cross-validated error without it; `fitted`: the model with it; `alike`: names of formulas that these
-    data cannot tell from it; `portrait`: the quantity over its variable.
+    data cannot tell from it; `portrait`: the quantity over its variable; `std`: standard errors by full name
+    (SI), with the model's priors.
     """
 
     formula: Formula
@@ -60,6 +61,7 @@ class Proposal:
     judged: tuple[Judged, ...]
     alike: tuple[str, ...]
     portrait: Portrait
+    std: Mapping[str, float]
 
     @property
     def effect(self) -> str:
@@ -113,7 +115,7 @@ def proposed_for(base: Fitted, least: float, place: Workplace) -> Proposal | Non
     fitted = better_kinetics(chosen.tried.fitted, place)
     alike = tuple(one.formula.name for one in close if one is not chosen)
     formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
-    return Proposal(formula, fitted, least, tuple(judged), alike, portrait(fitted, formula, place.pool))
+    return Proposal(formula, fitted, least, tuple(judged), alike, portrait(fitted, formula, place.pool), chosen.tried.std)
 
 
 def judge(base: Fitted, grown: Grown, place: Workplace) -> Judged | None:

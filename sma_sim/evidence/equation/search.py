@@ -16,7 +16,7 @@ from sma_sim.evidence.refit import Fitted
 from sma_sim.evidence.selection import Workplace
 
 FIRST, PER_PLACE = 9, 2  # terms that are fitted after the first look, and of one place
-AGAIN, SWAPPED = 2, 5  # fits from which it goes on, and terms that are tried in place of theirs
+AGAIN, SWAPPED = 2, 6  # fits from which it goes on, and terms that are tried in place of theirs
 CLOSE = 1.5  # times the least error: fits beyond it are not gone on from
 WELL = 1.03  # error over noise below which nothing is exchanged
 WARMER = 4.0  # times k at which terms are exchanged
@@ -29,7 +29,7 @@ def search(bare: Fitted, place: Workplace) -> list[Grown]:
     soft, k = softened(bare, place.pool, place.stop)
     place.told('trying the terms of an equation at every port')
     guesses = everywhere(Bench(soft.problem.weighted(1.0 / k), soft.z, place.pool))
-    found = fitted_with(soft, k, [(one,) for one in spread_out(guesses)], place)
+    found = fitted_with(soft, k, [(one,) for one in spread_out(guesses, FIRST)], place)
     for again in leading(found):
         if again.fitted.error > WELL and not place.stop.is_set():
             found += exchanged(soft, again, place)
@@ -40,13 +40,13 @@ def search(bare: Fitted, place: Workplace) -> list[Grown]:
     return found
 
 
-def spread_out(guesses: Sequence[Guess]) -> list[Guess]:
+def spread_out(guesses: Sequence[Guess], most: int) -> list[Guess]:
     """The best, not too many of one place."""
     chosen: list[Guess] = []
     for one in guesses:
         if sum(other.place == one.place for other in chosen) < PER_PLACE:
             chosen.append(one)
-    return chosen[:FIRST]
+    return chosen[:most]
 
 
 def fitted_with(base: Fitted, k: float, formulas: Sequence[tuple[Guess, ...]], place: Workplace) -> list[Grown]:
@@ -67,13 +67,6 @@ def leading(found: Sequence[Grown]) -> list[Grown]:
     return chosen
 
 
-def looked_at(grown: Grown, place: Workplace) -> tuple[float, list[Guess]]:
-    """k of a fit, and what terms of its port could still explain beside its own."""
-    k = disbelief(grown.fitted.problem, grown.fitted.z, place.pool)
-    bench = Bench(grown.fitted.problem.weighted(1.0 / k), grown.fitted.z, place.pool)
-    return k, everywhere(bench, (grown.guesses[0].place.hook,))
-
-
 def without_terms(soft: Fitted, grown: Grown) -> Fitted:
     """The model without the terms, its parameters where the fit with them has left them."""
     n, more = len(soft.problem.free), len(grown.fitted.problem.free)
@@ -81,15 +74,24 @@ def without_terms(soft: Fitted, grown: Grown) -> Fitted:
 
 
 def exchanged(soft: Fitted, grown: Grown, place: Workplace) -> list[Grown]:
-    """Fits with other terms in place of those of a fit, those that could add most to it."""
-    k, guesses = looked_at(grown, place)
+    """Fits with other terms of its port in place of those of a fit.
+
+    All terms are tried again on the model without any, but with the parameters that the fit has led to: they are nearer
+    to the true ones than those of a fit without a term.
+    """
     place.told(f'{grown.name}: error over noise {grown.fitted.error:.2f}; trying others in its place')
-    return fitted_with(without_terms(soft, grown), WARMER * k, [(one,) for one in guesses[:SWAPPED]], place)
+    k = disbelief(grown.fitted.problem, grown.fitted.z, place.pool)
+    base = without_terms(soft, grown)
+    bench = Bench(base.problem.weighted(1.0 / k), base.z, place.pool)
+    guesses = spread_out(everywhere(bench, (grown.guesses[0].place.hook,)), SWAPPED)
+    return fitted_with(base, WARMER * k, [(one,) for one in guesses], place)
 
 
 def paired(soft: Fitted, grown: Grown, place: Workplace) -> list[Grown]:
-    """Fits with a second term at the same place."""
-    k, guesses = looked_at(grown, place)
+    """Fits with a second term at the same place, those that could add most to a fit."""
     place.told(f'{grown.name}: error over noise {grown.fitted.error:.2f}; trying second terms')
-    same = [one for one in guesses if one.place == grown.guesses[0].place][:PAIRED]
+    k = disbelief(grown.fitted.problem, grown.fitted.z, place.pool)
+    bench = Bench(grown.fitted.problem.weighted(1.0 / k), grown.fitted.z, place.pool)
+    first = grown.guesses[0]
+    same = [one for one in everywhere(bench, (first.place.hook,)) if one.place == first.place][:PAIRED]
     return fitted_with(without_terms(soft, grown), k, [(*grown.guesses, one) for one in same], place)

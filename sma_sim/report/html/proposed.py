@@ -16,7 +16,7 @@ from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 COLOURS = (BLUE, RED, GREY, '#7a5195')
 CAPTION = (
     'The missing quantity in the training runs (points: the formula plus what the residuals still ask for, with two '
-    'standard errors) and the formula (rings).'
+    'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
 )
 
 
@@ -25,7 +25,8 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     before, after = found.steps[-2], found.steps[-1]
     lead = f'No known effect explains what is left. Proposed: {proposal.formula.equation}'
     rows = [
-        (name, f'{one["value"]:.4g}', '' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
+        (name, f'{one["value"]:.4g}', '' if one['std'] is None else f'{one["std"]:.1g}',
+         'only with the priors' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
          one['description'])
         for name, one in coefficients(found).items()
     ]  # fmt: skip
@@ -37,7 +38,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Paragraph(lead, 'lead'),
         Paragraph(f'With it the held-out error over noise falls from {number(before.held_out)} to {number(after.held_out)}. '
                   + alike_words(proposal)),
-        Table(('parameter', 'value', '95 %', 'unit', ''), rows),
+        Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(portrait_figure(proposal.portrait), CAPTION, 380),
         channel_plot(before, after),
         Table(('formula', 'cross-validated error', 'parameters'), others, 'Formulas that were refitted, best first.'),
@@ -66,11 +67,15 @@ def portrait_figure(portrait: Portrait) -> object:
             marker={'color': COLOURS[k % len(COLOURS)], 'size': 6},
             error_y={'type': 'data', 'array': 2.0 * trace.error, 'thickness': 1, 'width': 0},
         )  # fmt: skip
-    for k, trace in enumerate(portrait.traces):
+    if portrait.curve is not None:
+        x, y = portrait.curve
+        figure.add_scatter(x=x, y=y, mode='lines', name='formula', line={'color': ORANGE, 'width': 2})
+    for k, trace in enumerate(portrait.traces if portrait.curve is None else ()):
         figure.add_scatter(
             x=trace.x, y=trace.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
             marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
         )  # fmt: skip
     figure.update_xaxes(title_text=f'{portrait.variable} [{portrait.variable_unit}]')
-    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]')
+    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]', title_standoff=14)
+    figure.update_layout(margin={'l': 96})
     return figure
