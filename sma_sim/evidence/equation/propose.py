@@ -30,6 +30,7 @@ Vector = NDArray[np.float64]
 FINALISTS = 4  # formulas that are refitted through the simulator and cross-validated
 RATHER_GOOD = 1.5  # times the least error: formulas beyond it are not
 LEAST_FALL = 0.1  # part of the cross-validated error that a formula must take away to be proposed
+MATERIAL = ('wire_strain', 'transformation_stress')  # ports that are taken only where no load or heat explains as much
 JOIN = Effort(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)
 
 
@@ -110,7 +111,7 @@ def proposed_for(base: Fitted, least: float, place: Workplace) -> Proposal | Non
     if not judged or judged[0].error > (1.0 - LEAST_FALL) * least:
         return None
     close = [one for one in judged if one.error <= (1.0 + SAME) * judged[0].error]
-    chosen = min(close, key=lambda one: (len(one.formula.parameters), one.error))
+    chosen = min(close, key=lambda one: (len(one.formula.parameters), one.formula.place.hook in MATERIAL, one.error))
     place.told(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
     fitted = better_kinetics(chosen.tried.fitted, place)
     alike = tuple(one.formula.name for one in close if one is not chosen)
