@@ -19,7 +19,7 @@ import numpy as np
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
-from sma_sim.evidence.diagnose import diagnose
+from sma_sim.evidence.diagnose import Request, diagnose
 from sma_sim.evidence.verdict import as_data
 from sma_sim.model.errors import UserError
 
@@ -54,7 +54,7 @@ def solve(case: Case) -> dict[str, Any]:
     part, hidden, seed, forces = case
     made = make_challenge(seed, len(hidden), None, hidden, forces)
     begun = time.perf_counter()
-    data = as_data(diagnose(made.campaign, made.nominal))
+    data = as_data(diagnose(made.campaign, made.nominal, request=Request(equation=False)))
     ranked = [one['effect'] for one in data['ranking']]
     return {
         'case': [part, list(hidden), seed, forces],
