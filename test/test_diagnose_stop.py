@@ -92,7 +92,7 @@ def test_stopped_after_an_effect_was_accepted(case, tmp_path):
 
 def test_stopped_while_files_are_written(case, tmp_path):
     """Then the search is over: everything is written, and nothing was interrupted."""
-    one = Diagnosing(case, tmp_path, '--model', 'mas')
+    one = Diagnosing(case, tmp_path, '--model', 'mas', '--no-equation')
     end = time.monotonic() + PATIENCE
     while not (tmp_path / 'better.yaml').exists():
         assert one.process.poll() is None and time.monotonic() < end, one.said

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.candidates import is_plausible
 from sma_sim.evidence.descent import FIRST, Effort, Stop, descend, normal_parts, summed
 from sma_sim.evidence.free_parameters import (
@@ -87,30 +90,11 @@ def joined(base: Fitted, screened: Screened) -> tuple[Problem, Vector]:
     )
 
 
-class Race:
-    """Refits of several candidates at a time; one that falls too slowly to meet the best that has ended gives up."""
-
-    def __init__(self, stop: Stop) -> None:
-        self._stop, self._best = stop, math.inf
-
-    def finished(self, cost: float) -> None:
-        """A candidate that could be accepted has ended with this cost."""
-        self._best = min(self._best, cost)
-
-    def lost(self, cost: float, gained: float, left: int) -> bool:
-        """Whether a descent would not meet the best even if it gained as much in each iteration that is left."""
-        return gained * left < cost - self._best
-
-    def is_set(self) -> bool:
-        """Whether all are to end."""
-        return self._stop.is_set()
-
-
 class Runner:
-    """One descent of a race: it watches its progress, and ends it when the race is lost."""
+    """Watches the progress of a descent, and ends it when it falls too slowly to come down to `bar`."""
 
-    def __init__(self, race: Race, most: int) -> None:
-        self._race, self._most, self._costs = race, most, list[float]()
+    def __init__(self, stop: Stop, most: int, bar: float) -> None:
+        self._stop, self._most, self._bar, self._costs = stop, most, bar, list[float]()
 
     def progress(self, label: str, iteration: int, cost: float) -> None:
         """What the descent tells after each linearisation."""
@@ -118,16 +102,17 @@ class Runner:
 
     def is_set(self) -> bool:
         """Whether to end. The first steps are long whatever they lead to, so that they say nothing."""
-        if self._race.is_set():
-            return True
-        *_, before, last = [math.inf, math.inf, *self._costs]
-        left = self._most - len(self._costs) + 1
-        return len(self._costs) > UNJUDGED and self._race.lost(last, before - last, left)
+        if self._stop.is_set() or len(self._costs) <= UNJUDGED:
+            return self._stop.is_set()
+        before, last = self._costs[-2:]
+        return (before - last) * (self._most - len(self._costs) + 1) < last - self._bar
 
 
-def refit(problem: Problem, z: Vector, pool: Executor, stop: Stop, effort: Effort = JOIN) -> Fitted | None:
-    """The optimum near z, or where a race was lost on the way; None where the model cannot be run there."""
-    runner = Runner(stop if isinstance(stop, Race) else Race(stop), effort.most)
+def refit(
+    problem: Problem, z: Vector, pool: Executor, stop: Stop, effort: Effort = JOIN, bar: float = math.inf
+) -> Fitted | None:
+    """The optimum near z, or where the cost fell too slowly to reach `bar`; None where the model cannot be run there."""
+    runner = Runner(stop, effort.most, bar)
     try:
         found = descend(problem, z, pool, effort, runner, runner.progress)
     except SimulationError:
@@ -135,24 +120,29 @@ def refit(problem: Problem, z: Vector, pool: Executor, stop: Stop, effort: Effor
     return Fitted(problem, found.z, found.cost)
 
 
-def refit_both_ways(base: Fitted, screened: Screened, pool: Executor, race: Race) -> Fitted | None:
-    """The better of two refits: from the fit without the effect, and from the middle of all priors.
+def refit_both_ways(base: Fitted, candidates: Sequence[Screened], pool: Executor, stop: Event) -> list[Fitted | None]:
+    """By candidate the better of two refits: from the fit without the effect, and from the middle of all priors.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
+    Candidates that cannot come down to the best that was found from the fit give up on the second way.
     """
-    problem, z = joined(base, screened)
-    first = refit(problem, z, pool, race)
-    if first is not None and plausible(first, screened.candidate.found):
-        race.finished(first.cost)
-    fresh = np.zeros_like(z)
-    at = slice(len(base.problem.free), len(problem.free))
-    fresh[at] = z[at]
-    fresh[len(problem.free) :] = z[len(problem.free) :]
-    second = refit(problem, fresh, pool, race, FIRST)
-    if second is not None and plausible(second, screened.candidate.found):
-        race.finished(second.cost)
-    both = [one for one in (first, second) if one is not None]
-    return min(both, key=lambda one: one.cost) if both else None
+    joint = [joined(base, one) for one in candidates]
+    first = together([partial(refit, problem, z, pool, stop) for problem, z in joint], stop)
+    bar = min(
+        (fitted.cost for fitted, one in zip(first, candidates, strict=True)
+         if fitted is not None and plausible(fitted, one.candidate.found)), default=math.inf,
+    )  # fmt: skip
+    fresh = [(problem, from_the_middle(base, z)) for problem, z in joint]
+    second = together([partial(refit, problem, z, pool, stop, FIRST, bar) for problem, z in fresh], stop)
+    return [min((one for one in both if one), key=lambda one: one.cost, default=None)
+            for both in zip(first, second, strict=True)]  # fmt: skip
+
+
+def from_the_middle(base: Fitted, z: Vector) -> Vector:
+    """All model parameters at the middle of their priors; the new effect and what belongs to runs as they are."""
+    fresh = z.copy()
+    fresh[: len(base.problem.free)] = 0.0
+    return fresh
 
 
 def validated(one: Fitted, pool: Executor, stop: Event) -> Fitted:

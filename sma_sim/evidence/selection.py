@@ -8,16 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from threading import Event
 
-from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.candidates import candidates_for
 from sma_sim.evidence.descent import FIRST
 from sma_sim.evidence.refit import (
     Fitted,
-    Race,
     bayesian_gain,
     other_kinetics,
     plausible,
@@ -120,8 +117,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
-    race = Race(place.stop)
-    refitted = together([partial(refit_both_ways, base, one, place.pool, race) for one in survivors], place.stop)
+    refitted = refit_both_ways(base, survivors, place.pool, place.stop)
     pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
     tried = [tried_of(base, one, fitted, place) for one, fitted in pairs[:FINALISTS] if not place.stop.is_set()]
