@@ -112,7 +112,7 @@ def test_what_no_effect_explains_is_unknown():
         replace(one, channels={**one.channels, 'alpha': one.channels['alpha'] + 2e-3 * np.sin(7.0 * one.time**1.2)})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=shaken), config(), request=Request('mas'))
+    found = diagnose(replace(runs, recordings=shaken), config(), request=Request('mas', equation=False))
     assert found.verdict == 'unknown_effect' and found.steps[-1].held_out > 1.3
     assert any('in alpha' in line for line in as_text(found))
 
