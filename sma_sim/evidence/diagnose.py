@@ -164,7 +164,7 @@ def diagnose(
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
         verdict, proposal = verdict_of(steps[-1]), None
-        if verdict == 'unknown_effect' and request.equation:
+        if verdict == 'unknown_effect' and request.equation and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)
         if proposal is not None:
             final = final_fit(training, proposal.fitted, request, place, begun)
