@@ -115,8 +115,10 @@ def test_markers_show_the_pose_and_the_modes():
         one.until(lambda: one.seen['joint_states'][-1].position[2] > math.radians(1.0))
         count = len(one.seen['markers'])
         one.until(lambda: len(one.seen['markers']) > count)
+        shown = one.seen['markers'][-1]  # its joint state may come after it
+        one.until(lambda: seconds(shown.markers[0].header.stamp) in stamps(one.seen['joint_states']))
         assert one.stop()[0] == 0
-    beam, plate, wire_1, wire_2 = one.seen['markers'][-1].markers
+    beam, plate, wire_1, wire_2 = shown.markers
     stamped = dict(zip(stamps(one.seen['joint_states']), one.seen['joint_states'], strict=True))
     pose = stamped[seconds(beam.header.stamp)].position
     assert [m.ns for m in (beam, plate, wire_1, wire_2)] == ['beam', 'plate', 'wire_1', 'wire_2']
