@@ -49,8 +49,7 @@ def as_input(levels: Vector, grid: Grid, T_E: float) -> Input:
 
 def tidy(levels: Vector, grid: Grid) -> Vector:
     """Levels within the limits, rounded."""
-    whole = np.floor(grid.power * 10**DIGITS + 1e-9) / 10**DIGITS  # rounding must not exceed the limit
-    return np.asarray(np.round(np.clip(levels, -whole, whole), DIGITS) + 0.0, dtype=np.float64)
+    return np.clip(np.round(levels, DIGITS) + 0.0, -grid.power, grid.power)  # last: rounding must not exceed the limit
 
 
 def default_sequence(grid: Grid, random: Random) -> Vector:
