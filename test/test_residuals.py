@@ -85,6 +85,21 @@ def test_sampled_commands_may_have_switched_before_their_row(fraction):
         assert np.abs(late[name] - measured).max() > NOISE[name]
 
 
+@pytest.mark.parametrize('told', [0, 1, 2])
+def test_changes_that_are_known_stay_beside_those_that_were_only_sampled(told):
+    """The second of three rows that tell when the command changed was lost, say: its level must not be."""
+    fraction, instants, levels = 0.3, np.array([3.0, 8.0, 14.0]), np.array([0.0, 12.0, -9.0, 5.0])
+    exact = instants - 0.1 * fraction * (np.arange(3) != told)
+    given = config(solver__rtol=1e-7)
+    made = recording(given, module_input([0.0, *exact, 20.0], [*levels, levels[-1]]))
+    source = module_input([0.0, *np.sort([*(instants - 0.1), *instants]), 20.0], [*np.repeat(levels, 2)[:-1], levels[-1]])
+    run = replace(made, source=source, exact_commands=False, known_changes=(instants[told],))
+    assert prepare(run, NOISE).groups == 2
+    shown = predict(given, run, Nuisance(switches=(fraction,) * 2))
+    for name, measured in made.channels.items():
+        np.testing.assert_allclose(shown[name], measured, rtol=1e-6, atol=1e-4 * NOISE[name])
+
+
 def test_strain_stays_where_it_was_when_sampled_heating_moves():
     rows = np.arange(101) / 10.0
     source = wire_input(rows, 0.02 + 0.002 * rows, np.where(rows < 5.0, 0.0, 0.3))

@@ -124,16 +124,17 @@ def with_switches(run: Prepared, switches: Sequence[float]) -> Input:
     source = run.source
     if not len(run.changed) or not len(switches):
         return source
-    column = command_column(source)
-    moved = run.changed - run.interval * np.asarray(switches, float)[run.group]
-    at = np.searchsorted(source.times, run.changed)
-    level = np.concatenate([source.values[:1, column], source.values[at, column]])
-    times = np.union1d(source.times, moved)
+    times, command = source.times, source.values[:, command_column(source)]
+    rows = np.flatnonzero(np.diff(command)) + 1
+    moved = times[rows].copy()
+    moved[np.isin(moved, run.changed)] -= run.interval * np.asarray(switches, float)[run.group]
+    level = np.concatenate([command[:1], command[rows]])
+    times = np.union1d(times, moved)
     held = np.searchsorted(source.times, times, side='right') - 1
     values = source.values[held].copy()
     for k in np.flatnonzero(source.linear):
         values[:, k] = np.interp(times, source.times, source.values[:, k])
-    values[:, column] = level[np.searchsorted(moved, times, side='right')]
+    values[:, command_column(source)] = level[np.searchsorted(moved, times, side='right')]
     return without_repeats(Input(times, values, source.linear))
 
 
