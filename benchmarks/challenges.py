@@ -1,27 +1,26 @@
 """Hidden effects found and not found: the diagnosis on robots of which it knows nothing.
 
-    python benchmarks/challenges.py [--part library nothing pairs outside] [--seeds 3] [--minutes 20] [--file FILE.jsonl]
+    python benchmarks/challenges.py [--part library nothing pairs outside] [--channels forces pose] [--seeds 3]
+                                    [--minutes 20] [--at-once 2]
 
 Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, with
-and without forces. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+and without forces. Finished cases are kept in --file, so that a run can be continued; the table is of all in it.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
+from cases import add_options, solved
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnose import Request, diagnose
 from sma_sim.evidence.verdict import as_data
-from sma_sim.model.errors import UserError
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 PAIRS = (
@@ -30,15 +29,16 @@ PAIRS = (
     ('resistance_feedback', 'sensor_gain'), ('beam_nonlinearity', 'thermal_crosstalk'),
     ('clausius_clapeyron_mismatch', 'pretension_mismatch'), ('sensor_lag', 'gravity'),
 )  # fmt: skip
+CHANNELS = ('forces', 'pose')  # what is recorded: the forces too, or the pose alone
 Case = tuple[str, tuple[str, ...], int, bool]  # part, hidden effects, seed, with forces
 
 
-def cases(parts: list[str], seeds: int) -> Iterator[Case]:
+def cases(parts: list[str], channels: list[str], seeds: int) -> Iterator[Case]:
     """All cases, in an order in which a part of them tells something of all."""
     known = sorted({one.library for one in truths().values() if one.library})
     beyond = sorted(name for name, one in truths().items() if not one.library)
     for seed in range(1, seeds + 1):
-        for forces in (True, False):
+        for forces in (one == 'forces' for one in channels):
             if 'library' in parts:
                 yield from (('library', (name,), seed, forces) for name in known)
             if 'outside' in parts and seed == 1:
@@ -46,23 +46,19 @@ def cases(parts: list[str], seeds: int) -> Iterator[Case]:
             if 'pairs' in parts and seed == 1:
                 yield from (('pairs', pair, seed, forces) for pair in PAIRS)
     if 'nothing' in parts:
-        yield from (('nothing', (), 1000 + k, k % 2 == 0) for k in range(100))
+        yield from (('nothing', (), 1000 + k, k % 2 == 0) for k in range(100) if CHANNELS[k % 2] in channels)
 
 
-def solve(case: Case) -> dict[str, Any]:
+def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say how that went."""
-    part, hidden, seed, forces = case
     made = make_challenge(seed, len(hidden), None, hidden, forces)
-    begun = time.perf_counter()
-    data = as_data(diagnose(made.campaign, made.nominal, request=Request(equation=False)))
+    data = as_data(diagnose(made.campaign, made.nominal, request=Request(equation=False), executor=pool))
     ranked = [one['effect'] for one in data['ranking']]
     return {
-        'case': [part, list(hidden), seed, forces],
         'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,
         'alike': data['ranking'][0]['confounded_with'] if ranked else [],
         'p': data['ranking'][0]['family_p'] if ranked else None,
         'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
-        'seconds': time.perf_counter() - begun,
     }  # fmt: skip
 
 
@@ -79,6 +75,10 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     def part_of(name: str) -> list[dict[str, Any]]:
         return [one for one in results if one['case'][0] == name]
 
+    failed = [one for one in results if 'failed' in one]
+    results = [one for one in results if 'failed' not in one]
+    if failed:
+        yield f'refused by the program: {len(failed)}'
     single = part_of('library')
     seen = [one for one in single if one['bare'] > DETECTABLE]
     unseen = [one for one in single if one['bare'] <= DETECTABLE]
@@ -112,26 +112,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--part', nargs='+', default=['library', 'nothing', 'pairs', 'outside'])
     parser.add_argument('--seeds', type=int, default=3)
-    parser.add_argument('--minutes', type=float, default=20.0)
-    parser.add_argument('--file', type=Path, default=Path('challenges.jsonl'))
-    arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
-    known = {json.dumps(one['case']) for one in done}
-    end = time.monotonic() + 60.0 * arguments.minutes
-    for case in cases(arguments.part, arguments.seeds):
-        if time.monotonic() > end:
-            break
-        if json.dumps([case[0], list(case[1]), *case[2:]]) in known:
-            continue
-        try:
-            one = solve(case)
-        except UserError as error:
-            print(case, error, flush=True)
-            continue
-        done.append(one)
-        with arguments.file.open('a') as file:
-            file.write(json.dumps(one) + '\n')
-        print(*list(summary([one]))[-1:], flush=True)
+    parser.add_argument('--channels', nargs='+', default=list(CHANNELS), choices=CHANNELS)
+    add_options(parser, 'challenges.jsonl', 20.0)
+    asked = parser.parse_args()
+    done = solved(cases(asked.part, asked.channels, asked.seeds), solve, asked, lambda one: list(summary([one]))[-1])
     print(*summary(done), sep='\n')
 
 

@@ -1,26 +1,25 @@
 """Designed against default experiments, on robots of which the design knows nothing but gentle recordings.
 
-    python benchmarks/designs.py [--minutes 60] [--seeds 1] [--tries 200] [--file designs.jsonl] [--pairs A/B ...]
+    python benchmarks/designs.py [--seeds 1] [--tries 120] [--pairs A/B ...] [--minutes 60] [--at-once 2]
 
 For each pair of explanations a robot of sma_sim/challenge (MAS kinetics, other parameters, its own formula of the first
 effect) makes two gentle recordings, which leave the pair confounded. `next` designs 100 s between them. The designed and
 three default sequences (random steps of the same power) are run on the robot, with noise, and both explanations are
 fitted to the old recordings and the new one together. Achieved is by how much the new recording raised the log evidence
-ratio for the true one. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+ratio for the true one. Finished cases are kept in --file, so that a run can be continued; the table is of all in it.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
-from pathlib import Path
 from threading import Event
 from typing import Any
 
 import numpy as np
+from cases import add_options, solved
 
 from sma_sim import Campaign, Input, Recording
 from sma_sim.challenge.make import make_challenge
@@ -28,9 +27,7 @@ from sma_sim.challenge.robot import NOISE_STD, Robot
 from sma_sim.evidence.design.hypotheses import Hypothesis, hypotheses
 from sma_sim.evidence.design.plan import Plan, Wanted, next_experiment
 from sma_sim.evidence.design.sequences import Grid, as_input, default_sequence
-from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.selection import Workplace
-from sma_sim.model.errors import UserError
 
 PAIRS = (
     ('natural_convection', 'radiation'), ('gravity', 'sensor_bias'), ('driver_lag', 'latent_heat_scale'),
@@ -77,9 +74,8 @@ def extended(one: Hypothesis, wires: int) -> Any:
     return replace(one.fitted, z=np.append(one.fitted.z, np.zeros(wires)))
 
 
-def solve(pair: Sequence[str], seed: int, tries: int) -> dict[str, Any]:
+def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[str, Any]:
     """One case."""
-    begun = time.perf_counter()
     robot, nominal = robot_of(pair, seed)
     T_E = nominal.parameters['environment.T_E']
     random = np.random.default_rng([seed, 77])
@@ -91,18 +87,16 @@ def solve(pair: Sequence[str], seed: int, tries: int) -> dict[str, Any]:
     plan = next_experiment(old, nominal, wanted)
     grid = plan.grid
     defaults = [default_sequence(grid, random) for _ in range(DEFAULTS)]
-    with some_executor(None) as pool:
-        place = Workplace(pool, Event(), lambda words: None)
-        gains = [
-            achieved(plan, old, measured(robot, 'new', as_input(levels, grid, T_E), random), place)
-            for levels in (plan.levels, *defaults)
-        ]
+    place = Workplace(pool, Event(), lambda words: None)
+    gains = [
+        achieved(plan, old, measured(robot, 'new', as_input(levels, grid, T_E), random), place)
+        for levels in (plan.levels, *defaults)
+    ]
     before = plan.hypotheses[0].evidence - plan.hypotheses[1].evidence
     expected = plan.expected[0]
     return {
-        'case': [list(pair), seed], 'before': before, 'expected': [expected.designed, expected.default],
+        'before': before, 'expected': [expected.designed, expected.default],
         'designed': gains[0], 'defaults': gains[1:], 'levels': plan.levels.tolist(), 'design_seconds': plan.seconds,
-        'seconds': time.perf_counter() - begun,
     }  # fmt: skip
 
 
@@ -121,14 +115,17 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     """The table."""
     yield '| true, against | before | expected: designed, default | achieved: designed | default | times |'
     yield '|---|---|---|---|---|---|'
+    failed, results = [one for one in results if 'failed' in one], [one for one in results if 'failed' not in one]
+    for one in failed:
+        yield f'| {", ".join(one["case"][0])} | {one["failed"]} |||||'
     for one in results:
-        (true, rival), _ = one['case']
+        (true, rival), *_ = one['case']
         defaults = ', '.join(f'{x:.3g}' for x in one['defaults'])
         designed, usual = one['expected']
         yield (f'| {true}, {rival} | {one["before"]:.1f} | {designed:.3g}, {usual:.3g} | {one["designed"]:.4g} | '
                f'{defaults} | {ratio(one):.1f} |')  # fmt: skip
-    if results:
-        times = [ratio(one) for one in results]
+    if results or failed:
+        times = [ratio(one) for one in results] + [0.0] * len(failed)
         yield f'\nmedian {np.median(times):.1f} times, least {min(times):.1f}'
 
 
@@ -138,25 +135,10 @@ def main() -> None:
     parser.add_argument('--pairs', nargs='+', default=['/'.join(pair) for pair in PAIRS], metavar='TRUE/RIVAL')
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--tries', type=int, default=120)
-    parser.add_argument('--minutes', type=float, default=60.0)
-    parser.add_argument('--file', type=Path, default=Path('designs.jsonl'))
-    arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
-    known = {json.dumps(one['case']) for one in done}
-    end = time.monotonic() + 60.0 * arguments.minutes
-    for seed in range(1, arguments.seeds + 1):
-        for pair in (words.split('/') for words in arguments.pairs):
-            if time.monotonic() > end or json.dumps([pair, seed]) in known:
-                continue
-            try:
-                one = solve(pair, seed, arguments.tries)
-            except UserError as error:
-                print(pair, seed, error, flush=True)
-                continue
-            done.append(one)
-            with arguments.file.open('a') as file:
-                file.write(json.dumps(one) + '\n')
-            print(list(summary([one]))[2], f'{one["seconds"]:.0f} s', flush=True)
+    add_options(parser, 'designs.jsonl', 60.0)
+    asked = parser.parse_args()
+    cases = [(words.split('/'), seed, asked.tries) for seed in range(1, asked.seeds + 1) for words in asked.pairs]
+    done = solved(cases, solve, asked, lambda one: list(summary([one]))[2])
     print(*summary(done), sep='\n')
 
 

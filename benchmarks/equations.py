@@ -1,9 +1,9 @@
 """Equations of what no known effect explains, on hidden effects that the library does not have.
 
-    python benchmarks/equations.py [--kinds NAME ...] [--seeds 11 12] [--forces] [--bare] [--minutes 20] [--file FILE.jsonl]
+    python benchmarks/equations.py [--kinds NAME ...] [--seeds 11 12] [--forces] [--bare] [--minutes 20] [--at-once 2]
 
 Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, the
-last of them held out. Finished cases are kept in the file, so that a run can be continued; the table is of all in it.
+last of them held out. Finished cases are kept in --file, so that a run can be continued; the table is of all in it.
 `--bare` leaves out the search among known effects, which takes most of the time: the errors before are then those of the
 bare model.
 """
@@ -11,34 +11,33 @@ bare model.
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from typing import Any
+
+from cases import add_options, solved
 
 import sma_sim.evidence.diagnose as diagnosing
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnose import diagnose
 from sma_sim.evidence.verdict import as_data
-from sma_sim.model.errors import UserError
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states
 
 
-def solve(kind: str, seed: int, forces: bool, bare: bool) -> dict[str, Any]:
+def solve(kind: str, seed: int, forces: bool, bare: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say what was proposed."""
     made = make_challenge(seed, 1, None, (kind,), forces)
-    hidden, begun = made.answer.effects[0], time.perf_counter()
+    hidden = made.answer.effects[0]
     with nothing_known() if bare else nullcontext():
-        data = as_data(diagnose(made.campaign, made.nominal))
+        data = as_data(diagnose(made.campaign, made.nominal, executor=pool))
     proposed = data.get('proposed')
     return {
-        'kind': kind, 'seed': seed, 'forces': forces, 'verdict': data['verdict'], 'effects': data['effects'],
-        'port': hidden.port, 'variables': list(hidden.variables), 'seconds': time.perf_counter() - begun,
+        'verdict': data['verdict'], 'effects': data['effects'],
+        'port': hidden.port, 'variables': list(hidden.variables),
         'bare': data['error'][0]['held_out'],
         'before': proposed['held_out']['before'] if proposed else data['error'][-1]['held_out'],
         'after': proposed['held_out']['after'] if proposed else None,
@@ -80,15 +79,17 @@ def good_after(one: dict[str, Any]) -> bool:
 
 def table(results: list[dict[str, Any]]) -> Iterator[str]:
     """One row per case, then the shares among those that can be seen."""
+    results = [one for one in results if 'failed' not in one]
     yield '| hidden | seed | port | variable | error before | after | proposed | seconds |'
     yield '|---|---|---|---|---|---|---|---|'
-    for one in sorted(results, key=lambda one: (one['kind'], one['seed'], one['forces'])):
+    for one in sorted(results, key=lambda one: one['case']):
+        kind, seed, forces, _ = one['case']
         marks = ['yes' if ok(one) else 'no' for ok in (port_right, variable_right)] if one['found'] else ['', '']
         after = f'{one["after"]:.2f}' if one['after'] is not None else ''
         words = one['found']['formula'] if one['found'] else f'nothing ({one["verdict"]})'
-        name = one['kind'].removeprefix('truth_') + (' (forces)' if one['forces'] else '')
+        name = kind + (' (forces)' if forces else '')
         errors = f'{one["before"]:.2f} | {after}'
-        yield f'| {name} | {one["seed"]} | {" | ".join(marks)} | {errors} | {words} | {one["seconds"]:.0f} |'
+        yield f'| {name} | {seed} | {" | ".join(marks)} | {errors} | {words} | {one["seconds"]:.0f} |'
     seen = [one for one in results if is_detectable(one)]
     yield ''
     for words, ok in (('port', port_right), ('variable', variable_right), ('held-out error at most 1.3', good_after)):
@@ -103,24 +104,10 @@ def main() -> None:
     parser.add_argument('--seeds', nargs='+', type=int, default=[11, 12])
     parser.add_argument('--forces', action='store_true')
     parser.add_argument('--bare', action='store_true')
-    parser.add_argument('--minutes', type=float, default=20.0)
-    parser.add_argument('--file', type=Path, default=Path('equations.jsonl'))
+    add_options(parser, 'equations.jsonl', 20.0)
     asked = parser.parse_args()
-    lines = asked.file.read_text().splitlines() if asked.file.exists() else []
-    results = [json.loads(line) for line in lines]
-    done = {(one['kind'], one['seed'], one['forces']) for one in results}
-    end = time.monotonic() + 60.0 * asked.minutes
-    for seed in asked.seeds:
-        for kind in asked.kinds:
-            if (kind, seed, asked.forces) in done or time.monotonic() > end:
-                continue
-            try:
-                results.append(solve(kind, seed, asked.forces, asked.bare))
-            except UserError as error:
-                print(f'{kind} {seed}: {error}')
-                continue
-            with asked.file.open('a') as file:
-                file.write(json.dumps(results[-1]) + '\n')
+    cases = [(kind, seed, asked.forces, asked.bare) for seed in asked.seeds for kind in asked.kinds]
+    results = solved(cases, solve, asked, lambda one: list(table([one]))[2])
     print(*table(results), sep='\n')
 
 

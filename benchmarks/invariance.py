@@ -1,26 +1,27 @@
 """Does a diagnosis say the same of the same data in another dress?
 
-    python benchmarks/invariance.py [--folder DIR ...] [--minutes 60] [--file FILE.jsonl]
+    python benchmarks/invariance.py [--folder DIR ...] [--minutes 60] [--at-once 2]
 
 Each case is a folder of CSV recordings: robots with hidden effects (sma_sim/challenge, three runs of 50 s at 20 Hz, with
 forces), and those named by --folder. It is diagnosed as it is, with the runs in another order and under each other's names
 (so that another one is held out), with foreign column names and units through a map, with other seeds, and decimated by two:
 every second sample, or every second row of the file, rows that tell when the command changed included. Finished ones are
-kept in the file, so that a run can be continued; the table is of all in it.
+kept in --file, so that a run can be continued; the table is of all in it.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import json
 import shutil
 import tempfile
-import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+from cases import add_options, solved
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import make_challenge
@@ -122,40 +123,37 @@ VARIANTS: dict[str, Callable[[Path], Asked]] = {
 }  # fmt: skip
 
 
-def solve(folder: Path, name: str, variant: str) -> dict[str, Any]:
-    """Diagnose one variant of a case."""
-    nominal = folder / 'nominal.yaml'
-    config = read_config(nominal if nominal.exists() else None)
-    campaign, request = VARIANTS[variant](folder)
-    begun = time.perf_counter()
-    data = as_data(diagnose(campaign, config, request=request))
+def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
+    """Diagnose one variant of a case: a folder, or a challenge that is made."""
+    with tempfile.TemporaryDirectory() as home:
+        place = Path(folder) if folder not in CASES else made(folder, Path(home) / 'case')
+        nominal = place / 'nominal.yaml'
+        config = read_config(nominal if nominal.exists() else None)
+        campaign, request = VARIANTS[variant](place)
+        data = as_data(diagnose(campaign, config, request=request, executor=pool))
     return {
-        'case': name, 'variant': variant, 'verdict': data['verdict'], 'effects': data['effects'],
-        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'], 'seconds': time.perf_counter() - begun,
+        'verdict': data['verdict'], 'effects': data['effects'],
+        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
     }  # fmt: skip
 
 
-def folder_of(name: str, folders: dict[str, Path], home: Path) -> Path:
-    """The folder of a case; that of a challenge is made."""
-    if name in folders:
-        return folders[name]
+def made(name: str, folder: Path) -> Path:
+    """The folder of a challenge."""
     seed, kinds = CASES[name]
-    made = home / name.replace(' ', '')
-    if not made.exists():
-        write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, duration=50.0, rate=20.0), made, 'csv')
-    return made
+    write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, duration=50.0, rate=20.0), folder, 'csv')
+    return folder
 
 
 def table(done: list[dict[str, Any]]) -> Iterator[str]:
     """A row per case: what it is as it is, and what becomes of it in each variant."""
     yield '| case | bare | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
     yield '|' + '---|' * (len(VARIANTS) + 2)
-    for name in dict.fromkeys(one['case'] for one in done):
-        found = {one['variant']: one for one in done if one['case'] == name}
+    for name in dict.fromkeys(one['case'][0] for one in done):
+        found = {one['case'][1]: one for one in done if one['case'][0] == name}
         first = found.pop('as it is', None)
         if first is not None:
             cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]
-            yield f'| {name} | {first["bare"]:.2f} | {words(first)} | ' + ' | '.join(cells) + ' |'
+            yield f'| {Path(name).name} | {first["bare"]:.2f} | {words(first)} | ' + ' | '.join(cells) + ' |'
 
 
 def words(one: dict[str, Any]) -> str:
@@ -174,23 +172,11 @@ def cell(one: dict[str, Any] | None, first: dict[str, Any]) -> str:
 def main() -> None:
     """Run what is missing, as long as there is time; print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--folder', type=Path, nargs='*', default=[])
-    parser.add_argument('--minutes', type=float, default=60.0)
-    parser.add_argument('--file', type=Path, default=Path('invariance.jsonl'))
-    arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.file.read_text().splitlines()] if arguments.file.exists() else []
-    known = {(one['case'], one['variant']) for one in done}
-    end = time.monotonic() + 60.0 * arguments.minutes
-    folders = {folder.name: folder for folder in arguments.folder}
-    wanted = [(name, variant) for name in (*CASES, *folders) for variant in VARIANTS if (name, variant) not in known]
-    with tempfile.TemporaryDirectory() as home:
-        for name, variant in wanted:
-            if time.monotonic() > end:
-                break
-            done.append(solve(folder_of(name, folders, Path(home)), name, variant))
-            with arguments.file.open('a') as file:
-                file.write(json.dumps(done[-1]) + '\n')
-            print(done[-1], flush=True)
+    parser.add_argument('--folder', nargs='*', default=[])
+    add_options(parser, 'invariance.jsonl', 60.0)
+    asked = parser.parse_args()
+    cases = [(name, variant) for name in (*CASES, *asked.folder) for variant in VARIANTS]
+    done = solved(cases, solve, asked, str)
     print(*table(done), sep='\n')
 
 

@@ -1,18 +1,18 @@
 """How often `sma-sim latent` names the right port: challenges with something outside the library, and with nothing hidden.
 
-    python benchmarks/latent.py --seeds 301 302 --out latent.jsonl
-    python benchmarks/latent.py --out latent.jsonl --table
+    python benchmarks/latent.py [--seeds 301 302] [--kinds NAME ...] [--channels forces pose] [--minutes 60] [--at-once 2]
 
-Takes up again where it was stopped: every case is a line of the file.
+Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz;
+two of them are looked at. Finished cases are kept in --file, so that a run can be continued; the table is of all in it.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
-from pathlib import Path
+from concurrent.futures import Executor
 from typing import Any
+
+from cases import add_options, solved
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.latent.latent import Latent, latent
@@ -33,38 +33,25 @@ def main() -> None:
     parser.add_argument('--channels', nargs='+', default=['forces', 'pose'], choices=('forces', 'pose'))
     parser.add_argument('--duration', type=float, default=100.0, help='of a run [s]')
     parser.add_argument('--rate', type=float, default=50.0, help='samples per second')
-    parser.add_argument('--out', type=Path, default=Path('latent.jsonl'))
-    parser.add_argument('--table', action='store_true', help='only print the table')
-    arguments = parser.parse_args()
-    done = read(arguments.out)
-    cases = [] if arguments.table else [
-        (kind, seed, channels) for seed in arguments.seeds for channels in arguments.channels for kind in arguments.kinds
+    add_options(parser, 'latent.jsonl', 60.0)
+    asked = parser.parse_args()
+    cases = [
+        (kind, seed, channels, asked.duration, asked.rate)
+        for seed in asked.seeds for channels in asked.channels for kind in asked.kinds
     ]  # fmt: skip
-    for case in cases:
-        if case not in {(one['kind'], one['seed'], one['channels']) for one in done}:
-            done.append(one := run(*case, arguments.duration, arguments.rate))
-            with arguments.out.open('a') as file:
-                file.write(json.dumps(one) + '\n')
-            print(row(one), flush=True)
-    print(table(done))
+    print(table(solved(cases, solve, asked, row)))
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """The cases that were run before."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
-def run(kind: str, seed: int, channels: str, duration: float, rate: float) -> dict[str, Any]:
-    """One case."""
+def solve(kind: str, seed: int, channels: str, duration: float, rate: float, pool: Executor) -> dict[str, Any]:
+    """Make one case, and say which port is named."""
     kinds = [] if kind == 'none' else [kind]
     case = make_challenge(seed, len(kinds), None, kinds, channels == 'forces', duration=duration, rate=rate)
-    begun = time.process_time()
-    found = latent(case.campaign, case.nominal)
+    found = latent(case.campaign, case.nominal, executor=pool)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
-        'kind': kind, 'seed': seed, 'channels': channels, 'port': right, 'verdict': found.verdict,
+        'port': right, 'verdict': found.verdict,
         'alike': list(found.alike), 'error': found.error, 'left': found.findings[0].error, 'p': found.p_value,
-        'hooks': hooks(found), 'cpu': time.process_time() - begun, 'wall': found.seconds,
+        'hooks': hooks(found),
     }  # fmt: skip
 
 
@@ -90,13 +77,15 @@ def mark(one: dict[str, Any]) -> str:
 def row(one: dict[str, Any]) -> str:
     """A line of the table."""
     alike = ', '.join(one['alike']) or '-'
-    cells = (one['kind'], one['seed'], one['channels'], f'{one["error"]:.2f}', f'{one["left"]:.2f}', one['verdict'], alike)
-    return f'| {" | ".join(map(str, cells))} | {mark(one)} | {one["cpu"]:.0f} |'
+    kind, seed, channels, *_ = one['case']
+    cells = (kind, seed, channels, f'{one["error"]:.2f}', f'{one["left"]:.2f}', one['verdict'], alike)
+    return f'| {" | ".join(map(str, cells))} | {mark(one)} | {one["seconds"]:.0f} |'
 
 
 def table(done: list[dict[str, Any]]) -> str:
     """All cases, and the counts."""
-    head = '| hidden | seed | channels | error | left | port | alike | mark | CPU s |\n|---|---|---|---|---|---|---|---|---|'
+    head = '| hidden | seed | channels | error | left | port | alike | mark | seconds |\n' + '|---' * 9 + '|'
+    done = [one for one in done if 'failed' not in one]
     marks = [mark(one) for one in done]
     counts = ', '.join(f'{marks.count(name)} {name}' for name in dict.fromkeys(marks))
     return '\n'.join([head, *map(row, done), '', counts])

@@ -1,25 +1,25 @@
 """Are the p-values of a diagnosis what they say? Screening of robots that lack nothing.
 
-    python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--file FILE.jsonl] [--figure docs/pvalues.png]
+    python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--at-once 2] [--figure docs/pvalues.png]
 
 Each case is a robot with other parameters, MAS kinetics and noise, but no hidden effect (sma_sim/challenge): two runs of
 100 s at 10 Hz, which is what a diagnosis of 50 Hz thins its samples to; every other case with forces. The bare model (MAS,
 which a diagnosis of such robots chooses) is fitted, all effects are screened, and the smallest family p-value is kept. Over
-many cases it should be uniform. Finished cases are kept in the file, so that a run can be continued; table and figure are of
+many cases it should be uniform. Finished cases are kept in --file, so that a run can be continued; table and figure are of
 all in it.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from typing import Any
 
 import numpy as np
+from cases import add_options, solved
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kstest, kstwo
@@ -28,7 +28,6 @@ from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.calibrate import Options, data_error, search
 from sma_sim.evidence.candidates import candidates_for
 from sma_sim.evidence.diagnose import STARTS
-from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.screening import screen
 from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import new_figure, plain, save
@@ -37,26 +36,18 @@ FIRST_SEED, RATE, TRAINING = 2000, 10.0, 2
 LEVELS = (0.01, 0.05, 0.1, 0.25, 0.5)
 
 
-def one_case(number: int) -> dict[str, Any]:
+def solve(number: int, pool: Executor) -> dict[str, Any]:
     """The smallest family p-value of one robot that lacks nothing, and which effect has it."""
     forces = number % 2 == 0
     made = make_challenge(FIRST_SEED + number, 0, forces=forces, rate=RATE)
     training = replace(made.campaign, recordings=made.campaign.recordings[:TRAINING])
-    begun = time.perf_counter()
-    with some_executor(None) as pool:
-        config = replace(made.nominal, model='mas')
-        bare = search(training, config, Options(starts=STARTS), pool, Event(), None)
-        found = screen(bare.problem, bare.best.z, candidates_for(config), pool)
-    best = found[0]
+    config = replace(made.nominal, model='mas')
+    bare = search(training, config, Options(starts=STARTS), pool, Event(), None)
+    best = screen(bare.problem, bare.best.z, candidates_for(config), pool)[0]
     return {
-        'case': number, 'forces': forces, 'error': data_error(bare.problem, bare.best), 'p': best.family_p,
-        'effect': best.candidate.name, 'gain': best.gain, 'seconds': time.perf_counter() - begun,
+        'forces': forces, 'error': data_error(bare.problem, bare.best), 'p': best.family_p,
+        'effect': best.candidate.name, 'gain': best.gain,
     }  # fmt: skip
-
-
-def kept(file: Path) -> list[dict[str, Any]]:
-    """The cases that were run before."""
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
@@ -94,21 +85,13 @@ def main() -> None:
     """Run the cases that are missing, as long as there is time; print the table, draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--cases', type=int, default=60)
-    parser.add_argument('--minutes', type=float, default=60.0)
-    parser.add_argument('--file', type=Path, default=Path('pvalues.jsonl'))
+    add_options(parser, 'pvalues.jsonl', 60.0)
     parser.add_argument('--figure', type=Path)
-    arguments = parser.parse_args()
-    done, end = kept(arguments.file), time.monotonic() + 60.0 * arguments.minutes
-    for number in sorted(set(range(arguments.cases)) - {one['case'] for one in done}):
-        if time.monotonic() > end:
-            break
-        done.append(one_case(number))
-        with arguments.file.open('a') as file:
-            file.write(json.dumps(done[-1]) + '\n')
-        print(done[-1], flush=True)
+    asked = parser.parse_args()
+    done = solved([(number,) for number in range(asked.cases)], solve, asked, str)
     print(*table(done), sep='\n')
-    if arguments.figure and done:
-        save(draw(np.array([one['p'] for one in done])), arguments.figure)
+    if asked.figure and done:
+        save(draw(np.array([one['p'] for one in done])), asked.figure)
 
 
 if __name__ == '__main__':

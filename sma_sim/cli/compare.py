@@ -14,6 +14,7 @@ from sma_sim.cli.data import (
     read_data,
     system_words,
     table_text,
+    tell_written,
     write_json,
 )
 from sma_sim.cli.options import add_overriding_options, announce_compilation
@@ -67,9 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         })  # fmt: skip
     if arguments.report:
         write_compare_page(arguments.report, summaries, pairs, (fitted, held))
-    for path in (arguments.report, arguments.json):
-        if path:
-            print(path)
+    tell_written(arguments.report, arguments.json)
     return 0
 
 

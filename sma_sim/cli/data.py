@@ -47,6 +47,24 @@ def system_words(arguments: argparse.Namespace) -> list[str]:
     return [f'system={arguments.system}'] if arguments.system else []
 
 
+def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
+    """``--model`` and ``--seed`` of what searches."""
+    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
+
+
+def tell(words: str) -> None:
+    """Say what is being done."""
+    print(f'  {words}', file=sys.stderr, flush=True)
+
+
+def tell_written(*files: Path | None) -> None:
+    """Name the files that were written."""
+    for file in files:
+        if file:
+            print(file)
+
+
 def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
     """Raise UserError, before any long work, where an output cannot be written or has an unexpected name."""
     for path, suffixes in ((arguments.report, ('.html', '.htm')), (arguments.json, ('.json',))):

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import add_data_options, check_outputs, chosen_executor, read_data, system_words, write_json
+from sma_sim.cli.data import (
+    add_data_options,
+    add_search_options,
+    check_outputs,
+    chosen_executor,
+    read_data,
+    system_words,
+    tell,
+    tell_written,
+    write_json,
+)
 from sma_sim.cli.fit import STOPPED
 from sma_sim.cli.options import add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.design.offer import confounded
@@ -28,8 +37,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser('diagnose', help='find the physical effect that the model lacks')
     add_data_options(parser)
-    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
-    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the tests by chance')
+    add_search_options(parser, 'of the tests by chance')
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file of the improved model, for the node and --config'
     )
@@ -53,9 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             found = diagnose(training, config, held, request, executor, tell, stop)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
         written = write_outputs(arguments, found, *some_held_out(training, held))
-    for path in (arguments.out, written, arguments.report, arguments.json):
-        if path:
-            print(path)
+    tell_written(arguments.out, written, arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0
 
 
@@ -74,11 +80,6 @@ def write_outputs(
     if command:
         print(f'to find the experiment that tells {" from ".join(rivals)}: {command}')
     return written
-
-
-def tell(words: str) -> None:
-    """Say what is being done."""
-    print(f'  {words}', file=sys.stderr, flush=True)
 
 
 def next_command(arguments: argparse.Namespace, rivals: Sequence[str]) -> str:

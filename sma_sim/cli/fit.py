@@ -11,11 +11,13 @@ from typing import Any
 
 from sma_sim.cli.data import (
     add_data_options,
+    add_search_options,
     check_outputs,
     chosen_executor,
     read_data,
     system_words,
     table_text,
+    tell_written,
     write_json,
 )
 from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
@@ -41,10 +43,9 @@ def add_parser(verbs: Any) -> None:
         '--free', action='append', metavar='NAMES',
         help='parameters to fit, joined by commas (default: those that such data can tell, and all of active effects)',
     )  # fmt: skip
-    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
     parser.add_argument('--starts', type=int, default=2, metavar='N', help='descents from different places (default 2)')
     parser.add_argument('--robust', action='store_true', help='outliers count less')
-    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the further starts')
+    add_search_options(parser, 'of the further starts')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file, for the node and --config')
     add_config_options(parser)
     parser.set_defaults(run=run)
@@ -77,9 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(arguments.json, fit_data(found, foretold, fitted) | further)
     if arguments.report:
         write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held), runs)
-    for path in (arguments.out, arguments.report, arguments.json):
-        if path:
-            print(path)
+    tell_written(arguments.out, arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.data import (
     add_data_options,
+    add_search_options,
     check_outputs,
     chosen_executor,
     read_data,
     system_words,
     table_text,
+    tell,
+    tell_written,
     write_json,
 )
 from sma_sim.cli.fit import STOPPED
@@ -31,9 +33,8 @@ def add_parser(verbs: Any) -> None:
     )
     add_data_options(parser)
     parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=Path)
-    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
     parser.add_argument('--no-fit', action='store_true', help='--config is calibrated: fit starts and delay only')
-    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the tests by chance')
+    add_search_options(parser, 'of the tests by chance')
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -54,12 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(*sentences(found), sep='\n')
     if found.findings:
         print(table_text(HEADER, rows(found)))
-    for path in (arguments.report, arguments.json):
-        if path:
-            print(path)
+    tell_written(arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0
 
-
-def tell(words: str) -> None:
-    """Say what is being done."""
-    print(f'  {words}', file=sys.stderr, flush=True)

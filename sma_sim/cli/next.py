@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.data import (
     add_data_options,
+    add_search_options,
     check_outputs,
     chosen_executor,
     read_data,
     system_words,
     table_text,
+    tell,
+    tell_written,
     write_json,
 )
 from sma_sim.cli.fit import STOPPED
@@ -42,9 +44,8 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: that of the recordings)')
     parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
-    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
     parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='sequences to try (default 200)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the search')
+    add_search_options(parser, 'of the search')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
     add_config_options(parser)
     parser.set_defaults(run=run)
@@ -68,9 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         write_design_page(arguments.report, plan)
     print(*plan_text(plan), sep='\n')
-    for path in (arguments.out, arguments.report, arguments.json):
-        if path:
-            print(path)
+    tell_written(arguments.out, arguments.report, arguments.json)
     return STOPPED if plan.interrupted else 0
 
 
@@ -81,11 +80,6 @@ def wanted_from(arguments: argparse.Namespace) -> Wanted:
         arguments.max_temperature, arguments.max_stress, arguments.model, arguments.tries, arguments.seed,
         tuple(effect_folders_of(arguments.config, arguments.words)),
     )  # fmt: skip
-
-
-def tell(words: str) -> None:
-    """Say what is being done."""
-    print(f'  {words}', file=sys.stderr, flush=True)
 
 
 def plan_text(plan: Plan) -> Iterator[str]:

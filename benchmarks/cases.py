@@ -1,0 +1,75 @@
+"""Cases of a benchmark: solved several at once, kept in a file as soon as they are, so that a run can be continued."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from sma_sim.model.errors import UserError
+
+Case = tuple[Any, ...]  # of what JSON can hold
+Result = dict[str, Any]  # 'case', and what solving it gave; or 'case' and 'failed', why it could not be solved
+Solve = Callable[..., Result]  # of a case's entries and an executor
+
+
+def add_options(parser: argparse.ArgumentParser, file: str, minutes: float) -> None:
+    """What all benchmarks of cases ask."""
+    parser.add_argument('--file', type=Path, default=Path(file), help='of finished cases, a line of JSON each')
+    parser.add_argument('--minutes', type=float, default=minutes, help='no case is begun later; 0: only the table')
+    parser.add_argument('--at-once', type=int, default=1, help='cases side by side, each on its share of the cores')
+
+
+def kept(file: Path) -> list[Result]:
+    """The cases that were solved before."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, told: Callable[[Result], str]) -> list[Result]:
+    """All results in the file, after solving what is missing as long as there is time; `told` says how one went."""
+    done, end = kept(asked.file), time.monotonic() + 60.0 * asked.minutes
+    known = {key(one['case']) for one in done}
+    missing = (case for case in cases if key(case) not in known)
+    threads = max(1, (os.cpu_count() or 1) // asked.at_once)
+    with ProcessPoolExecutor(asked.at_once, multiprocessing.get_context('spawn')) as pool:
+        waiting: set[Future[Result]] = set()
+        while True:
+            if time.monotonic() < end:
+                free = asked.at_once - len(waiting)
+                waiting |= {pool.submit(one_case, solve, case, threads) for case in islice(missing, free)}
+            if not waiting:
+                return done
+            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for one in ready:
+                done.append(one.result())
+                with asked.file.open('a') as file:
+                    file.write(json.dumps(done[-1]) + '\n')
+                print(told(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
+
+
+def one_case(solve: Solve, case: Case, threads: int) -> Result:
+    """One case in a process of its own."""
+    with ThreadPoolExecutor(threads) as pool:
+        return {'case': list(case), **answer(solve, case, pool)}
+
+
+def answer(solve: Solve, case: Case, pool: Executor) -> Result:
+    """What solving it gave; a case that the program refuses is a result too."""
+    begun = time.perf_counter()
+    try:
+        found = solve(*case, pool)
+    except UserError as error:
+        found = {'failed': str(error)}
+    return {**found, 'seconds': time.perf_counter() - begun}
+
+
+def key(case: Iterable[Any]) -> str:
+    """What tells cases apart."""
+    return json.dumps(list(case))
