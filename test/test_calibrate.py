@@ -48,6 +48,11 @@ def test_noise_free_data_give_the_parameters_back(model):
     assert abs(found.delay) < 1e-5
 
 
+def test_a_held_out_run_that_cannot_be_made_is_infinitely_far_off(small):
+    (fit,) = held_out(config(wire__l0=0.06), small)
+    assert fit.error == np.inf and set(fit.channels.values()) == {np.inf}
+
+
 def test_the_better_model_is_chosen_and_foretells():
     truth = scaled(config('mas'), wire__E_A=0.9, wire__V_L=1.1, **OFF)
     runs = campaign(truth, [1, 2, 3], noise=1.0, rate=25.0)

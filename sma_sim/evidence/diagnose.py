@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import isfinite, isnan
 from pathlib import Path
 from threading import Event
 
@@ -253,7 +253,7 @@ def verdict_of(last: Step) -> str:
     Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
     cannot tell the parameters, which is no sign of an effect.
     """
-    error = last.held_out if isfinite(last.held_out) else last.train
+    error = last.train if isnan(last.held_out) else last.held_out
     if error > UNEXPLAINED:
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Event
 
@@ -16,6 +17,7 @@ from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.residuals import Prepared, error_over_noise, prepare, started
 from sma_sim.model.config import Config
+from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 FOLDS = 5
@@ -59,12 +61,17 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
 def foretell(
     config: Config, runs: tuple[Prepared, ...], delay: float, executor: Executor, stop: Event
 ) -> tuple[RunFit, ...]:
-    """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated."""
+    """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
+
+    The errors of a run that cannot be made are infinite.
+    """
 
     def one(run: Prepared) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
-        found = descend(problem, start_point(problem), executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop)
-        return run_fits(problem, found.z, executor)[0]
+        z = start_point(problem)
+        with suppress(SimulationError):  # a run that cannot be made is infinitely far off
+            z = descend(problem, z, executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop).z
+        return run_fits(problem, z, executor)[0]
 
     with ThreadPoolExecutor(len(runs)) as threads:
         return tuple(threads.map(one, runs))
@@ -75,7 +82,7 @@ def held_out(
 ) -> tuple[RunFit, ...]:
     """How well a fitted configuration and delay [s] foretell the recordings of a campaign; only starts are estimated.
 
-    Raises UserError when a noise is not known, SimulationError when a run cannot be made.
+    Infinite errors for a run that cannot be made. Raises UserError when a noise is not known.
     """
     floor = config.parameters['solver.rtol']
     runs = tuple(prepare(recording, campaign.noise_std, floor=floor) for recording in campaign.recordings)
