@@ -36,12 +36,20 @@ from sma_sim.evidence.likeness import Likeness, likenesses
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
-from sma_sim.evidence.selection import MOST_EFFECTS, Round, Told, Workplace, judged_error, pruned, select
+from sma_sim.evidence.selection import (
+    MOST_EFFECTS,
+    UNEXPLAINED,
+    Round,
+    Told,
+    Workplace,
+    judged_error,
+    pruned,
+    select,
+)
 from sma_sim.evidence.splitting import by_name
 from sma_sim.evidence.stopping import stoppable
 from sma_sim.model.config import Config
 
-UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
 STARTS = 2  # of the bare fit
 BARE = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere

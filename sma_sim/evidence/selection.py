@@ -33,6 +33,7 @@ SURE_FALL = 0.25  # fall of the cross-validated error that needs no further proo
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
 SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
+UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
 MOST_EFFECTS = 4
 WELL = 1.01  # error over noise below which the other kinetics are not tried
@@ -79,7 +80,7 @@ class Round:
     """One round of the selection: the model it began with, all that was screened, what was tried, what was accepted.
 
     `after`: the model with the accepted effect, with the kinetics that suit it better; `stopped`: it was not brought to
-    its end, so that nothing could be accepted.
+    its end, so that nothing could be accepted. `only_together`: accepted for what it explains beside the next one.
     """
 
     base: Fitted
@@ -88,6 +89,7 @@ class Round:
     accepted: Tried | None
     after: Fitted | None = None
     stopped: bool = False
+    only_together: bool = False
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,8 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
     """Rounds until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
     rounds: list[Round] = []
     while not place.stop.is_set() and len(rounds) < MOST_EFFECTS:
-        rounds.append(one_round(base, place))
+        one = one_round(base, place)
+        rounds += [one] if one.accepted is not None or len(rounds) + 2 > MOST_EFFECTS else with_another(one, place)
         accepted = rounds[-1].accepted
         if accepted is None:
             break
@@ -171,6 +174,24 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
         base = better_kinetics(accepted.fitted, place)
         rounds[-1] = replace(rounds[-1], after=base)
     return tuple(rounds)
+
+
+def with_another(first: Round, place: Workplace) -> tuple[Round, ...]:
+    """A round that accepts nothing; or its best lead and the next round, if what that accepts explains beside the lead.
+
+    Where two effects are missing, a model with one of them is still bent by the other, and may foretell no better than
+    with none. Both are judged as one: by what they foretell together, without the help of a score test.
+    """
+    leads = [one for one in first.tried if one.plausible and one.family_p <= SIGNIFICANT]
+    if first.stopped or first.base.error <= UNEXPLAINED or not leads:
+        return (first,)
+    lead = min(leads, key=lambda one: one.fitted.cost)
+    place.told(f'{lead.name} may explain beside another effect')
+    second = one_round(lead.fitted, place)
+    both = second.accepted.fitted if second.accepted is not None else first.base
+    if judged_error(both) > (1.0 - SURE_FALL) * judged_error(first.base):
+        return (replace(first, stopped=second.stopped),)
+    return replace(first, accepted=lead, after=lead.fitted, only_together=True), second
 
 
 def better_kinetics(one: Fitted, place: Workplace) -> Fitted:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
+from sma_sim.evidence.diagnose import Diagnosis, Step
 from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.proposed import number, proposed_data, proposed_text
-from sma_sim.evidence.selection import Round, Tried
+from sma_sim.evidence.selection import UNEXPLAINED, Round, Tried
 from sma_sim.model.config import flat_parameters
 
 WORDS = {
@@ -110,7 +110,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     """What to know beside the verdict and the errors: values, what explains as well, what is left."""
     for one in diagnosis.rounds:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
-            yield from lines_on(one.accepted)
+            yield from lines_on(one.accepted, diagnosis)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         last = diagnosis.steps[-2 if diagnosis.proposal else -1]
         channels = last.held_out_channels or last.channels
@@ -134,16 +134,19 @@ def headline(diagnosis: Diagnosis) -> str:
     return f'verdict: {diagnosis.verdict} - {WORDS[diagnosis.verdict].format(effects=effects)}'
 
 
-def lines_on(one: Tried) -> Iterator[str]:
-    """An accepted effect: its values beside what is realistic, and what explains as well."""
+def lines_on(one: Tried, diagnosis: Diagnosis) -> Iterator[str]:
+    """An accepted effect: its values in the last fit beside what is realistic, and what explains as well."""
+    sure = diagnosis.calibration.uncertainty
+    intervals = {interval.name: interval for interval in sure.intervals} if sure else {}
     for parameter in one.found.effect.parameters:
-        value = one.fitted.values_of(one.name).get(parameter.name)
+        name = f'effects.{one.name}.{parameter.name}'
+        value, interval = diagnosis.calibration.values.get(name), intervals.get(name)
         if value is not None:
+            known = f' ({interval.low:.4g} to {interval.high:.4g})' if interval and interval.seen else ''
             real = parameter.realistic
-            range_ = f'  (realistic: {real[0]:g} to {real[1]:g})' if real else ''
-            std = one.std.get(f'effects.{one.name}.{parameter.name}', math.nan)
+            range_ = f'  [realistic: {real[0]:g} to {real[1]:g}]' if real else ''
             unit = '' if parameter.unit == '-' else f' {parameter.unit}'
-            yield f'{one.name}.{parameter.name} = {value:.4g} +- {std:.1g}{unit}{range_}'
+            yield f'{name.removeprefix("effects.")} = {value:.4g}{known}{unit}{range_}'
     if one.alike:
         yield f'these data cannot tell it from {", ".join(one.alike)}'
     if one.found.effect.same_as:

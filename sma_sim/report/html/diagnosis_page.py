@@ -8,8 +8,9 @@ from pathlib import Path
 
 from sma_sim.evidence.compare import compared_calibration
 from sma_sim.evidence.compare_summary import summarise
-from sma_sim.evidence.diagnose import UNEXPLAINED, Diagnosis, Step
+from sma_sim.evidence.diagnose import Diagnosis, Step
 from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.selection import UNEXPLAINED
 from sma_sim.evidence.verdict import headline, remarks
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections

@@ -40,6 +40,8 @@ def round_section(number: int, one: Round, found: Diagnosis, training: Campaign,
 
 def words_on(one: Round) -> str:
     """What happened in a round."""
+    if one.accepted is not None and one.only_together:
+        return f'{one.accepted.name} explains little by itself, but much beside what the next step accepts: both are taken.'
     if one.accepted is not None:
         fall = 100.0 * (1.0 - one.accepted.ratio)
         return f'{one.accepted.name} is accepted: the cross-validated error falls by {fall:.0f} %.'

@@ -1,0 +1,48 @@
+"""Two missing effects, each hidden by the other: they are judged by what they explain together."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+
+import pytest
+from campaigns import campaign, config, scaled
+
+from sma_sim import find_effects
+from sma_sim.evidence.calibrate import Options
+from sma_sim.evidence.candidates import with_effect
+from sma_sim.evidence.diagnose import Request, bare_fit
+from sma_sim.evidence.selection import SURE_FALL, Workplace, judged_error, one_round, with_another
+
+QUICK = Request('mas', options=Options(starts=1))
+
+
+@pytest.fixture(scope='module')
+def place():
+    """Where the work is done."""
+    with ThreadPoolExecutor(2) as pool:
+        yield Workplace(pool, Event(), lambda words: None)
+
+
+def one_that_accepts_nothing(place, **hidden):
+    """The first round on two runs of a robot that has these effects, as if none of them were acceptable by itself."""
+    truth = scaled(config('mas'), wire__lambda=1.05, beam__E=0.96)
+    for name, values in hidden.items():
+        truth = with_effect(truth, find_effects()[name], values)
+    first = one_round(bare_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
+    assert first.tried
+    return replace(first, accepted=None)
+
+
+def test_two_effects_are_accepted_for_what_they_explain_together(place):
+    first = one_that_accepts_nothing(place, gravity={'g_y': -9.81}, driver_lag={'tau': 0.3})
+    lead, second = with_another(first, place)
+    assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fitted
+    assert second.accepted.name == 'driver_lag' and second.base is lead.after
+    assert judged_error(second.accepted.fitted) < (1.0 - SURE_FALL) * judged_error(first.base)
+    known = [replace(one, plausible=False) for one in first.tried]
+    assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
+
+
+def test_a_lead_beside_which_nothing_explains_is_not_accepted(place):
+    first = one_that_accepts_nothing(place, gravity={'g_y': -9.81})
+    assert with_another(first, place) == (first,)
