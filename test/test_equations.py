@@ -16,6 +16,7 @@ from sma_sim.evidence.equation.any_term import any_term
 from sma_sim.evidence.equation.formula import Formula
 from sma_sim.evidence.equation.places import places_for
 from sma_sim.evidence.equation.propose import propose
+from sma_sim.evidence.equation.stability import stabilities
 from sma_sim.evidence.equation.states import along, fields_of
 from sma_sim.evidence.equation.terms import factor, per_unit, product_unit
 from sma_sim.evidence.equation.trying import Guess
@@ -139,6 +140,16 @@ def test_the_equation_of_a_hidden_effect_is_found(ripple):
     true = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
     assert abs(values['c']) == pytest.approx(true['M_0'], rel=0.1)
     assert 2.0 * np.pi / values['k'] == pytest.approx(true['period'], rel=0.05)
+
+
+def test_the_choice_is_as_firm_as_the_data(ripple):
+    """Of fits that leave the same none is firmer; one that leaves twice as much is never chosen."""
+    _, bare, proposal = ripple
+    assert sum(one.stability for one in proposal.judged) == pytest.approx(1.0)
+    assert proposal.by_variable['alpha'] > 0.9 and proposal.stability > 0.3
+    with ThreadPoolExecutor(2) as pool:
+        assert stabilities([proposal.fitted, bare, proposal.fitted], pool) == pytest.approx([0.5, 0.0, 0.5])
+        assert stabilities([bare], pool) == pytest.approx([1.0])
 
 
 def test_the_proposal_as_a_file_runs(ripple, tmp_path):

@@ -25,6 +25,8 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'formula': formula.equation,
         'term': [term.name for term in formula.terms],
         'variables': list(formula.variables),
+        'stability': finite(proposal.stability),
+        'stability_by_variable': finite(proposal.by_variable),
         'coefficients': coefficients(diagnosis),
         'file': str(file) if file else None,
         'source': formula.with_values(values_of(diagnosis)).text(),
@@ -73,7 +75,7 @@ def ranked(one: Judged) -> dict[str, Any]:
     return {
         'effect': one.formula.name, 'port': one.formula.place.hook, 'formula': one.formula.equation,
         'cross_validated_error': finite(one.error), 'parameters': fitted,
-        'variables': list(one.formula.variables),
+        'variables': list(one.formula.variables), 'stability': finite(one.stability),
     }  # fmt: skip
 
 
@@ -88,8 +90,16 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
         std = '' if one['std'] is None else f' +- {one["std"]:.1g}'
         yield f'{proposal.effect}.{name} = {one["value"]:.4g}{std} {one["unit"]}'
     yield f'with it the held-out error falls from {number(before.held_out)} to {number(after.held_out)}'
+    yield stability_words(proposal)
     if proposal.alike:
         yield f'these data cannot tell it from {", ".join(proposal.alike)}'
+
+
+def stability_words(proposal: Proposal) -> str:
+    """How firmly the choice stands, in a sentence."""
+    shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items())
+    chosen = f'chosen from {100 * proposal.stability:.0f} % of random halves of the data'
+    return f'{chosen}; what is chosen depends on {shares}' if shares else chosen
 
 
 def number(value: float) -> str:

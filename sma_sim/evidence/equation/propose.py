@@ -17,6 +17,7 @@ from sma_sim.evidence.equation.formula import Formula
 from sma_sim.evidence.equation.growing import Grown
 from sma_sim.evidence.equation.portrait import Portrait, portrait
 from sma_sim.evidence.equation.search import search
+from sma_sim.evidence.equation.stability import by_variable, stabilities
 from sma_sim.evidence.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.problem import Problem
 from sma_sim.evidence.refit import Fitted, refit
@@ -36,10 +37,14 @@ JOIN = Effort(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)
 
 @dataclass(frozen=True)
 class Judged:
-    """One formula after its refit: `error` on runs left out in turn, its parameters with standard errors (SI)."""
+    """One formula after its refit: `error` on runs left out in turn, its parameters with standard errors (SI).
+
+    `stability`: the share of random halves of the data in which it is the best of all that were refitted.
+    """
 
     formula: Formula
     tried: Tried
+    stability: float = float('nan')
 
     @property
     def error(self) -> float:
@@ -74,6 +79,16 @@ class Proposal:
         """The effects' port, once for every port on which the formula or one that is as good acts."""
         others = [one.formula.place.hook for one in self.judged if one.formula.name in self.alike]
         return tuple(dict.fromkeys([self.formula.place.hook, *others]))
+
+    @property
+    def stability(self) -> float:
+        """The share of random halves of the data that choose this formula."""
+        return next(one.stability for one in self.judged if one.formula.name == self.formula.name)
+
+    @property
+    def by_variable(self) -> Mapping[str, float]:
+        """The share of random halves of the data whose choice depends on each variable."""
+        return by_variable([one.formula.variables for one in self.judged], [one.stability for one in self.judged])
 
     def write(self, folder: Path, values: dict[str, float], origin: str) -> Path:
         """Write the effect file with fitted values (by the short names) as defaults; returns its path."""
@@ -110,6 +125,8 @@ def proposed_for(base: Fitted, least: float, place: Workplace) -> Proposal | Non
     judged.sort(key=lambda one: one.error)
     if not judged or judged[0].error > (1.0 - LEAST_FALL) * least:
         return None
+    shares = stabilities([one.tried.fitted for one in judged], place.pool, place.seed)
+    judged = [replace(one, stability=float(share)) for one, share in zip(judged, shares, strict=True)]
     close = [one for one in judged if one.error <= (1.0 + SAME) * judged[0].error]
     chosen = min(close, key=lambda one: (len(one.formula.parameters), one.formula.place.hook in MATERIAL, one.error))
     place.told(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')

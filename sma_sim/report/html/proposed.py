@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from sma_sim.evidence.diagnose import Diagnosis
 from sma_sim.evidence.equation.portrait import Portrait
 from sma_sim.evidence.equation.propose import Proposal
-from sma_sim.evidence.proposed import coefficients, number, ranked
+from sma_sim.evidence.proposed import coefficients, number, ranked, stability_words
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.html.step_figures import channel_plot
@@ -18,6 +18,7 @@ CAPTION = (
     'The missing quantity in the training runs (points: the formula plus what the residuals still ask for, with two '
     'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
 )
+OTHERS = 'Formulas that were refitted, best first. Chosen: share of random halves of the data in which each is the best.'
 
 
 def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
@@ -31,17 +32,18 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         for name, one in coefficients(found).items()
     ]  # fmt: skip
     others = [
-        (one['formula'], f'{one["cross_validated_error"]:.3f}', listed(one['parameters']))
+        (one['formula'], f'{one["cross_validated_error"]:.3f}', f'{100 * one["stability"]:.0f} %', listed(one['parameters']))
         for one in map(ranked, proposal.judged) if one['cross_validated_error'] is not None
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
         Paragraph(f'With it the held-out error over noise falls from {number(before.held_out)} to {number(after.held_out)}. '
                   + alike_words(proposal)),
+        Paragraph(f'It is {stability_words(proposal)}.'),
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(portrait_figure(proposal.portrait), CAPTION, 380),
         channel_plot(before, after),
-        Table(('formula', 'cross-validated error', 'parameters'), others, 'Formulas that were refitted, best first.'),
+        Table(('formula', 'cross-validated error', 'chosen', 'parameters'), others, OTHERS),
     ]  # fmt: skip
     return Section('Proposed equation', blocks)
 
