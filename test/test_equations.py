@@ -14,10 +14,11 @@ from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.diagnose import Request, bare_fit, some_held_out
 from sma_sim.evidence.equation.any_term import any_term
 from sma_sim.evidence.equation.formula import Formula
+from sma_sim.evidence.equation.grids import Scope, grid_of
 from sma_sim.evidence.equation.places import places_for
 from sma_sim.evidence.equation.propose import propose
 from sma_sim.evidence.equation.stability import stabilities
-from sma_sim.evidence.equation.states import along, fields_of
+from sma_sim.evidence.equation.states import Course, along, fields_of
 from sma_sim.evidence.equation.terms import factor, per_unit, product_unit
 from sma_sim.evidence.equation.trying import Guess
 from sma_sim.evidence.selection import Workplace
@@ -170,3 +171,22 @@ def test_the_quantity_is_drawn_over_its_variable(ripple):
     for trace in portrait.traces:
         within = np.abs(trace.quantity - trace.formula) <= 3.0 * trace.error + 0.1 * np.abs(trace.formula).max()
         assert within.mean() > 0.9
+
+
+def test_a_variable_that_stays_where_it_is_has_no_places_to_try():
+    """The temperature of an isotherm, the power of a wire that nobody heats: no threshold can be found in them."""
+    still, moving = np.full(50, 300.0), np.linspace(290.0, 340.0, 50)
+    step = next(one for one in PLACES['heat'].terms if one.shapes and {shape.of for shape in one.shapes} == {'T'})
+    for values, count in ((still, 0), (moving, 1)):
+        scope = Scope([Course('run', 0, {'T': values})], 10.0, ())
+        assert min(len(grid_of(step, scope)), 1) == count
+
+
+def test_effect_files_are_loaded_by_several_threads_at_once(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    with ThreadPoolExecutor(16) as pool:
+        for amount in (1e-4, 2e-4, 3e-4, 4e-4):
+            formula = Formula((guess('moment_alpha', PLACES['moment_alpha'].terms[1].name, amount),))
+            found = list(pool.map(lambda _, formula=formula: formula.found(), range(16)))
+            assert {one.effect.parameters[0].default for one in found} == {amount}
+    assert not list(tmp_path.rglob('*.part'))

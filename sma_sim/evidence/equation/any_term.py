@@ -9,7 +9,7 @@ from functools import cache
 from sma_sim.evidence.equation.library import PULSE
 from sma_sim.evidence.equation.places import STIFFNESS, Place, places_of
 from sma_sim.evidence.equation.terms import MOST_SHAPES, Term
-from sma_sim.evidence.equation.writing import common_lines, effect_in, folder_with
+from sma_sim.evidence.equation.writing import common_lines, effect_of
 from sma_sim.model.effects.library import FoundEffect
 
 HEAD = '''\
@@ -59,7 +59,7 @@ def any_term(hook: str, memory: bool, copy: int = 0) -> AnyTerm:
     of_places = [t for place in places_of(hook) for t in place.terms if bool(t.rate) == memory]
     terms = tuple(dict.fromkeys(of_places if memory else [*of_places, PULSE]))
     name = f'any_{hook}{"_with_memory" if memory else ""}{copy or ""}'
-    return AnyTerm(effect_in(name, folder_with(name, source(name, hook, terms, memory))), terms)
+    return AnyTerm(effect_of(name, source(name, hook, terms, memory)), terms)
 
 
 def source(name: str, hook: str, terms: Sequence[Term], memory: bool) -> str:

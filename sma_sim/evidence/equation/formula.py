@@ -11,7 +11,7 @@ from sma_sim.evidence.equation.growing import POSITIVE
 from sma_sim.evidence.equation.places import STIFFNESS, Place
 from sma_sim.evidence.equation.terms import Shape, Term, factor, per_unit
 from sma_sim.evidence.equation.trying import Guess
-from sma_sim.evidence.equation.writing import common_lines, effect_in, folder_with, located
+from sma_sim.evidence.equation.writing import common_lines, effect_of, located
 from sma_sim.model.effects.library import FoundEffect
 from sma_sim.model.parameters import Parameter
 
@@ -143,7 +143,7 @@ class Formula:
 
     def found(self) -> FoundEffect:
         """The effect, loaded from a folder of the user's cache."""
-        return effect_in(self.name, folder_with(self.name, self.text()))
+        return effect_of(self.name, self.text())
 
     def text(self, origin: str = SOURCE) -> str:
         """The effect file."""

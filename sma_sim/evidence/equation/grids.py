@@ -20,6 +20,7 @@ WIDTHS = (0.06, 0.15, 0.35)  # parts of the visited range
 WAVES = np.arange(1.5, 10.1, 0.5)  # periods within the visited range
 PHASES = (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)
 FASTEST = 0.01  # shortest time constant, in parts of a run
+STILL = 1e-6  # range of a variable, relative to its size, that says nothing
 TRIM = 1.0  # per cent of the samples that a range leaves out at either end
 
 
@@ -38,7 +39,7 @@ class Scope:
 
 
 def values_to_try(shape: Shape, scope: Scope) -> tuple[float, ...]:
-    """The grid of one shape parameter."""
+    """The grid of one shape parameter; empty for a place or width of a variable that stays where it is."""
     if shape.grid == 'fixed':
         return shape.values
     if shape.grid == 'peaks':
@@ -50,6 +51,8 @@ def values_to_try(shape: Shape, scope: Scope) -> tuple[float, ...]:
     if shape.grid == 'pace':
         return tuple(np.geomspace(FASTEST, 1.0, PACES) * scope.length)
     low, high = scope.range_of(shape.of)
+    if high - low <= STILL * max(abs(low), abs(high)):
+        return ()
     if shape.grid == 'place':
         return tuple(np.linspace(low, high, PLACES + 2)[1:-1])
     if shape.grid == 'width':

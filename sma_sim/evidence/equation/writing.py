@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from hashlib import sha256
-from pathlib import Path
+from threading import Lock
 
 from sma_sim.evidence.equation.places import BOTH_WIRES, STAGES, STIFFNESS, Place
+from sma_sim.evidence.tables import write_whole
 from sma_sim.model.effects.library import FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.compile import cache_folder
+
+LOADING = Lock()
 
 
 def located(place: Place, value: str, constants: str = 'w') -> str:
@@ -30,20 +33,17 @@ def located(place: Place, value: str, constants: str = 'w') -> str:
     return f'({value}, {value})' if place.hook == 'transformation_stress' else value
 
 
-def folder_with(name: str, text: str) -> Path:
-    """A folder of the user's cache that holds one effect file with this text, and nothing else."""
+def effect_of(name: str, text: str) -> FoundEffect:
+    """The effect of that name in a file with this text, which lies alone in a folder of the user's cache.
+
+    Threads take turns: loading a file changes the table of modules.
+    """
     folder = cache_folder(f'formula-{sha256((name + text).encode()).hexdigest()[:20]}')
     file = folder / f'{name}.py'
-    if not file.exists() or file.read_text() != text:
-        partial = file.with_suffix('.part')
-        partial.write_text(text)
-        partial.replace(file)
-    return folder
-
-
-def effect_in(name: str, folder: Path) -> FoundEffect:
-    """The effect of that name in a folder."""
-    return find_effects([folder])[name]
+    with LOADING:
+        if not file.exists() or file.read_text() != text:
+            write_whole(file, lambda out: out.write(text))
+        return find_effects([folder])[name]
 
 
 def common_lines(hook: str, component: int | None = None) -> list[str]:
