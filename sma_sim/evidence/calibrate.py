@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.descent import FIRST, LAST, Descent, Effort, Progress, cost_at, descend, feasible, start_point
+from sma_sim.evidence.fewer_runs import of_all, part_of
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
 from sma_sim.evidence.parallel import some_executor
@@ -33,6 +34,7 @@ Answer = TypeVar('Answer')
 RTOL, LAST_RTOL = 1e-5, 1e-6  # of the simulations of the first descents and of the last
 THINNED = 1000  # samples per run of the first descents
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
+NEARER = 10.0  # damping at first when runs join a descent that has come to its end without them
 TRIES = 20  # for a further start at which every run can be made
 # Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
 # priors weigh nothing then. In stages, because the valley of sharp weights is narrow.
@@ -154,12 +156,13 @@ def search(
     campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None,
     effort: Effort = FIRST,
 ) -> Found:  # fmt: skip
-    """Descend from several starts on thinned samples."""
+    """Descend from several starts on thinned samples; of many runs on a part at first."""
     longest = max(len(recording.time) for recording in campaign.recordings)
     thinned = prepared(campaign, config, options, max(1, longest // THINNED))
-    starts = starting_points(thinned, options, pool)
+    part = part_of(thinned)
+    starts = starting_points(part, options, pool)
     jobs = [
-        partial(descend, thinned, z, pool, effort, stop, progress, f'{config.model}, start {k + 1}')
+        partial(descend, part, z, pool, effort, stop, progress, f'{config.model}, start {k + 1}')
         for k, z in enumerate(starts)
     ]
     descents = together(jobs, stop)
@@ -168,6 +171,11 @@ def search(
         OtherStart(one.cost - best.cost, thinned.values(one.z), one.cost - best.cost < SAME)
         for one in descents if one is not best
     )  # fmt: skip
+    if len(part.runs) < len(thinned.runs):
+        z = of_all(thinned, start_point(thinned), best.z)
+        near, label = replace(effort, damping=NEARER), f'{config.model}, all runs'
+        last = together([partial(descend, thinned, z, pool, near, stop, progress, label)], stop)[0]
+        best = replace(last, iterations=last.iterations + best.iterations)
     return Found(thinned, best, others)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.candidates import is_plausible
 from sma_sim.evidence.descent import FIRST, Effort, Stop, descend, normal_parts, summed
+from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
 from sma_sim.evidence.free_parameters import (
     FreeParameter,
     declared_parameters,
@@ -120,12 +121,35 @@ def refit(
     return Fitted(problem, found.z, found.cost)
 
 
-def refit_both_ways(base: Fitted, candidates: Sequence[Screened], pool: Executor, stop: Event) -> list[Fitted | None]:
+def on_all_runs(
+    base: Fitted, candidates: Sequence[Screened], rough: Sequence[Fitted | None], most: int | None, pool: Executor,
+    stop: Event,
+) -> list[Fitted | None]:  # fmt: skip
+    """The `most` best fits to a part of the runs continued on all of them, None for the others."""
+    found: list[Fitted | None] = [None] * len(candidates)
+    best = sorted(((one, k) for k, one in enumerate(rough) if one is not None), key=lambda pair: pair[0].cost)[:most]
+    jobs = []
+    for one, k in best:
+        problem, z = joined(base, candidates[k])
+        jobs.append(partial(refit, problem, of_all(problem, z, one.z), pool, stop))
+    for (_, k), fitted in zip(best, together(jobs, stop) if jobs else [], strict=True):
+        found[k] = fitted
+    return found
+
+
+def refit_both_ways(
+    base: Fitted, candidates: Sequence[Screened], pool: Executor, stop: Event, most: int | None = None
+) -> list[Fitted | None]:
     """By candidate the better of two refits: from the fit without the effect, and from the middle of all priors.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
-    Candidates that cannot come down to the best that was found from the fit give up on the second way.
+    Candidates that cannot come down to the best that was found from the fit give up on the second way. Of many runs only
+    a part is fitted at first; `most` candidates are then refitted to all.
     """
+    part = part_of(base.problem)
+    if len(part.runs) < len(base.problem.runs):
+        few = replace(base, problem=part, z=of_part(base.problem, base.z))
+        return on_all_runs(base, candidates, refit_both_ways(few, candidates, pool, stop), most, pool, stop)
     joint = [joined(base, one) for one in candidates]
     first = together([partial(refit, problem, z, pool, stop) for problem, z in joint], stop)
     bar = min(

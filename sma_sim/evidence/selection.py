@@ -5,6 +5,7 @@ Backward elimination drops what later effects made superfluous. The held-out run
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -45,8 +46,9 @@ Told = Callable[[str], None]
 class Tried:
     """A candidate after its refit: how it compares with the model without it.
 
-    `ratio`: cross-validated error with over without; `fall`: by how much it falls, in parts of the error or of the noise,
-    whichever is larger; `family_p` of the screening; `alike`: others that explain as well.
+    `ratio`: cross-validated error with over without (the fitted error, which is less, where it is `hopeless`); `fall`: by
+    how much it falls, in parts of the error or of the noise, whichever is larger; `family_p` of the screening; `alike`:
+    others that explain as well.
     """
 
     found: FoundEffect
@@ -63,6 +65,11 @@ class Tried:
     def name(self) -> str:
         """Name of the effect."""
         return self.found.effect.name
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether its fitted error is beyond another's on runs left out, so that it was not cross-validated."""
+        return len(self.fitted.problem.runs) > 1 and math.isnan(self.fitted.validated)
 
     @property
     def acceptable(self) -> bool:
@@ -119,10 +126,14 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
-    refitted = refit_both_ways(base, survivors, place.pool, place.stop)
+    refitted = refit_both_ways(base, survivors, place.pool, place.stop, FINALISTS)
     pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
-    tried = [tried_of(base, one, fitted, place) for one, fitted in pairs[:FINALISTS] if not place.stop.is_set()]
+    tried: list[Tried] = []
+    for one, fitted in pairs[:FINALISTS]:
+        best = min((judged_error(other.fitted) for other in tried if other.acceptable), default=math.inf)
+        if not place.stop.is_set():
+            tried.append(tried_of(base, one, fitted, place, best))
     if place.stop.is_set():
         return Round(base, screened, (), None, stopped=True)
     tried.sort(key=lambda one: one.ratio)
@@ -130,11 +141,15 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     return Round(base, screened, tuple(tried), choice(tried))
 
 
-def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace) -> Tried:
-    """A refitted candidate, cross-validated."""
+def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace, best: float = math.inf) -> Tried:
+    """A refitted candidate, cross-validated if that could bring it near the `best` cross-validated error so far.
+
+    Runs that are left out are foretold no better than they can be fitted.
+    """
     found = screened.candidate.found
-    place.told(f'cross-validating {found.effect.name}')
-    fitted = validated(fitted, place.pool, place.stop)
+    if fitted.error <= (1.0 + SAME) * best:
+        place.told(f'cross-validating {found.effect.name}')
+        fitted = validated(fitted, place.pool, place.stop)
     before, after = judged_error(base), judged_error(fitted)
     return Tried(
         found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0), screened.family_p,

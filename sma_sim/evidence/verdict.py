@@ -62,7 +62,7 @@ def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
         'effect': one.name,
         'delta_bic': one.delta_bic,
         'held_out_error_ratio': ratios.get(one.name, one.ratio),
-        'cross_validated_error_ratio': one.ratio,
+        'cross_validated_error_ratio': None if one.hopeless else one.ratio,
         'family_p': one.family_p,
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}

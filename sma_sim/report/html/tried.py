@@ -15,7 +15,8 @@ TRIED = ('effect', 'ratio', 'held out', 'chance', 'delta BIC', 'realistic')
 
 CAPTION = (
     'Refitted together with the parameters of the model, best first. Ratio: cross-validated error with the effect over that '
-    'without it; held out: the same of the held-out runs; chance: how often chance would do as well.'
+    'without it (after >: the fitted error, already beyond the best, so that it was not cross-validated); held out: the '
+    'same of the held-out runs; chance: how often chance would do as well.'
 )
 
 
@@ -74,7 +75,8 @@ def row(one: Tried, held: dict[str, float]) -> tuple[str, ...]:
     """A candidate."""
     ratio = held.get(one.name)
     return (
-        one.name, f'{one.ratio:.3f}', '' if ratio is None else f'{ratio:.3f}', f'{one.family_p:.3f}', f'{one.delta_bic:.0f}',
+        one.name, f'{"> " if one.hopeless else ""}{one.ratio:.3f}', '' if ratio is None else f'{ratio:.3f}',
+        f'{one.family_p:.3f}', f'{one.delta_bic:.0f}',
         'yes' if one.plausible else 'no',
     )  # fmt: skip
 

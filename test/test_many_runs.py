@@ -1,0 +1,66 @@
+"""Of many runs a part is searched first: nothing is lost by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import campaign, config, scaled
+
+from sma_sim import Options, calibrate, find_effects
+from sma_sim.evidence import fewer_runs
+from sma_sim.evidence.calibrate import SAME, prepared
+from sma_sim.evidence.candidates import with_effect
+from sma_sim.evidence.diagnose import Request, diagnose
+from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
+
+FEW = Options(free=('wire.lambda', 'beam.E'), model='mas', starts=1, intervals=False)
+TRUTH = scaled(config('mas'), wire__lambda=1.1, beam__E=0.95)
+
+
+@pytest.fixture(scope='module')
+def many():
+    """Six runs."""
+    return campaign(TRUTH, range(1, 7), noise=1.0, rate=2.0)
+
+
+@pytest.fixture(autouse=True)
+def some_are_many(monkeypatch):
+    """A part of three."""
+    monkeypatch.setattr(fewer_runs, 'MOST', 3)
+
+
+def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
+    problem = prepared(many, config(), FEW, 1)
+    part, z = part_of(problem), np.random.default_rng(1).normal(size=len(problem.unknowns))
+    names = [run.name for run in part.runs]
+    assert len(names) == 3 and names[0] == problem.runs[0].name and names[-1] == problem.runs[-1].name
+    small = of_part(problem, z)
+    assert len(small) == len(part.unknowns) and np.array_equal(of_all(problem, z, small), z)
+    changed = of_all(problem, z, small + 1.0)
+    assert np.count_nonzero(changed != z) == len(small)
+    for run, own in zip(part.runs, part.places(), strict=True):
+        k = [one.name for one in problem.runs].index(run.name)
+        assert np.array_equal(z[problem.places()[k]], small[own])
+
+
+def test_few_runs_are_searched_all():
+    problem = prepared(campaign(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
+    assert [run.name for run in part_of(problem).runs] == [run.name for run in problem.runs]
+
+
+def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, monkeypatch):
+    found = calibrate(many, config(), FEW)
+    monkeypatch.setattr(fewer_runs, 'MOST', 100)
+    at_once = calibrate(many, config(), FEW)
+    assert abs(found.cost - at_once.cost) < 0.1 * SAME  # descents end where the next step is foretold to gain less
+    for name, value in at_once.values.items():
+        assert found.values[name] == pytest.approx(value, rel=2e-3)
+
+
+def test_a_hidden_effect_is_found_in_many_runs():
+    robot = with_effect(TRUTH, find_effects()['gravity'], {'g_y': -9.81})
+    runs = campaign(robot, range(1, 7), noise=1.0, rate=2.0)
+    request = Request('mas', options=replace(FEW, free=None), equation=False)
+    found = diagnose(runs, config(), request=request)
+    assert found.effects == ('gravity',) and found.steps[-1].train < 1.15
+    assert found.rounds[0].tried[0].fitted.problem.runs == found.rounds[0].base.problem.runs
