@@ -46,6 +46,17 @@ def test_a_hidden_effect_is_found_with_its_value(with_gravity):
     assert found.calibration.config.model == 'mas'
 
 
+def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
+    """Another beam in the held-out run: nothing in the fitted ones tells what that is, so no equation is made up."""
+    runs = measured()
+    other = campaign(scaled(config('mas'), beam__E=1.4), SEEDS, noise=1.0, rate=10.0).recordings[-1]
+    changed = replace(runs, recordings=(*runs.recordings[:-1], other))
+    found = diagnose(changed, config(), request=Request('mas', options=Options(starts=1, intervals=False)))
+    assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
+    assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
+    assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
+
+
 def test_the_verdict_for_programs(with_gravity):
     _, found = with_gravity
     data = json.loads(json.dumps(as_data(found), allow_nan=False))

@@ -37,6 +37,7 @@ from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
 from sma_sim.evidence.selection import (
+    EXPLAINED,
     MOST_EFFECTS,
     UNEXPLAINED,
     Round,
@@ -172,7 +173,7 @@ def diagnose(
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
         verdict, proposal = verdict_of(steps[-1]), None
-        if verdict == 'unknown_effect' and request.equation and not stop.is_set():
+        if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)
         if proposal is not None:
             final = final_fit(training, proposal.fitted, request, place, begun)

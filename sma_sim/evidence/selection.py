@@ -35,6 +35,7 @@ SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from 
 SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
+EXPLAINED = 1.1  # error over noise of the fitted runs below which no equation is looked for in them
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
 MOST_EFFECTS = 4
 WELL = 1.01  # error over noise below which the other kinetics are not tried

@@ -10,9 +10,13 @@ from typing import Any
 from sma_sim.evidence.diagnose import Diagnosis, Step
 from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.proposed import number, proposed_data, proposed_text
-from sma_sim.evidence.selection import UNEXPLAINED, Round, Tried
+from sma_sim.evidence.selection import EXPLAINED, UNEXPLAINED, Round, Tried
 from sma_sim.model.config import flat_parameters
 
+FURTHER = (
+    'the fitted runs are explained: what is held out shows more, or goes where they do not tell the parameters; '
+    'fit it too and hold out others, or record more like it'
+)
 WORDS = {
     'none': 'nothing is missing that these data could show',
     'missing_effect': 'the model lacks {effects}',
@@ -116,6 +120,8 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         channels = last.held_out_channels or last.channels
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
+        if last.train <= EXPLAINED:
+            yield FURTHER
         yield from proposed_text(diagnosis)
     if len(diagnosis.training) < 2:
         yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
