@@ -40,7 +40,7 @@ CENTRES = 3  # at which derivatives are taken, where parameters are to be known
 WEAK, FEWEST = 0.1, 3  # a combination is weakly known beyond this part of its prior; at least so many are looked at
 ROOM = 0.1  # by which a default limit exceeds what the recordings reached, of the rise above rest
 # Expected log evidence ratio below which an experiment decides nothing: what is called strong evidence begins at 3 (Kass and
-# Raftery, J. Am. Stat. Assoc. 90, 1995). Of pairs that are the same by their equations the best of many sequences promises up to 2.7.
+# Raftery, J. Am. Stat. Assoc. 90, 1995). Where equations make a pair alike, the best of many sequences promises up to 2.7
 TELLING = 3.0
 
 
