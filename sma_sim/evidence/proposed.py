@@ -11,6 +11,8 @@ from sma_sim.evidence.diagnose import Diagnosis
 from sma_sim.evidence.equation.propose import Judged, Proposal
 from sma_sim.evidence.json_values import finite
 
+LITTLE = 0.005  # share of the halves that is not told
+
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
     """The `proposed` entry of a verdict: port, formula, fitted coefficients, errors before and after, what is as good."""
@@ -97,7 +99,7 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
 
 def stability_words(proposal: Proposal) -> str:
     """How firmly the choice stands, in a sentence."""
-    shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items())
+    shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items() if share > LITTLE)
     chosen = f'chosen from {100 * proposal.stability:.0f} % of random halves of the data'
     return f'{chosen}; what is chosen depends on {shares}' if shares else chosen
 
