@@ -4,7 +4,7 @@
 
 For each pair of explanations a robot of sma_sim/challenge (MAS kinetics, other parameters, its own formula of the first
 effect) makes two gentle recordings, which leave the pair confounded. `next` designs 100 s between them. The designed and
-three default sequences (random steps of the same power) are run on the robot, with noise, and both explanations are
+a default sequence (random steps of the same power) are run on the robot, with noise, and both explanations are
 fitted to the old recordings and the new one together. Achieved is by how much the new recording raised the log evidence
 ratio for the true one. Finished cases are kept in --file, so that a run can be continued; the table is of all in it.
 """

@@ -46,6 +46,28 @@ def test_a_hidden_effect_is_found_with_its_value(with_gravity):
     assert found.calibration.config.model == 'mas'
 
 
+def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
+    _, found = with_gravity
+    (interval,) = (one for one in found.calibration.uncertainty.intervals if one.name == 'effects.gravity.g_y')
+    value = found.calibration.values['effects.gravity.g_y']
+    assert value == interval.value
+    expected = f'gravity.g_y = {value:.4g} ({interval.low:.4g} to {interval.high:.4g}) m/s^2'
+    assert any(line.startswith(expected) for line in as_text(found))
+
+
+def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
+    _, found = with_gravity
+    first = found.rounds[0]
+    best = first.accepted.fitted.validated
+    assert not first.accepted.hopeless and len(first.tried) > 1
+    for one in first.tried:
+        assert one.hopeless == np.isnan(one.fitted.validated)
+        assert not one.hopeless or (one.fitted.error > 1.01 * best and one.name not in first.accepted.alike)
+    told = {one['effect']: one['cross_validated_error_ratio'] for one in as_data(found)['ranking']}
+    assert {name for name, ratio in told.items() if ratio is None} == {one.name for one in first.tried if one.hopeless}
+    assert None in told.values()
+
+
 def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     """Another beam in the held-out run: nothing in the fitted ones tells what that is, so no equation is made up."""
     runs = measured()

@@ -57,4 +57,3 @@ def run(arguments: argparse.Namespace) -> int:
         print(table_text(HEADER, rows(found)))
     tell_written(arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0
-
