@@ -1,6 +1,6 @@
 """Diagnosis of a real superelastic wire: stress error on loops that were not fitted, before and after.
 
-    python benchmarks/nitinol.py FOLDER [--only NAME ...] [--model hybrid]
+    python benchmarks/nitinol.py FOLDER [--only NAME ...] [--model hybrid] [--at-once 2]
 
 FOLDER holds the files of https://github.com/maestrolab/calibration_matlab as CSV (docs/nitinol.md). Each case fits some
 of them and holds others out; the table has every step of every case, good or bad. Cases that are in nitinol.jsonl
@@ -10,16 +10,17 @@ already are not run again.
 from __future__ import annotations
 
 import argparse
-import json
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from cases import add_options, solved
 
 from sma_sim import Campaign, Config, read_config
 from sma_sim.evidence.diagnose import Diagnosis, Request, Step, diagnose
 from sma_sim.evidence.recordings import read_campaign
 
-FILE = Path('nitinol.jsonl')
 MAPS = Path(__file__).parent.parent / 'examples' / 'maps'
 ROUGHLY = ('wire.sigma_MW0=4e8', 'wire.dsigma=2e8')  # read off the loops by eye: the paper's wire is another one
 WIRE = ('wire.r0=2e-4', 'wire.l0=0.23946')  # of the electric runs, from the files' origin
@@ -63,19 +64,20 @@ def shown(step: Step, noise: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def result(case: Case, found: Diagnosis) -> dict[str, Any]:
+def result(found: Diagnosis) -> dict[str, Any]:
     """What the table needs of a diagnosis."""
     tried = [[one.name, one.ratio, one.plausible, one.family_p] for round_ in found.rounds for one in round_.tried]
     steps = [shown(step, found.noise_std['stress']) for step in found.steps]
-    return {'case': case.name, 'verdict': found.verdict, 'steps': steps, 'tried': tried, 'seconds': found.seconds}
+    return {'verdict': found.verdict, 'steps': steps, 'tried': tried}
 
 
-def run(case: Case, folder: Path, model: str) -> dict[str, Any]:
+def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
     """Diagnose one case."""
-    campaign = read_campaign(sorted(folder.glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
+    case = next(one for one in CASES if one.name == name)
+    campaign = read_campaign(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
     config: Config = read_config(words=['system=wire', *case.words])
     training, held = parts(campaign, case.held)
-    return result(case, diagnose(training, config, held, Request(model=model), told=print))
+    return result(diagnose(training, config, held, Request(model=model, equation=False), executor=pool))
 
 
 def rows(results: list[dict[str, Any]]) -> list[str]:
@@ -84,7 +86,7 @@ def rows(results: list[dict[str, Any]]) -> list[str]:
     for one in results:
         for k, step in enumerate(one['steps']):
             last = k == len(one['steps']) - 1
-            lines.append(f'| {"" if k else one["case"]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
+            lines.append(f'| {"" if k else one["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
                          f'| {step["held_out"]:.1f} | {one["verdict"] if last else ""} |')  # fmt: skip
     return lines
 
@@ -95,14 +97,11 @@ def main() -> None:
     parser.add_argument('folder', type=Path)
     parser.add_argument('--only', nargs='*', default=[''], metavar='NAME', help='cases with one of these in their names')
     parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='hybrid')
-    arguments = parser.parse_args()
-    done = [json.loads(line) for line in FILE.read_text().splitlines()] if FILE.exists() else []
-    for case in CASES:
-        if any(one['case'] == case.name for one in done) or not any(words in case.name for words in arguments.only):
-            continue
-        done.append(run(case, arguments.folder, arguments.model))
-        with FILE.open('a') as file:
-            file.write(json.dumps(done[-1]) + '\n')
+    add_options(parser, 'nitinol.jsonl', 60.0)
+    asked = parser.parse_args()
+    chosen = [one.name for one in CASES if any(words in one.name for words in asked.only)]
+    cases = [(name, asked.model, str(asked.folder)) for name in chosen]
+    done = solved(cases, solve, asked, lambda one: '\n'.join(rows([one])[2:]))
     print(*rows(done), sep='\n')
 
 

@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, config, scaled
+from campaigns import NOISE, campaign, command, config, recording, scaled
 
 from sma_sim import Campaign, Config, UserError, find_effects
 from sma_sim.challenge.files import columns_of
@@ -76,7 +76,34 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     found = diagnose(changed, config(), request=Request('mas', options=Options(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
+    assert found.together is not None and not found.together.explained
     assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
+
+
+def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect():
+    """Weak commands tell little of the martensite; a strong one is foretold badly, and one model explains them all."""
+    truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)
+    powers = {1: 0.75, 2: 0.75, 3: 15.0}
+    runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
+    request = Request('mas', options=Options(starts=1, intervals=False))
+    found = diagnose(Campaign(tuple(runs), dict(NOISE)), config(), request=request)
+    assert found.verdict == 'none' and found.effects == () and found.steps[-1].held_out > 1.3
+    assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
+    assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
+    assert any(line.startswith('the held-out runs go where the fitted ones do not tell') for line in as_text(found))
+
+
+@pytest.mark.parametrize(
+    ('family_p', 'fall', 'part', 'accepted'),
+    [
+        (0.01, 0.05, 0.05, True), (0.4, 0.5, 0.5, True),
+        (0.4, 0.5, 0.1, False),  # foretells better than a model that is far off, and hardly fits better: holds it back
+        (0.4, 0.1, 0.5, False), (0.01, 0.02, 0.5, False),
+    ],
+)  # fmt: skip
+def test_what_is_accepted_is_not_chance(with_gravity, family_p, fall, part, accepted):
+    tried = replace(with_gravity[1].rounds[0].accepted, family_p=family_p, fall=fall, part=part)
+    assert tried.acceptable == accepted
 
 
 def test_the_verdict_for_programs(with_gravity):

@@ -31,9 +31,10 @@ from sma_sim.evidence.calibrate import (
 from sma_sim.evidence.descent import FIRST, Descent
 from sma_sim.evidence.equation.propose import Proposal, propose
 from sma_sim.evidence.free_parameters import with_values
-from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits
+from sma_sim.evidence.held_out import RunFit, held_out, mean_error, run_fits, summed_up
 from sma_sim.evidence.likeness import Likeness, likenesses
 from sma_sim.evidence.parallel import some_executor
+from sma_sim.evidence.reconcile import Together, fitted_together
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, validated
 from sma_sim.evidence.selection import (
@@ -89,7 +90,8 @@ class Diagnosis:
 
     `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
     `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
-    With a `proposal` the last model is that with the proposed effect, which `effects` does not name.
+    With a `proposal` the last model is that with the proposed effect, which `effects` does not name. `together`: how well
+    one model explains fitted and held-out runs, where that which was fitted to the former misses the latter.
     """
 
     verdict: str
@@ -106,6 +108,7 @@ class Diagnosis:
     interrupted: bool
     seconds: float
     proposal: Proposal | None = None
+    together: Together | None = None
 
     @property
     def search_ended(self) -> bool:
@@ -161,10 +164,8 @@ def diagnose(
         place = Workplace(pool, stop, told, request.folders, request.seed)
         bare = bare_fit(training, config, request, place)
         rounds = select(bare, place)
-        path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
-        last = pruned(path[-1], place)
-        if last is not path[-1]:
-            path.append(last)
+        path = path_of(bare, rounds, place)
+        last = path[-1]
         told('the last fit, on all samples')
         final = final_fit(training, last, request, place, begun)
         steps = [step_of(training, out, one, request, place) for one in path[:-1]]
@@ -172,7 +173,8 @@ def diagnose(
         steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
-        verdict, proposal = verdict_of(steps[-1]), None
+        together = fitted_together(training, out, last, request.options, place) if out and goes_further(steps[-1]) else None
+        verdict, proposal = verdict_of(steps[-1], together), None
         if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)
         if proposal is not None:
@@ -182,7 +184,7 @@ def diagnose(
     return Diagnosis(
         verdict, last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
-        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal,
+        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal, together,
     )  # fmt: skip
 
 
@@ -199,6 +201,13 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
     whole = [one for one in found if isfinite(one.validated)] or found  # stopped on the way, the last one is not
     # MAS has the hybrid model as a limit (V_L large), so that the hybrid one must be clearly better to be taken
     return min(whole, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+
+
+def path_of(bare: Fitted, rounds: Sequence[Round], place: Workplace) -> list[Fitted]:
+    """The models from the bare one to the last, without what later effects made superfluous."""
+    path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
+    last = pruned(path[-1], place)
+    return path if last is path[-1] else [*path, last]
 
 
 def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:
@@ -232,18 +241,6 @@ def step_of_final(final: Calibration, foretold: Sequence[RunFit], last: Fitted) 
     )  # fmt: skip
 
 
-def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
-    """Error over noise of several runs, in all and by channel; NaN where there are none."""
-    names = dict.fromkeys(name for fit in fits for name in fit.channels)
-    channels = {name: mean_error(by_run(fits, name)) for name in names}
-    return mean_error(channels), channels
-
-
-def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
-    """The error of one channel by run."""
-    return {fit.name: fit.channels[channel] for fit in fits if channel in fit.channels}
-
-
 def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workplace) -> dict[str, float]:
     """By effect of the first round, the held-out error with it over that without; empty where no run is held out."""
     ratios: dict[str, float] = {}
@@ -256,13 +253,19 @@ def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workp
     return ratios
 
 
-def verdict_of(last: Step) -> str:
+def goes_further(last: Step) -> bool:
+    """Whether the fitted runs are explained, and those held out are not."""
+    return last.train <= EXPLAINED and last.held_out > UNEXPLAINED
+
+
+def verdict_of(last: Step, together: Together | None) -> str:
     """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
 
     Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
-    cannot tell the parameters, which is no sign of an effect.
+    cannot tell the parameters, which is no sign of an effect. Nor is a held-out run that the model explains `together` with
+    the fitted ones.
     """
     error = last.train if isnan(last.held_out) else last.held_out
-    if error > UNEXPLAINED:
+    if error > UNEXPLAINED and not (together is not None and together.explained):
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'

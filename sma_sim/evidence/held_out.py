@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -43,6 +43,18 @@ class RunFit:
 def mean_error(channels: Mapping[str, float]) -> float:
     """sqrt(mean over channels of the square of RMSE over noise)."""
     return float(np.sqrt(np.mean(np.square(list(channels.values()))))) if channels else float('nan')
+
+
+def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
+    """Error over noise of several runs, in all and by channel; NaN where there are none."""
+    names = dict.fromkeys(name for fit in fits for name in fit.channels)
+    channels = {name: mean_error(by_run(fits, name)) for name in names}
+    return mean_error(channels), channels
+
+
+def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
+    """The error of one channel by run."""
+    return {fit.name: fit.channels[channel] for fit in fits if channel in fit.channels}
 
 
 def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.jitter import straightened
 from sma_sim.evidence.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -89,7 +90,7 @@ def prepare(recording: Recording, noise_std: Mapping[str, float], every: int = 1
     return Prepared(
         name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
-        source=without_repeats(recording.source), changed=changed, interval=interval,
+        source=without_repeats(straightened(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)),
     )  # fmt: skip
 

@@ -30,7 +30,7 @@ from sma_sim.model.effects.library import FoundEffect
 
 LEAST_FALL = 0.03  # part of the cross-validated error (of the noise, below it) that an accepted effect takes away
 SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
-SURE_FALL = 0.25  # fall of the cross-validated error that needs no further proof: chance does not help with other runs
+SURE_FALL = 0.25  # of the cross-validated error and of the fitted squares: needs no further proof, chance does not do both
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
 SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
@@ -48,8 +48,8 @@ class Tried:
     """A candidate after its refit: how it compares with the model without it.
 
     `ratio`: cross-validated error with over without (the fitted error, which is less, where it is `hopeless`); `fall`: by
-    how much it falls, in parts of the error or of the noise, whichever is larger; `family_p` of the screening; `alike`:
-    others that explain as well.
+    how much it falls, in parts of the error or of the noise, whichever is larger; `part`: of the fitted squares that it
+    explains; `family_p` of the screening; `alike`: others that explain as well.
     """
 
     found: FoundEffect
@@ -57,6 +57,7 @@ class Tried:
     delta_bic: float
     ratio: float
     fall: float
+    part: float
     family_p: float
     plausible: bool
     std: dict[str, float]
@@ -79,8 +80,11 @@ class Tried:
 
     @property
     def not_chance(self) -> bool:
-        """Whether the score test says so, or the runs that were not fitted do by themselves."""
-        return self.family_p <= SIGNIFICANT or self.fall >= SURE_FALL
+        """Whether the score test says so, or the runs do by themselves, fitted and left out.
+
+        A model that is far off foretells better with anything that holds it back; then the fitted runs are hardly helped.
+        """
+        return self.family_p <= SIGNIFICANT or (self.fall >= SURE_FALL and self.part >= SURE_FALL)
 
 
 @dataclass(frozen=True)
@@ -153,8 +157,9 @@ def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace,
         fitted = validated(fitted, place.pool, place.stop)
     before, after = judged_error(base), judged_error(fitted)
     return Tried(
-        found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0), screened.family_p,
-        plausible(fitted, found), standard_errors(fitted, place.pool),
+        found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0),
+        1.0 - fitted.squares / base.squares, screened.family_p, plausible(fitted, found),
+        standard_errors(fitted, place.pool),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from sma_sim.evidence.selection import EXPLAINED, UNEXPLAINED, Round, Tried
 from sma_sim.model.config import flat_parameters
 
 FURTHER = (
-    'the fitted runs are explained: what is held out shows more, or goes where they do not tell the parameters; '
-    'fit it too and hold out others, or record more like it'
+    'the held-out runs go where the fitted ones do not tell the parameters: fitted too, they are explained '
+    'to {held_out:.2f} (the others {train:.2f}); fit with all runs, or record more like them'
 )
+ONLY_THERE = 'the fitted runs are explained; what is missing shows in what is held out: fit it too, and hold out others'
 WORDS = {
     'none': 'nothing is missing that these data could show',
     'missing_effect': 'the model lacks {effects}',
@@ -46,6 +48,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,
         'seconds': diagnosis.seconds,
+        **({'fitted_together': asdict(diagnosis.together)} if diagnosis.together else {}),
         **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
     return found
@@ -121,8 +124,10 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         worst = max(channels, key=lambda name: channels[name])
         yield f'what is left is {channels[worst]:.1f} times the noise in {worst} (beyond {UNEXPLAINED:g} is not chance)'
         if last.train <= EXPLAINED:
-            yield FURTHER
+            yield ONLY_THERE
         yield from proposed_text(diagnosis)
+    elif diagnosis.together is not None:
+        yield FURTHER.format(**asdict(diagnosis.together))
     if len(diagnosis.training) < 2:
         yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
     elif not diagnosis.held_out:

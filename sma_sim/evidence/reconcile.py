@@ -1,0 +1,46 @@
+"""Is a held-out run beyond the model, or only beyond what the fitted runs tell of its parameters?
+
+A run that goes further than the fitted ones needs parameters that these hardly tell: its error is large, and nothing is
+missing. Then one set of parameters explains all runs; where something is missing, none does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sma_sim.evidence.calibrate import Options, prepared
+from sma_sim.evidence.descent import FIRST, start_point
+from sma_sim.evidence.held_out import run_fits, summed_up
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.refit import Fitted, refit
+from sma_sim.evidence.selection import Workplace
+
+ALL = 1.05  # error over noise of runs that one model explains: more is no chance in some hundred samples, but small
+
+
+@dataclass(frozen=True)
+class Together:
+    """Errors over noise of the training and the held-out runs when one model is fitted to all of them."""
+
+    train: float
+    held_out: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing is left in either."""
+        return max(self.train, self.held_out) <= ALL
+
+
+def fitted_together(training: Campaign, out: Campaign, last: Fitted, options: Options, place: Workplace) -> Together | None:
+    """The last model fitted to the held-out runs too, from where it is; None where it cannot be run, or was stopped."""
+    both = replace(training, recordings=(*training.recordings, *out.recordings))
+    problem = replace(prepared(both, last.problem.config, options, 1), free=last.problem.free)
+    z = start_point(problem)
+    z[: len(last.z)] = last.z
+    place.told('the held-out runs fitted too')
+    found = refit(problem, z, place.pool, place.stop, FIRST)
+    if found is None or place.stop.is_set():
+        return None
+    fits = run_fits(problem, found.z, place.pool)
+    count = len(training.recordings)
+    return Together(summed_up(fits[:count])[0], summed_up(fits[count:])[0])

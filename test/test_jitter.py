@@ -1,0 +1,65 @@
+"""The noise of a strain gauge is not motion: an input of fewer straight stretches gives the same stress."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import command, config, recording
+
+from sma_sim import Model, Recording, simulate, wire_input
+from sma_sim.evidence.jitter import corners, straightened
+from sma_sim.evidence.residuals import predict, prepare
+
+NOISE = {'stress': 1e6}
+RAMP = (np.array([0.0, 800.0, 1600.0]), np.array([0.0, 0.04, 0.0]))
+
+
+def wire_recording(jitter, seed=0):
+    """A wire that is drawn and let go, its strain logged each second by a gauge with noise; switched on half way."""
+    time = np.arange(1601.0)
+    strain = np.interp(time, *RAMP) + jitter * np.random.default_rng(seed).normal(size=len(time))
+    source = wire_input(time, strain, np.where(time < 500.0, 0.0, 0.01))
+    stress = simulate(Model(config(system='wire')), wire_input(*RAMP), time)['stress_Pa']
+    return Recording('pull', 'wire', time, {'stress': stress}, source)
+
+
+def test_jitter_costs_no_stretches_and_changes_no_stress():
+    run = wire_recording(1e-5)
+    prepared = prepare(run, NOISE)
+    assert len(prepared.source.times) < 0.3 * len(run.source.times)
+    whole = replace(prepared, source=run.source)
+    model = config(system='wire')
+    apart = predict(model, prepared)['stress'] - predict(model, whole)['stress']
+    assert np.sqrt(np.mean(apart**2)) < 0.5 * NOISE['stress']
+
+
+def test_rows_that_switch_the_heating_stay():
+    assert 500.0 in straightened(wire_recording(1e-5), NOISE).times
+
+
+@pytest.mark.parametrize('noise', [1e6, 1e4])
+def test_what_is_left_out_is_within_the_noise_of_the_stress(noise):
+    """A gauge that is far noisier than the load cell moves the stress, and is believed."""
+    run = wire_recording(1e-4)
+    kept = straightened(run, {'stress': noise})
+    apart = np.interp(run.source.times, kept.times, kept.values[:, 0]) - run.source.values[:, 0]
+    assert np.abs(apart).max() <= 2.0 * noise / 6e10 * (1.0 + 1e-9)
+
+
+def test_a_strain_without_noise_keeps_its_corners():
+    kept = straightened(wire_recording(0.0), NOISE)
+    assert set(RAMP[0]) <= set(kept.times) and len(kept.times) < 10
+
+
+def test_a_module_keeps_its_commands():
+    run = recording(config(), command(1))
+    assert straightened(run, {}) is run.source
+
+
+def test_a_polyline_passes_all_points_within_the_width():
+    random = np.random.default_rng(3)
+    time = np.sort(random.uniform(0.0, 10.0, 400))
+    values = np.cumsum(random.normal(size=400))
+    keep = corners(time, values, 1.5)
+    assert keep[0] and keep[-1] and keep.sum() < 300
+    assert np.abs(np.interp(time, time[keep], values[keep]) - values).max() <= 1.5
