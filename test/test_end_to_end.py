@@ -13,6 +13,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 import sma_sim.challenge.truths  # noqa: E402
+from sma_sim.challenge.files import write_challenge  # noqa: E402
+from sma_sim.challenge.make import make_challenge  # noqa: E402
 from sma_sim.cli.main import main  # noqa: E402
 from sma_sim.evidence.bags import read_bag  # noqa: E402
 
@@ -85,3 +87,19 @@ def test_robot_to_improved_model(tmp_path):
     assert np.isfinite(read_bag(again)['alpha_rad']).any()
     bare = ROOT / 'config' / 'module.yaml'
     assert alpha_error(bags[2], better, tmp_path) < 0.1 * alpha_error(bags[2], bare, tmp_path)
+
+
+def test_unlisted_effect_to_a_node_that_has_it(tmp_path):
+    """A harness that no library knows: its equation is proposed, written, and runs in the node as it was fitted."""
+    case = tmp_path / 'case'
+    write_challenge(make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0), case, 'csv')
+    better, verdict, nominal = tmp_path / 'better.yaml', tmp_path / 'verdict.json', case / 'nominal.yaml'
+    words = ['--config', str(nominal), '--model', 'mas', '--json', str(verdict), '-o', str(better)]
+    assert main(['diagnose', str(case), *words]) == 0
+    found = json.loads(verdict.read_text())
+    assert found['verdict'] == 'unknown_effect'  # a known effect may explain a part
+    assert found['error'][-1]['held_out'] < 1.3 < found['error'][0]['held_out']
+    assert Path(found['proposed']['file']).stem in found['error'][-1]['effects']
+    (again,) = drive(tmp_path, better, 'improved', (3,))
+    as_fitted, without = alpha_error(again, better, tmp_path), alpha_error(again, nominal, tmp_path)
+    assert as_fitted < 0.02 * without  # the node's steps are fixed, and its commands arrive when they do
