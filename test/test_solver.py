@@ -156,6 +156,19 @@ def test_step_underflow_is_a_reason():
     assert run.reason.startswith('step size underflow'), run.reason
 
 
+def test_parameters_that_leave_no_heat_capacity_are_named():
+    """Martensite stiffer than austenite: rho c_V + T (1/E_M - 1/E_A) sigma_T^2 falls to zero where austenite is heated."""
+    odd = {'wire__E_A': 16e9, 'wire__E_M': 20e9, 'wire__sigma_T': 22e6, 'wire__c_V': 254.0, 'wire__T0': 298.0}
+    model = make_model('wire', initial__x_M_1=0.0, **odd)
+    w = model.compiled.wire
+    critical = -w.rho * w.c_V / (w.d * w.sigma_T**2)
+    run = simulate(model, wire_input([0.0, 30.0], [0.0, 0.0], 2.0, 298.0), 10.0)
+    assert not run.completed and 298.0 < critical < 400.0
+    assert run.reason.startswith('the heat capacity of wire 1 has come down to nothing'), run.reason
+    assert float(run.reason.split(' at ')[1].split()[0]) == pytest.approx(critical, abs=2.0)
+    assert 'wire.c_V' in run.reason and 'wire.E_M' in run.reason
+
+
 def test_ramp_is_split_where_it_crosses_zero():
     times, values, slopes = pieces(module_input([0, 4, 8], [2, -6, -6], linear=True))
     assert times == pytest.approx([0, 1, 4, 8]) and values[1, 0] == 0.0

@@ -25,6 +25,7 @@ from sma_sim.solver.simulate import (
     new_run,
     new_work,
     notes_on_start,
+    reason_of,
     trajectory,
 )
 from sma_sim.solver.stepper import Segment
@@ -81,7 +82,7 @@ class FixedRateRun:
             limits, samples, self.jumps,
         )  # fmt: skip
         if status != COMPLETED:
-            raise SimulationError(f'the run ended after {self.time:g} s: {REASONS[status]}')
+            raise SimulationError(f'the run ended after {self.time:g} s: {reason_of(status, self.model, self.run)}')
         self.k += len(inputs)
         return int(written)
 

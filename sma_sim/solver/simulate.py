@@ -15,6 +15,7 @@ from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_EPS, O_SIZE, System
+from sma_sim.model.material import heat_capacity
 from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table, own_scratch
@@ -33,6 +34,7 @@ from sma_sim.solver.integrate import (
     PER_WIRE,
     REASONS,
     SAMPLE_SIZE,
+    STEP_UNDERFLOW,
     Y_SENSED,
     Y_WIRE,
     Limits,
@@ -130,6 +132,7 @@ STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
+NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 DIFFERENCE = 1e-7  # difference steps relative to the scales
 
 
@@ -217,7 +220,7 @@ def simulate(
                 samples[written:], asked[written:], jumps,
             )  # fmt: skip
             written += more
-            reason = REASONS[status]
+            reason = reason_of(status, model, run)
             if status != COMPLETED:
                 break
             if progress is not None:
@@ -242,6 +245,20 @@ def trajectory(
         chattering=int(run.count[N_CHATTER]),
         notes=notes,
     )
+
+
+def reason_of(status: int, model: Model, run: Run) -> str:
+    """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
+    p = model.compiled
+    for i in range(p.wires):
+        T, x = run.y[p.first_T + i], run.y[p.first_x + i] if p.mas else run.x_frozen[i]
+        left = heat_capacity(T, x, p.wire) / (p.wire.volume * p.wire.rho * p.wire.c_V)
+        if status == STEP_UNDERFLOW and left < NO_CAPACITY:
+            return (
+                f'the heat capacity of wire {i + 1} has come down to nothing at {T:.1f} K and x_M = {x:.2f}: rho c_V + T '
+                f'(1/E_M - 1/E_A) sigma_T^2 (1 - x_M); check wire.sigma_T, wire.c_V and why wire.E_M is above wire.E_A'
+            )
+    return REASONS[status]
 
 
 def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
