@@ -20,6 +20,7 @@ from cases import add_options, solved
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnose import Request, diagnose
+from sma_sim.evidence.reconcile import ALL
 from sma_sim.evidence.verdict import as_data
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
@@ -59,6 +60,7 @@ def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Exe
         'alike': data['ranking'][0]['confounded_with'] if ranked else [],
         'p': data['ranking'][0]['family_p'] if ranked else None,
         'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
+        'together': data.get('fitted_together'),
     }  # fmt: skip
 
 
@@ -67,6 +69,13 @@ def is_right(one: dict[str, Any]) -> bool:
     _, hidden, _, _ = one['case']
     first = one['effects'][:1]
     return bool(first) and (first[0] in hidden or any(name in one['alike'] for name in hidden))
+
+
+def is_detectable(one: dict[str, Any]) -> bool:
+    """Whether the best fit without effects misses the held-out run, and does so even when it is fitted to that run too."""
+    together = one.get('together')
+    reconciled = bool(together) and not one['effects'] and max(together.values()) <= ALL
+    return one['bare'] > DETECTABLE and not reconciled
 
 
 def summary(results: list[dict[str, Any]]) -> Iterator[str]:
@@ -80,8 +89,8 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     if failed:
         yield f'refused by the program: {len(failed)}'
     single = part_of('library')
-    seen = [one for one in single if one['bare'] > DETECTABLE]
-    unseen = [one for one in single if one['bare'] <= DETECTABLE]
+    seen = [one for one in single if is_detectable(one)]
+    unseen = [one for one in single if not is_detectable(one)]
     yield f'detectable, the right effect first: {sum(map(is_right, seen))} of {len(seen)}'
     right_after = [one['last'] for one in seen if is_right(one)]
     if right_after:
@@ -93,7 +102,7 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     pairs = part_of('pairs')
     both = sum(set(one['case'][1]) <= set(one['effects']) for one in pairs)
     yield f'pairs, both found: {both} of {len(pairs)}'
-    outside = [one for one in part_of('outside') if one['bare'] > DETECTABLE]
+    outside = [one for one in part_of('outside') if is_detectable(one)]
     unknown = sum(one['verdict'] == 'unknown_effect' for one in outside)
     yield f'outside the library, unknown_effect: {unknown} of {len(outside)}'
     times = [one['seconds'] for one in results]
