@@ -18,6 +18,7 @@ from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
+from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
 SEEDS = [1, 2, 3]
 
@@ -80,17 +81,20 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
 
 
-def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect():
+def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     """Weak commands tell little of the martensite; a strong one is foretold badly, and one model explains them all."""
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)
     powers = {1: 0.75, 2: 0.75, 3: 15.0}
     runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
     request = Request('mas', options=Options(starts=1, intervals=False))
-    found = diagnose(Campaign(tuple(runs), dict(NOISE)), config(), request=request)
+    campaign_ = Campaign(tuple(runs), dict(NOISE))
+    found = diagnose(campaign_, config(), request=request)
     assert found.verdict == 'none' and found.effects == () and found.steps[-1].held_out > 1.3
     assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
     assert any(line.startswith('the held-out runs go where the fitted ones do not tell') for line in as_text(found))
+    write_diagnosis_page(tmp_path / 'why.html', found, *some_held_out(campaign_, None), '')
+    assert 'but for runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 
 @pytest.mark.parametrize(

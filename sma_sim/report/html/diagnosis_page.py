@@ -80,4 +80,6 @@ def closing(found: Diagnosis) -> Iterator[str]:
     yield f'fitted: {", ".join(found.training)}; held out and looked at once: {", ".join(found.held_out) or "none"}'
     if found.verdict == 'none' and not found.effects:
         yield 'no effect of the library lowers the cross-validated error enough to be believed'
-    yield f'with an error over noise above {UNEXPLAINED:g} at the end the verdict is unknown_effect'
+    rule = f'with an error over noise above {UNEXPLAINED:g} at the end the verdict is unknown_effect'
+    explained = found.together is not None and found.together.explained
+    yield rule + (', but for runs that one model explains together' if explained else '')
