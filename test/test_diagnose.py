@@ -1,8 +1,10 @@
 """Diagnosis: hidden effects are found, nothing is invented, what cannot be explained is said."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
+from threading import Event
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from sma_sim.evidence.calibrate import Options
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
 from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
 from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.selection import Workplace, with_realistic_values
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
@@ -108,6 +111,23 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
 def test_what_is_accepted_is_not_chance(with_gravity, family_p, fall, part, accepted):
     tried = replace(with_gravity[1].rounds[0].accepted, family_p=family_p, fall=fall, part=part)
     assert tried.acceptable == accepted
+
+
+@pytest.mark.parametrize(('name', 'accepted'), [('g_x', True), ('g_y', False)])
+def test_a_value_is_realistic_where_the_data_do_not_insist_on_another(with_gravity, name, accepted):
+    """A narrow range on the other side of zero: the data do not mind it along the stiff beam, and do across."""
+    first = with_gravity[1].rounds[0]
+    effect = first.accepted.found.effect
+    away = -np.sign(first.accepted.fitted.values_of('gravity')[name])
+    narrow = tuple(sorted((1e-5 * away, 1e-4 * away)))
+    ranged = tuple(replace(p, realistic=narrow) if p.name == name else p for p in effect.parameters)
+    found = replace(first.accepted.found, effect=replace(effect, parameters=ranged))
+    refused = replace(first.accepted, found=found, plausible=False)
+    with ThreadPoolExecutor(2) as pool:
+        (one,) = with_realistic_values(first.base, [refused], Workplace(pool, Event(), lambda words: None))
+    assert one.acceptable == accepted
+    assert (0.0 <= one.fitted.values_of('gravity')[name] * away <= 1e-4) == accepted
+    assert one.fitted.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.03)
 
 
 def test_the_verdict_for_programs(with_gravity):

@@ -99,14 +99,21 @@ def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float])
     return replace(config, effects=(*config.effects, ActiveEffect(found, at)))
 
 
+def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
+    """The realistic range of a parameter, with its neutral value: a strength of several may be nothing."""
+    if parameter.realistic is None or parameter.neutral is None:
+        return parameter.realistic
+    low, high = parameter.realistic
+    return min(low, parameter.neutral), max(high, parameter.neutral)
+
+
 def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
     """Whether all values (by name, those that are given) lie in the realistic ranges, or nearly."""
     for parameter in found.effect.parameters:
-        if parameter.realistic is None or parameter.name not in values:
+        between = realistic_range(parameter)
+        if between is None or parameter.name not in values:
             continue
-        low, high = parameter.realistic
-        if parameter.neutral is not None:  # a strength of several may be nothing
-            low, high = min(low, parameter.neutral), max(high, parameter.neutral)
+        low, high = between
         room = SLACK * (high - low)
         if not (low - room <= values[parameter.name] <= high + room) or math.isnan(values[parameter.name]):
             return False

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import together
-from sma_sim.evidence.candidates import is_plausible
+from sma_sim.evidence.candidates import is_plausible, realistic_range
 from sma_sim.evidence.descent import FIRST, Effort, Stop, descend, normal_parts, summed
 from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
 from sma_sim.evidence.free_parameters import (
@@ -176,6 +176,22 @@ def validated(one: Fitted, pool: Executor, stop: Event) -> Fitted:
     except SimulationError:
         error = float('inf')
     return replace(one, validated=float('nan') if stop.is_set() else error)
+
+
+def within(one: Fitted, found: FoundEffect) -> tuple[Problem, Vector]:
+    """The problem with the parameters of one effect kept in their realistic ranges, and the nearest point there."""
+    ranges = {f'effects.{found.effect.name}.{p.name}': realistic_range(p) for p in found.effect.parameters}
+    free = tuple(limited(p, ranges.get(p.name)) for p in one.problem.free)
+    problem = replace(one.problem, free=free)
+    return problem, np.clip(one.z, *problem.limits())
+
+
+def limited(free: FreeParameter, between: tuple[float, float] | None) -> FreeParameter:
+    """A free parameter with narrower bounds (SI), if any; a logarithmic one has no coordinate of zero."""
+    if between is None:
+        return free
+    low, high = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
+    return replace(free, low=max(free.low, low), high=min(free.high, high))
 
 
 def without(one: Fitted, effect: str) -> tuple[Problem, Vector]:

@@ -23,6 +23,7 @@ from sma_sim.evidence.refit import (
     refit_both_ways,
     standard_errors,
     validated,
+    within,
     without,
 )
 from sma_sim.evidence.screening import Screened, screen
@@ -76,7 +77,12 @@ class Tried:
     @property
     def acceptable(self) -> bool:
         """Whether it explains enough, by more than chance, with realistic values."""
-        return self.fall >= LEAST_FALL and self.not_chance and self.plausible
+        return self.enough and self.plausible
+
+    @property
+    def enough(self) -> bool:
+        """Whether it explains enough, by more than chance, whatever its values."""
+        return self.fall >= LEAST_FALL and self.not_chance
 
     @property
     def not_chance(self) -> bool:
@@ -139,6 +145,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
         best = min((judged_error(other.fitted) for other in tried if other.acceptable), default=math.inf)
         if not place.stop.is_set():
             tried.append(tried_of(base, one, fitted, place, best))
+    tried = with_realistic_values(base, tried, place)
     if place.stop.is_set():
         return Round(base, screened, (), None, stopped=True)
     tried.sort(key=lambda one: one.ratio)
@@ -155,12 +162,45 @@ def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace,
     if fitted.error <= (1.0 + SAME) * best:
         place.told(f'cross-validating {found.effect.name}')
         fitted = validated(fitted, place.pool, place.stop)
+    return compared(base, found, fitted, screened.family_p, place)
+
+
+def compared(base: Fitted, found: FoundEffect, fitted: Fitted, family_p: float, place: Workplace) -> Tried:
+    """A candidate that was refitted and cross-validated beside the model without it."""
     before, after = judged_error(base), judged_error(fitted)
     return Tried(
         found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0),
-        1.0 - fitted.squares / base.squares, screened.family_p, plausible(fitted, found),
-        standard_errors(fitted, place.pool),
+        1.0 - fitted.squares / base.squares, family_p, plausible(fitted, found), standard_errors(fitted, place.pool),
     )  # fmt: skip
+
+
+def with_realistic_values(base: Fitted, tried: Sequence[Tried], place: Workplace) -> list[Tried]:
+    """The same, with other values where only unrealistic ones keep the best of them from being accepted.
+
+    A bare model that lacks an effect may prefer the wrong kinetics, which bend the values of the right effect; and data that
+    tell a value badly do not insist on the one that fits best.
+    """
+    best = min((judged_error(one.fitted) for one in tried if one.acceptable), default=math.inf)
+    found = []
+    for one in tried:
+        if not one.plausible and one.enough and judged_error(one.fitted) < best:
+            other = realistic(one.fitted, one.found, place)
+            one = one if other is None else compared(base, one.found, other, one.family_p, place)
+        found.append(one)
+    return found
+
+
+def realistic(one: Fitted, found: FoundEffect, place: Workplace) -> Fitted | None:
+    """A fit that explains as well, with the effect's values in their realistic ranges; None where there is none."""
+    place.told(f'{found.effect.name} fits with values that are not realistic: trying others')
+    free = better_kinetics(one, place)
+    if plausible(free, found) or place.stop.is_set():
+        return free
+    bounded = refit(*within(free, found), place.pool, place.stop)
+    if bounded is None:
+        return None
+    bounded = validated(bounded, place.pool, place.stop)
+    return bounded if judged_error(bounded) <= (1.0 + SAME) * judged_error(free) and not place.stop.is_set() else None
 
 
 def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
