@@ -33,7 +33,7 @@ LEAST_FALL = 0.03  # part of the cross-validated error (of the noise, below it) 
 SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
 SURE_FALL = 0.25  # of the cross-validated error and of the fitted squares: needs no further proof, chance does not do both
 SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
-SURVIVORS, FINALISTS = 6, 4  # candidates that are refitted, and cross-validated
+SURVIVORS, FINALISTS = 8, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 EXPLAINED = 1.1  # error over noise of the fitted runs below which no equation is looked for in them
@@ -145,7 +145,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
         best = min((judged_error(other.fitted) for other in tried if other.acceptable), default=math.inf)
         if not place.stop.is_set():
             tried.append(tried_of(base, one, fitted, place, best))
-    tried = with_realistic_values(base, tried, place)
+    tried = with_realistic_values(base, in_better_kinetics(base, tried, place), place)
     if place.stop.is_set():
         return Round(base, screened, (), None, stopped=True)
     tried.sort(key=lambda one: one.ratio)
@@ -172,6 +172,22 @@ def compared(base: Fitted, found: FoundEffect, fitted: Fitted, family_p: float, 
         found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0),
         1.0 - fitted.squares / base.squares, family_p, plausible(fitted, found), standard_errors(fitted, place.pool),
     )  # fmt: skip
+
+
+def in_better_kinetics(base: Fitted, tried: Sequence[Tried], place: Workplace) -> list[Tried]:
+    """All of them with the kinetics that suit them better, where those suit the best of them better.
+
+    Rivals are to be compared with the kinetics that the model is left with: with others their values and errors are bent.
+    """
+    chosen = choice(tried)
+    other = None if chosen is None else better_kinetics(chosen.fitted, place)
+    if chosen is None or other is None or other is chosen.fitted:
+        return list(tried)
+    found = []
+    for one in tried:
+        fitted = other if one is chosen else one.fitted if one.hopeless else better_kinetics(one.fitted, place)
+        found.append(one if fitted is one.fitted else compared(base, one.found, fitted, one.family_p, place))
+    return found
 
 
 def with_realistic_values(base: Fitted, tried: Sequence[Tried], place: Workplace) -> list[Tried]:
