@@ -10,6 +10,7 @@ from campaigns import NOISE, campaign, config, scaled
 import sma_sim.evidence.calibrate as calibration
 from sma_sim import (
     Campaign,
+    Config,
     Model,
     Options,
     Recording,
@@ -20,6 +21,7 @@ from sma_sim import (
     simulate,
     wire_input,
 )  # fmt: skip
+from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.free_parameters import choose_free
 from sma_sim.evidence.parallel import Parcel, dask_executor, workers_of
 
@@ -205,3 +207,10 @@ def test_wrong_campaigns_are_said(small):
         calibrate(Campaign(()), config(), FEW)
     with pytest.raises(UserError, match='recording of a module'):
         calibrate(small, config(system='wire'), FEW)
+
+
+def test_a_start_has_several_optima():
+    """The right parameters foretell all three runs: the third from near sigma_A, where the middle does not lead."""
+    made = make_challenge(1089, 0)
+    truth = Config(dict(made.robot.parameters), 'module', 'mas')
+    assert all(fit.error < 1.05 for fit in held_out(truth, made.campaign))

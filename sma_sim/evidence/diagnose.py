@@ -173,7 +173,9 @@ def diagnose(
         steps.append(step_of_final(final, foretold, last))
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
-        together = fitted_together(training, out, last, request.options, place) if out and goes_further(steps[-1]) else None
+        together = None
+        if out and goes_further(steps[-1]):
+            together = fitted_together(training, out, last, foretold, request.options, place)
         verdict, proposal = verdict_of(steps[-1], together), None
         if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.descent import FIRST, LAST, REFIT, descend, start_point
 from sma_sim.evidence.parallel import some_executor
-from sma_sim.evidence.problem import Problem, residuals_at
+from sma_sim.evidence.problem import START, SWITCH, Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.residuals import Prepared, error_over_noise, prepare, started
 from sma_sim.model.config import Config
@@ -21,6 +21,8 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 FOLDS = 5
+BEGINNINGS = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
+GOOD = 1.1  # error over noise with which no other beginning is tried
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class RunFit:
     switches: tuple[float, ...]
     channels: Mapping[str, float]
     error: float
+
+
+def own_unknowns(fit: RunFit) -> list[float]:
+    """The coordinates of a run's starts and switching instants, in the order of Problem.own."""
+    return [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches)]
 
 
 def mean_error(channels: Mapping[str, float]) -> float:
@@ -75,15 +82,22 @@ def foretell(
 ) -> tuple[RunFit, ...]:
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
-    The errors of a run that cannot be made are infinite.
+    From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
+    errors of a run that cannot be made are infinite.
     """
 
     def one(run: Prepared) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
-        z = start_point(problem)
-        with suppress(SimulationError):  # a run that cannot be made is infinitely far off
-            z = descend(problem, z, executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop).z
-        return run_fits(problem, z, executor)[0]
+        found: list[RunFit] = []
+        for at in BEGINNINGS:
+            z = start_point(problem)
+            z[: problem.wires] = at
+            with suppress(SimulationError):  # a run that cannot be made is infinitely far off
+                z = descend(problem, z, executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop).z
+            found.append(run_fits(problem, z, executor)[0])
+            if found[-1].error <= GOOD:
+                break
+        return min(found, key=lambda fit: fit.error)
 
     with ThreadPoolExecutor(len(runs)) as threads:
         return tuple(threads.map(one, runs))

@@ -6,11 +6,14 @@ missing. Then one set of parameters explains all runs; where something is missin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from sma_sim.evidence.calibrate import Options, prepared
 from sma_sim.evidence.descent import FIRST, start_point
-from sma_sim.evidence.held_out import run_fits, summed_up
+from sma_sim.evidence.held_out import RunFit, own_unknowns, run_fits, summed_up
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, refit
 from sma_sim.evidence.selection import Workplace
@@ -31,12 +34,17 @@ class Together:
         return max(self.train, self.held_out) <= ALL
 
 
-def fitted_together(training: Campaign, out: Campaign, last: Fitted, options: Options, place: Workplace) -> Together | None:
-    """The last model fitted to the held-out runs too, from where it is; None where it cannot be run, or was stopped."""
+def fitted_together(
+    training: Campaign, out: Campaign, last: Fitted, foretold: Sequence[RunFit], options: Options, place: Workplace
+) -> Together | None:
+    """The last model fitted to the held-out runs too, from where it is and they are `foretold` to begin.
+
+    None where it cannot be run, or was stopped.
+    """
     both = replace(training, recordings=(*training.recordings, *out.recordings))
     problem = replace(prepared(both, last.problem.config, options, 1), free=last.problem.free)
-    z = start_point(problem)
-    z[: len(last.z)] = last.z
+    own = [z for fit in foretold for z in own_unknowns(fit)]
+    z = start_point(problem, np.concatenate([last.z, own]))
     place.told('the held-out runs fitted too')
     found = refit(problem, z, place.pool, place.stop, FIRST)
     if found is None or place.stop.is_set():
