@@ -1,9 +1,12 @@
 """What a person reads after a mistake: what was given, what is expected, where to change it; exit code 2, no traceback."""
 
 import math
+import os
+import sys
 
 import pytest
 
+from sma_sim import find_effects
 from sma_sim.cli.main import main
 from sma_sim.model.parameters import DEFAULTS
 
@@ -190,6 +193,16 @@ def test_wrong_effect_files(complaint, tmp_path, text, message):
     folder.mkdir()
     (folder / 'own.py').write_text(text)
     assert message in complaint('--set', f'effects.paths={folder}', '--effect', 'own')
+
+
+def test_an_edit_within_a_second_is_seen(tmp_path, monkeypatch):
+    """Of a helper module that keeps its length: bytecode would be taken for that of the edited file."""
+    monkeypatch.setattr(sys, 'dont_write_bytecode', False)
+    (tmp_path / 'own.py').write_text('import quick_helper\n' + OWN.format(port='wire_heat', kernel='quick_helper.heat'))
+    for factor in range(1, 6):
+        (tmp_path / 'quick_helper.py').write_text(f'def heat(s, w, p):\n    return {factor}.0\n')
+        os.utime(tmp_path / 'quick_helper.py', (1e9, 1e9))
+        assert find_effects([tmp_path])['own'].effect.kernel(None, None, None) == factor
 
 
 def test_edited_effect_takes_effect(step, tmp_path):

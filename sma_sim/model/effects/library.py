@@ -98,12 +98,14 @@ def load_file(file: Path, package: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     sys.path.insert(0, str(file.parent))
+    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # bytecode tells edits by second and size only
     try:
         spec.loader.exec_module(module)
     except Exception as error:
         raise EffectError(f'{file} cannot be loaded: {type(error).__name__}: {error}') from error
     finally:
         sys.path.remove(str(file.parent))
+        sys.dont_write_bytecode = writes
     return module
 
 
