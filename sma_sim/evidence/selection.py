@@ -97,7 +97,7 @@ class Tried:
 class Round:
     """One round of the selection: the model it began with, all that was screened, what was tried, what was accepted.
 
-    `after`: the model with the accepted effect, with the kinetics that suit it better; `stopped`: it was not brought to
+    `after`: the model with the accepted effect, whose kinetics suit it better; `stopped`: it was not brought to
     its end, so that nothing could be accepted. `only_together`: accepted for what it explains beside the next one.
     """
 
@@ -248,7 +248,7 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
         if accepted is None:
             break
         place.told(f'accepted {accepted.name}: error over noise {judged_error(accepted.fitted):.2f}')
-        base = better_kinetics(accepted.fitted, place)
+        base = accepted.fitted
         rounds[-1] = replace(rounds[-1], after=base)
     return tuple(rounds)
 

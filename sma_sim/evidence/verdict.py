@@ -126,7 +126,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         if last.train <= EXPLAINED:
             yield ONLY_THERE
         yield from proposed_text(diagnosis)
-    elif diagnosis.together is not None:
+    elif diagnosis.together is not None and diagnosis.together.explained:
         yield FURTHER.format(**asdict(diagnosis.together))
     if len(diagnosis.training) < 2:
         yield 'one run was fitted: nothing could be foretold to test an effect, which flatters every one of them'
