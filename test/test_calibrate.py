@@ -140,6 +140,13 @@ def test_further_starts_are_reported(small):
     assert all(other.same and other.excess < 2.0 for other in found.other_starts)
 
 
+def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
+    case = make_challenge(1, 0, None, (), False, duration=60.0, rate=10.0)
+    training = replace(case.campaign, recordings=case.campaign.recordings[:2])
+    found = calibrate(training, case.nominal, Options(model='mas', intervals=False))
+    assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads
+
+
 def test_bounds_are_reported(small):
     """A beam that is far stiffer than the prior reaches."""
     start = scaled(config(), beam__L=1.0, wire__V_L=1.0, beam__E=1.0 / 13.0)

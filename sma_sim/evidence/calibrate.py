@@ -17,7 +17,18 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.descent import FIRST, LAST, Descent, Effort, Progress, cost_at, descend, feasible, start_point
+from sma_sim.evidence.descent import (
+    FIRST,
+    LAST,
+    LIGHTER,
+    Descent,
+    Effort,
+    Progress,
+    cost_at,
+    descend,
+    feasible,
+    start_point,
+)
 from sma_sim.evidence.fewer_runs import of_all, part_of
 from sma_sim.evidence.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.held_out import RunFit, cross_validated_error, mean_error, run_fits, with_starts
@@ -156,13 +167,14 @@ def search(
     campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None,
     effort: Effort = FIRST,
 ) -> Found:  # fmt: skip
-    """Descend from several starts on thinned samples; of many runs on a part at first."""
+    """Descend from several starts on thinned samples, all but the first damped less; of many runs on a part at first."""
     longest = max(len(recording.time) for recording in campaign.recordings)
     thinned = prepared(campaign, config, options, max(1, longest // THINNED))
     part = part_of(thinned)
     starts = starting_points(part, options, pool)
+    lighter = replace(effort, damping=LIGHTER)
     jobs = [
-        partial(descend, part, z, pool, effort, stop, progress, f'{config.model}, start {k + 1}')
+        partial(descend, part, z, pool, lighter if k else effort, stop, progress, f'{config.model}, start {k + 1}')
         for k, z in enumerate(starts)
     ]
     descents = together(jobs, stop)

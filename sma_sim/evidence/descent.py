@@ -63,6 +63,7 @@ class Effort:
 
 
 FIRST = Effort(most=20, damping=1e4, enough=0.3, gain=3e-4, near=False)  # from afar, on thinned samples
+LIGHTER = 1e2  # damping of a second descent from afar: either may pass by a valley that holds the other
 REFIT = Effort(most=3, damping=1.0, enough=0.3, gain=3e-4, near=True)  # without some of the runs
 LAST = Effort(most=12, damping=1.0, enough=0.01, gain=0.0, near=True)  # on all samples
 

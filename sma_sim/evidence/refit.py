@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.candidates import is_plausible, realistic_range
-from sma_sim.evidence.descent import FIRST, Effort, Stop, descend, normal_parts, summed
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, descend, normal_parts, summed
 from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
 from sma_sim.evidence.free_parameters import (
     FreeParameter,
@@ -140,10 +140,11 @@ def on_all_runs(
 def refit_both_ways(
     base: Fitted, candidates: Sequence[Screened], pool: Executor, stop: Event, most: int | None = None
 ) -> list[Fitted | None]:
-    """By candidate the better of two refits: from the fit without the effect, and from the middle of all priors.
+    """By candidate the best of its refits: from the fit without the effect, and from the middle of all priors.
 
-    A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
-    Candidates that cannot come down to the best that was found from the fit give up on the second way. Of many runs only
+    A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill. From
+    the middle it goes down with much and with little damping, as either can end in a valley that the other passes by.
+    Candidates that cannot come down to the best that was found from the fit give up on these ways. Of many runs only
     a part is fitted at first; `most` candidates are then refitted to all.
     """
     part = part_of(base.problem)
@@ -156,10 +157,14 @@ def refit_both_ways(
         (fitted.cost for fitted, one in zip(first, candidates, strict=True)
          if fitted is not None and plausible(fitted, one.candidate.found)), default=math.inf,
     )  # fmt: skip
-    fresh = [(problem, from_the_middle(base, z)) for problem, z in joint]
-    second = together([partial(refit, problem, z, pool, stop, FIRST, bar) for problem, z in fresh], stop)
-    return [min((one for one in both if one), key=lambda one: one.cost, default=None)
-            for both in zip(first, second, strict=True)]  # fmt: skip
+    efforts = (FIRST, replace(FIRST, damping=LIGHTER))
+    jobs = [
+        partial(refit, problem, from_the_middle(base, z), pool, stop, effort, bar)
+        for effort in efforts for problem, z in joint
+    ]  # fmt: skip
+    fresh = together(jobs, stop)
+    ways = zip(first, fresh[: len(joint)], fresh[len(joint) :], strict=True)
+    return [min((one for one in way if one), key=lambda one: one.cost, default=None) for way in ways]
 
 
 def from_the_middle(base: Fitted, z: Vector) -> Vector:

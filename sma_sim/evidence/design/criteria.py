@@ -82,6 +82,22 @@ def ratios(foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]]) -> li
     return found
 
 
+def at_the_fits(
+    foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]], left: Sequence[float] | None = None
+) -> list[Ratio]:
+    """The same where the true one is at its fit; `left`, by pair, is half the squares that a refitted rival leaves.
+
+    Without `left` what the linearised rival leaves.
+    """
+    followers = {k: follower(foretold[k]) for pair in pairs for k in pair}
+    found = []
+    for k, (a, b) in enumerate(pairs):
+        true, rival = followers[a], followers[b]
+        rest = 0.5 * float(rival.left((true.centre - rival.centre)[None])[0]) if left is None else left[k]
+        found.append(Ratio(a, b, (rest + 0.5 * (rival.log_det - true.log_det - rival.freedom),)))
+    return found
+
+
 def worth_of_ratios(found: Sequence[Ratio]) -> float:
     """Mean of log(1 + ratio) over pairs and draws: no direction and no draw is bought with another's loss."""
     return float(np.mean(np.log1p(np.maximum(np.array([one.draws for one in found]), 0.0))))

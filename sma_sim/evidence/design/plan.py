@@ -24,6 +24,7 @@ from sma_sim.evidence.design.hypotheses import (
     named_rivals,
     with_common_kinetics,
 )
+from sma_sim.evidence.design.refits import Settled, refits_for, settle
 from sma_sim.evidence.design.search import Bench, Sought, Worth, judged, seek
 from sma_sim.evidence.design.sequences import Grid
 from sma_sim.evidence.design.trial import Foretold, Limits, Shown, empty_run, one_run, points_of
@@ -37,6 +38,7 @@ from sma_sim.model.errors import UserError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 CENTRES = 3  # at which derivatives are taken, where parameters are to be known
+LINEAR = 0.4  # of the sequences, where rivals are refitted afterwards: the linear forecast is rough there
 WEAK, FEWEST = 0.1, 3  # a combination is weakly known beyond this part of its prior; at least so many are looked at
 ROOM = 0.1  # by which a default limit exceeds what the recordings reached, of the rise above rest
 # Expected log evidence ratio below which an experiment decides nothing: what is called strong evidence begins at 3 (Kass and
@@ -147,13 +149,14 @@ def next_experiment(
         points = tuple(points_of(one, run, CENTRES if single else 1, 0 if single else DRAWS, wanted.seed) for one in found)
         weights = weights_for(found[0], wanted) if single else np.zeros((0, 0))
         bench = Bench(points, run, grid, limits, worth_for(found, weights), pool)
-        sought = seek(bench, wanted.budget, wanted.seed, told)
+        sought = seek(bench, wanted.budget if single else round(LINEAR * wanted.budget), wanted.seed, told)
         if sought is None:
             raise UserError(
                 f'the limits of {limits.temperature:.0f} K and {limits.stress / 1e6:.0f} MPa leave no command: a default '
                 'sequence exceeds them however weak; raise --max-temperature or --max-stress'
             )
-        plan = assembled(found, bench, sought, weights, sources | more)
+        settled = None if single else settle_rivals(training, found, bench, sought, wanted, place)
+        plan = assembled(found, bench, sought, settled, weights, sources | more)
         return replace(plan, every=every, seconds=time.perf_counter() - begun)
 
 
@@ -250,33 +253,49 @@ def worth_for(found: Sequence[Hypothesis], weights: Matrix) -> Worth:
     return lambda foretold: worth_of_ratios(ratios(foretold, counted))
 
 
+def settle_rivals(
+    training: Campaign, found: Sequence[Hypothesis], bench: Bench, sought: Sought, wanted: Wanted, place: Workplace
+) -> Settled | None:
+    """The search continued with rivals that are refitted; None where Ctrl-C came first."""
+    (best,) = judged(bench, [sought.parents[0].levels], keep=True)
+    if best is None or sought.interrupted:
+        return None
+    refits = refits_for(training, found, best, counted_pairs(found), place)
+    return settle(refits, bench, sought, wanted.budget, wanted.seed, place.told)
+
+
 def assembled(
-    found: tuple[Hypothesis, ...], bench: Bench, sought: Sought, weights: Matrix, origins: dict[str, str]
-) -> Plan:
+    found: tuple[Hypothesis, ...], bench: Bench, sought: Sought, settled: Settled | None, weights: Matrix,
+    origins: dict[str, str],
+) -> Plan:  # fmt: skip
     """All that is reported of the best sequence."""
-    best = judged(bench, [sought.best.levels], keep=True)[0]
+    levels = sought.parents[0].levels if settled is None else settled.best.levels
+    best = judged(bench, [levels], keep=True)[0]
     assert best is not None and best.foretold is not None
     single = len(found) == 1
     defaults = [one.foretold for one in sought.defaults if one.foretold is not None]
     return Plan(
-        found, bench.grid, best.levels, bench.limits, origins,
-        () if single else expectations(found, best.foretold, defaults),
+        found, bench.grid, levels, bench.limits, origins,
+        () if single else expectations(found, best.foretold, defaults, settled),
         knowledge_of(found[0], best.foretold[0], [one[0] for one in defaults]) if single else (),
         (best.worth, float(np.mean([one.worth for one in sought.defaults]))) if single else (0.0, 0.0),
-        best.foretold, bench.run, 1, sought.count, sought.interrupted, 0.0,
+        best.foretold, bench.run, 1, sought.count + (settled.count if settled else 0),
+        sought.interrupted or (settled is not None and settled.interrupted), 0.0,
     )  # fmt: skip
 
 
 def expectations(
-    found: Sequence[Hypothesis], best: Sequence[Foretold], defaults: Sequence[Sequence[Foretold]]
+    found: Sequence[Hypothesis], best: Sequence[Foretold], defaults: Sequence[Sequence[Foretold]], settled: Settled | None
 ) -> tuple[Expected, ...]:
-    """Every ordered pair: designed against the mean of the default sequences."""
+    """Every ordered pair: designed against the mean of the default sequences; of refitted rivals where there are any."""
     pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    usual = [ratios(one, pairs) for one in defaults]
-    return tuple(
-        Expected(found[one.true].name, found[one.rival].name, one.mean, float(np.mean([row[k].mean for row in usual])))
-        for k, one in enumerate(ratios(best, pairs))
-    )
+    designed, usual = ratios(best, pairs), [ratios(one, pairs) for one in defaults]
+    means = {(one.true, one.rival): (one.mean, float(np.mean([row[k].mean for row in usual])))
+             for k, one in enumerate(designed)}  # fmt: skip
+    if settled is not None and settled.defaults:
+        means |= {(one.true, one.rival): (one.mean, float(np.mean([row[k].mean for row in settled.defaults])))
+                  for k, one in enumerate(settled.expected)}  # fmt: skip
+    return tuple(Expected(found[a].name, found[b].name, *means[a, b]) for a, b in pairs)
 
 
 def knowledge_of(one: Hypothesis, best: Foretold, defaults: Sequence[Foretold]) -> tuple[Knowledge, ...]:

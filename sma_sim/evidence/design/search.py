@@ -46,9 +46,9 @@ class Tried:
 
 @dataclass(frozen=True)
 class Sought:
-    """The best sequence, the default ones, how many were tried, and whether Ctrl-C ended the search."""
+    """The best sequences, the best first, the default ones, how many were tried, and whether Ctrl-C ended the search."""
 
-    best: Tried
+    parents: tuple[Tried, ...]
     defaults: tuple[Tried, ...]
     count: int
     interrupted: bool
@@ -100,5 +100,5 @@ def seek(bench: Bench, budget: int, seed: int, told: Callable[[str], None]) -> S
             best = sorted([*best, *fresh], key=lambda one: -one.worth)[:PARENTS]
             told(f'{count} of {budget} sequences tried, worth {best[0].worth:.2f} (default {defaults[0].worth:.2f})')
     except KeyboardInterrupt:
-        return Sought(best[0], tuple(defaults), count, True)
-    return Sought(best[0], tuple(defaults), count, False)
+        return Sought(tuple(best), tuple(defaults), count, True)
+    return Sought(tuple(best), tuple(defaults), count, False)

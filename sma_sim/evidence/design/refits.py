@@ -1,0 +1,169 @@
+"""Designs beyond the linear: every rival is refitted, by simulation, to recordings and experiment together.
+
+The forecasts of `criteria` are right where recordings tell the parameters well. After few, gentle ones a posterior is wide
+and bent, and a rival follows an experiment much further than its derivatives say (docs/next.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.calibrate import Options, prepared, together
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort
+from sma_sim.evidence.design.criteria import Ratio, at_the_fits, worth_of_ratios
+from sma_sim.evidence.design.hypotheses import Hypothesis
+from sma_sim.evidence.design.search import Bench, Sought, Tried, judged
+from sma_sim.evidence.design.sequences import changed
+from sma_sim.evidence.design.trial import with_command
+from sma_sim.evidence.problem import Problem, residuals_at
+from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.refit import refit
+from sma_sim.evidence.residuals import Prepared
+from sma_sim.evidence.selection import Workplace
+
+Vector = NDArray[np.float64]
+Pair = tuple[int, int]
+Judged = tuple[Tried, tuple[Ratio, ...]]  # a sequence, and what is expected of it by pair
+SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
+FOLLOW = replace(FIRST, most=12, damping=LIGHTER, enough=1.0, gain=1e-3)
+SLOWLY = replace(FOLLOW, damping=FIRST.damping)
+SHARE, FEWEST = 0.12, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
+MOST_PAIRS = 6  # the least told apart, where many explanations are open
+PARENTS, DEFAULTS, AT_ONCE = 5, 3, 4
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis on fewer samples: its problem, its optimum z there, the cost, and the mean start (wires,) in z."""
+
+    problem: Problem
+    z: Vector
+    cost: float
+    starts: Vector
+
+
+@dataclass(frozen=True)
+class Refits:
+    """What is refitted: all rivals, the ordered pairs (true, rival) that are looked at, and those that count."""
+
+    rivals: tuple[Rival, ...]
+    pairs: tuple[Pair, ...]
+    counted: frozenset[Pair]
+    place: Workplace
+
+    def worth(self, found: Sequence[Ratio]) -> float:
+        """Of what is expected of a sequence."""
+        return worth_of_ratios([one for one in found if (one.true, one.rival) in self.counted])
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The best sequence when rivals are refitted, default ones, how many were tried, and whether Ctrl-C ended it."""
+
+    best: Tried
+    expected: tuple[Ratio, ...]
+    defaults: tuple[tuple[Ratio, ...], ...]
+    count: int
+    interrupted: bool
+
+
+def rivals_of(training: Campaign, found: Sequence[Hypothesis], place: Workplace) -> tuple[Rival, ...]:
+    """The hypotheses on fewer samples, each at its optimum there."""
+    every = max(1, max(len(one.time) for one in training.recordings) // SAMPLES)
+    rivals = []
+    for one in found:
+        full = prepared(training, one.fitted.problem.config, Options(), every)
+        problem = replace(full, free=one.fitted.problem.free).at_tolerance(RTOL).weighted(np.sqrt(every) / one.factor)
+        fitted = refit(problem, one.fitted.z, place.pool, place.stop, FOLLOW)
+        assert fitted is not None  # it was fitted to these recordings
+        rivals.append(Rival(problem, fitted.z, fitted.cost, one.starts))
+    return tuple(rivals)
+
+
+def refits_for(
+    training: Campaign, found: Sequence[Hypothesis], best: Tried, counted: Sequence[Pair], place: Workplace
+) -> Refits:
+    """All ordered pairs, or those of them that the linearly best sequence tells apart the least."""
+    assert best.foretold is not None
+    pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
+    linear = {(one.true, one.rival): one.mean for one in at_the_fits(best.foretold, pairs)}
+    pairs.sort(key=lambda pair: (pair not in counted, linear[pair]))
+    return Refits(rivals_of(training, found, place), tuple(pairs[:MOST_PAIRS]), frozenset(counted), place)
+
+
+def shown_by(true: Rival, run: Prepared, place: Workplace) -> Prepared | None:
+    """The run as a hypothesis foretells it, without noise; None where it cannot be run."""
+    blank = replace(run, measured=np.zeros_like(run.measured))
+    there = np.concatenate([true.z[: len(true.problem.shared)], true.starts])
+    (shown,) = residuals_at(replace(true.problem, runs=(blank,)), there, place.pool)
+    return None if shown is None else replace(run, measured=shown / run.weight)
+
+
+def left_by(rival: Rival, true: Rival, run: Prepared, effort: Effort, place: Workplace) -> float:
+    """Half the squares by which a run that `true` foretells raises the cost of a refitted rival; NaN: cannot be run."""
+    told = shown_by(true, run, place)
+    if told is None:
+        return float('nan')
+    problem = replace(rival.problem, runs=(*rival.problem.runs, told))
+    fit = refit(problem, np.append(rival.z, rival.starts), place.pool, place.stop, effort)
+    if fit is None:
+        return float('nan')
+    return max(fit.cost - rival.cost - 0.5 * float(true.starts @ true.starts), 0.0)
+
+
+def refitted(refits: Refits, bench: Bench, tried: Sequence[Tried], effort: Effort) -> list[Judged]:
+    """What is expected of sequences when rivals are refitted, of those that can be run; nothing after Ctrl-C."""
+    runs = [with_command(bench.run, one.levels, bench.grid) for one in tried]
+    jobs = [
+        partial(left_by, refits.rivals[b], refits.rivals[a], run, effort, refits.place)
+        for run in runs for a, b in refits.pairs
+    ]  # fmt: skip
+    left = np.reshape(together(jobs, refits.place.stop) if jobs else [], (len(tried), len(refits.pairs)))
+    if refits.place.stop.is_set():
+        return []  # refits that were stopped have not come down
+    return [
+        (one, tuple(at_the_fits(one.foretold, refits.pairs, own.tolist())))
+        for one, own in zip(tried, left, strict=True) if one.foretold is not None and np.isfinite(own).all()
+    ]  # fmt: skip
+
+
+def confirmed(refits: Refits, bench: Bench, found: Sequence[Judged], bar: float) -> list[Judged]:
+    """Those worth more than `bar` with rivals refitted on a second way, the others as they were.
+
+    A refit that is held by a valley promises too much, and the best of many is the one that promises most.
+    """
+    high = [one for one in found if refits.worth(one[1]) > bar]
+    again = {id(one): ratios for one, ratios in refitted(refits, bench, [one for one, _ in high], SLOWLY)}
+    ways = [(one, zip(ratios, again.get(id(one), ratios), strict=True)) for one, ratios in found]
+    return [(one, tuple(min(way, key=lambda ratio: ratio.mean) for way in both)) for one, both in ways]
+
+
+def settle(
+    refits: Refits, bench: Bench, sought: Sought, budget: int, seed: int, told: Callable[[str], None]
+) -> Settled | None:
+    """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was judged."""
+    random, count = np.random.default_rng([seed, 1]), max(FEWEST, round(SHARE * budget))
+    told(f'refitting rivals to {count} sequences')
+    defaults = sought.defaults[:DEFAULTS]
+    known = confirmed(refits, bench, refitted(refits, bench, defaults, FOLLOW), 0.0)
+    usual = tuple(ratios for _, ratios in known)
+    levels, tried = [one.levels for one in sought.parents[:PARENTS]], len(defaults)
+    while levels and not refits.place.stop.is_set():
+        try:
+            batch = [one for one in judged(bench, levels, keep=True) if one is not None]
+        except KeyboardInterrupt:
+            refits.place.stop.set()
+            break
+        tried += len(batch)
+        bar = max((refits.worth(ratios) for _, ratios in known), default=0.0)
+        fresh = confirmed(refits, bench, refitted(refits, bench, batch, FOLLOW), bar)
+        known = sorted([*known, *fresh], key=lambda pair: -refits.worth(pair[1]))
+        told(f'{tried} of {count} refitted')
+        parents = [one.levels for one, _ in known[:PARENTS]]
+        levels = [changed(parents, bench.grid, random) for _ in range(AT_ONCE)] if parents and tried < count else []
+    return Settled(*known[0], usual, tried, refits.place.stop.is_set()) if known else None
