@@ -45,6 +45,7 @@ SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypothese
 LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
 ALIKE = 1.1  # ratio of the errors left within which two explain alike
 FINALISTS = 6  # the most credible, which are simulated with their time courses
+FROM_OUTSIDE = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors
 CERTAIN = 7.0  # difference of log evidences below which data do not tell
 GAUSS_95 = 1.96
 
@@ -226,7 +227,7 @@ def judged(
     findings = [finding(one, gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
     in_gaps = errors_in_gaps(replace(last[0], design=design), widened)[0]
-    best = simplest(findings)
+    best = first_to_name(findings)
     findings.sort(key=lambda one: one is not best)
     answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
     if answer.p_value > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
@@ -235,10 +236,15 @@ def judged(
     return replace(answer, verdict=best.name, alike=alike(findings, pulls_seen))
 
 
-def simplest(findings: Sequence[Finding]) -> Finding:
-    """Of those that leave nearly as little as any, the one whose courses take the fewest values."""
+def first_to_name(findings: Sequence[Finding]) -> Finding:
+    """Of those that leave nearly as little as any the most credible; what comes from outside before what does not.
+
+    A force, heat or power needs a cause; a material that changes with time, or a sensor, can imitate each.
+    """
     least = min(one.error for one in findings)
-    return min((one for one in findings if one.error <= ALIKE * least), key=lambda one: one.dof)
+    near = [one for one in findings if one.error <= ALIKE * least]
+    outside = [one for one in near if one.hypothesis.hook in FROM_OUTSIDE]
+    return max(outside or near, key=lambda one: one.evidence)
 
 
 def whole_runs(design: Design) -> list[Products]:
