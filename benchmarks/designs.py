@@ -44,7 +44,7 @@ DEFAULTS = 2
 RATE, LENGTH, HOLD = 20.0, 100.0, 0.5  # [1/s], [s], [s]
 POWER = 15.0  # [W] of the new experiment
 GENTLE = (8.0, 5.0, 3.0, 2.0, 1.0)  # [W] of the old recordings: the first that leaves a pair confounded
-SECONDS, STEPS = 60.0, 3  # of an old recording
+SECONDS, STEPS = 100.0, 10  # of an old recording
 CONFOUNDED = 5.0  # log evidence ratio
 POSE = ('U_x', 'U_y', 'alpha')
 

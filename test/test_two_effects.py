@@ -33,14 +33,28 @@ def one_that_accepts_nothing(place, **hidden):
     return replace(first, accepted=None)
 
 
-def test_two_effects_are_accepted_for_what_they_explain_together(place):
-    first = one_that_accepts_nothing(place, gravity={'g_y': -9.81}, driver_lag={'tau': 0.3})
+@pytest.fixture(scope='module')
+def first(place):
+    """The first round on a robot that has two effects."""
+    return one_that_accepts_nothing(place, gravity={'g_y': -9.81}, driver_lag={'tau': 0.3})
+
+
+def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     lead, second = with_another(first, place)
     assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fitted
     assert second.accepted.name == 'driver_lag' and second.base is lead.after
     assert judged_error(second.accepted.fitted) < (1.0 - SURE_FALL) * judged_error(first.base)
     known = [replace(one, plausible=False) for one in first.tried]
     assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
+
+
+def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(place, first):
+    best, wrong, *_ = sorted(
+        (one for one in first.tried if one.name != 'driver_lag'), key=lambda one: (one.name != 'gravity', one.fitted.cost)
+    )
+    ahead = replace(wrong, plausible=True, family_p=0.01, fitted=replace(wrong.fitted, cost=0.5 * best.fitted.cost))
+    lead, second = with_another(replace(first, tried=(ahead, best)), place)
+    assert lead.accepted.name == 'gravity' and second.accepted.name == 'driver_lag'
 
 
 def test_a_lead_beside_which_nothing_explains_is_not_accepted(place):

@@ -39,6 +39,7 @@ UNEXPLAINED = 1.3  # error over noise above which something is missing that no a
 EXPLAINED = 1.1  # error over noise of the fitted runs below which no equation is looked for in them
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
 MOST_EFFECTS = 4
+LEADS = 2  # that are tried beside another effect
 WELL = 1.01  # error over noise below which the other kinetics are not tried
 
 Told = Callable[[str], None]
@@ -257,18 +258,24 @@ def with_another(first: Round, place: Workplace) -> tuple[Round, ...]:
     """A round that accepts nothing; or its best lead and the next round, if what that accepts explains beside the lead.
 
     Where two effects are missing, a model with one of them is still bent by the other, and may foretell no better than
-    with none. Both are judged as one: by what they foretell together, without the help of a score test.
+    with none. Both are judged as one: by what they foretell together, without the help of a score test. Which lead is right
+    shows only then, so that a second is tried where the first does not lead to the noise.
     """
     leads = [one for one in first.tried if one.plausible and one.family_p <= SIGNIFICANT]
-    if first.stopped or first.base.error <= UNEXPLAINED or not leads:
+    if first.stopped or first.base.error <= UNEXPLAINED:
         return (first,)
-    lead = min(leads, key=lambda one: one.fitted.cost)
-    place.told(f'{lead.name} may explain beside another effect')
-    second = one_round(lead.fitted, place)
-    both = second.accepted.fitted if second.accepted is not None else first.base
-    if judged_error(both) > (1.0 - SURE_FALL) * judged_error(first.base):
-        return (replace(first, stopped=second.stopped),)
-    return replace(first, accepted=lead, after=lead.fitted, only_together=True), second
+    rounds: tuple[Round, ...] = (first,)
+    best, stopped = (1.0 - SURE_FALL) * judged_error(first.base), False
+    for lead in sorted(leads, key=lambda one: one.fitted.cost)[:LEADS]:
+        place.told(f'{lead.name} may explain beside another effect')
+        second = one_round(lead.fitted, place)
+        stopped = stopped or second.stopped
+        if second.accepted is not None and judged_error(second.accepted.fitted) <= best:
+            best = judged_error(second.accepted.fitted)
+            rounds = (replace(first, accepted=lead, after=lead.fitted, only_together=True), second)
+        if stopped or best <= EXPLAINED:
+            break
+    return rounds if len(rounds) > 1 else (replace(first, stopped=stopped),)
 
 
 def better_kinetics(one: Fitted, place: Workplace) -> Fitted:

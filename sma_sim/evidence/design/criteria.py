@@ -82,20 +82,13 @@ def ratios(foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]]) -> li
     return found
 
 
-def at_the_fits(
-    foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]], left: Sequence[float] | None = None
+def when_refitted(
+    foretold: Sequence[Foretold], pairs: Sequence[tuple[int, int]], left: Matrix
 ) -> list[Ratio]:
-    """The same where the true one is at its fit; `left`, by pair, is half the squares that a refitted rival leaves.
-
-    Without `left` what the linearised rival leaves.
-    """
+    """The same, given half the squares that a refitted rival leaves, `left` (pairs, draws)."""
     followers = {k: follower(foretold[k]) for pair in pairs for k in pair}
-    found = []
-    for k, (a, b) in enumerate(pairs):
-        true, rival = followers[a], followers[b]
-        rest = 0.5 * float(rival.left((true.centre - rival.centre)[None])[0]) if left is None else left[k]
-        found.append(Ratio(a, b, (rest + 0.5 * (rival.log_det - true.log_det - rival.freedom),)))
-    return found
+    gained = [0.5 * (followers[b].log_det - followers[a].log_det - followers[b].freedom) for a, b in pairs]
+    return [Ratio(a, b, tuple((own + more).tolist())) for (a, b), own, more in zip(pairs, left, gained, strict=True)]
 
 
 def worth_of_ratios(found: Sequence[Ratio]) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import Options, prepared, together
 from sma_sim.evidence.descent import FIRST, LIGHTER, Effort
-from sma_sim.evidence.design.criteria import Ratio, at_the_fits, worth_of_ratios
+from sma_sim.evidence.design.criteria import Ratio, ratios, when_refitted, worth_of_ratios
 from sma_sim.evidence.design.hypotheses import Hypothesis
 from sma_sim.evidence.design.search import Bench, Sought, Tried, judged
 from sma_sim.evidence.design.sequences import changed
@@ -27,24 +27,30 @@ from sma_sim.evidence.residuals import Prepared
 from sma_sim.evidence.selection import Workplace
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 Pair = tuple[int, int]
 Judged = tuple[Tried, tuple[Ratio, ...]]  # a sequence, and what is expected of it by pair
 SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
 FOLLOW = replace(FIRST, most=12, damping=LIGHTER, enough=1.0, gain=1e-3)
 SLOWLY = replace(FOLLOW, damping=FIRST.damping)
-SHARE, FEWEST = 0.12, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
+TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
+SHARE, FEWEST = 0.08, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
 MOST_PAIRS = 6  # the least told apart, where many explanations are open
 PARENTS, DEFAULTS, AT_ONCE = 5, 3, 4
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A hypothesis on fewer samples: its problem, its optimum z there, the cost, and the mean start (wires,) in z."""
+    """A hypothesis on fewer samples: its problem, its optimum z there, the cost, and the mean start (wires,) in z.
+
+    `truths` (TRUTHS, shared unknowns): its fit, and draws from its posterior.
+    """
 
     problem: Problem
     z: Vector
     cost: float
     starts: Vector
+    truths: Matrix
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def rivals_of(training: Campaign, found: Sequence[Hypothesis], place: Workplace)
         problem = replace(full, free=one.fitted.problem.free).at_tolerance(RTOL).weighted(np.sqrt(every) / one.factor)
         fitted = refit(problem, one.fitted.z, place.pool, place.stop, FOLLOW)
         assert fitted is not None  # it was fitted to these recordings
-        rivals.append(Rival(problem, fitted.z, fitted.cost, one.starts))
+        truths = np.vstack([fitted.z[: one.shared], one.draws])[:TRUTHS]
+        rivals.append(Rival(problem, fitted.z, fitted.cost, one.starts, truths))
     return tuple(rivals)
 
 
@@ -91,22 +98,22 @@ def refits_for(
     """All ordered pairs, or those of them that the linearly best sequence tells apart the least."""
     assert best.foretold is not None
     pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    linear = {(one.true, one.rival): one.mean for one in at_the_fits(best.foretold, pairs)}
+    linear = {(one.true, one.rival): one.mean for one in ratios(best.foretold, pairs)}
     pairs.sort(key=lambda pair: (pair not in counted, linear[pair]))
     return Refits(rivals_of(training, found, place), tuple(pairs[:MOST_PAIRS]), frozenset(counted), place)
 
 
-def shown_by(true: Rival, run: Prepared, place: Workplace) -> Prepared | None:
-    """The run as a hypothesis foretells it, without noise; None where it cannot be run."""
+def shown_by(true: Rival, truth: Vector, run: Prepared, place: Workplace) -> Prepared | None:
+    """The run as a hypothesis foretells it at one of its truths, without noise; None where it cannot be run."""
     blank = replace(run, measured=np.zeros_like(run.measured))
-    there = np.concatenate([true.z[: len(true.problem.shared)], true.starts])
+    there = np.concatenate([truth, true.starts])
     (shown,) = residuals_at(replace(true.problem, runs=(blank,)), there, place.pool)
     return None if shown is None else replace(run, measured=shown / run.weight)
 
 
-def left_by(rival: Rival, true: Rival, run: Prepared, effort: Effort, place: Workplace) -> float:
+def left_by(rival: Rival, true: Rival, truth: Vector, run: Prepared, effort: Effort, place: Workplace) -> float:
     """Half the squares by which a run that `true` foretells raises the cost of a refitted rival; NaN: cannot be run."""
-    told = shown_by(true, run, place)
+    told = shown_by(true, truth, run, place)
     if told is None:
         return float('nan')
     problem = replace(rival.problem, runs=(*rival.problem.runs, told))
@@ -120,14 +127,14 @@ def refitted(refits: Refits, bench: Bench, tried: Sequence[Tried], effort: Effor
     """What is expected of sequences when rivals are refitted, of those that can be run; nothing after Ctrl-C."""
     runs = [with_command(bench.run, one.levels, bench.grid) for one in tried]
     jobs = [
-        partial(left_by, refits.rivals[b], refits.rivals[a], run, effort, refits.place)
-        for run in runs for a, b in refits.pairs
+        partial(left_by, refits.rivals[b], refits.rivals[a], truth, run, effort, refits.place)
+        for run in runs for a, b in refits.pairs for truth in refits.rivals[a].truths
     ]  # fmt: skip
-    left = np.reshape(together(jobs, refits.place.stop) if jobs else [], (len(tried), len(refits.pairs)))
+    left = np.reshape(together(jobs, refits.place.stop) if jobs else [], (len(tried), len(refits.pairs), TRUTHS))
     if refits.place.stop.is_set():
         return []  # refits that were stopped have not come down
     return [
-        (one, tuple(at_the_fits(one.foretold, refits.pairs, own.tolist())))
+        (one, tuple(when_refitted(one.foretold, refits.pairs, own)))
         for one, own in zip(tried, left, strict=True) if one.foretold is not None and np.isfinite(own).all()
     ]  # fmt: skip
 
@@ -138,9 +145,14 @@ def confirmed(refits: Refits, bench: Bench, found: Sequence[Judged], bar: float)
     A refit that is held by a valley promises too much, and the best of many is the one that promises most.
     """
     high = [one for one in found if refits.worth(one[1]) > bar]
-    again = {id(one): ratios for one, ratios in refitted(refits, bench, [one for one, _ in high], SLOWLY)}
-    ways = [(one, zip(ratios, again.get(id(one), ratios), strict=True)) for one, ratios in found]
-    return [(one, tuple(min(way, key=lambda ratio: ratio.mean) for way in both)) for one, both in ways]
+    again = {id(one): expected for one, expected in refitted(refits, bench, [one for one, _ in high], SLOWLY)}
+    ways = [(one, zip(expected, again.get(id(one), expected), strict=True)) for one, expected in found]
+    return [(one, tuple(lower(*both) for both in way)) for one, way in ways]
+
+
+def lower(one: Ratio, other: Ratio) -> Ratio:
+    """The smaller at each draw."""
+    return replace(one, draws=tuple(map(min, one.draws, other.draws)))
 
 
 def settle(
@@ -151,7 +163,7 @@ def settle(
     told(f'refitting rivals to {count} sequences')
     defaults = sought.defaults[:DEFAULTS]
     known = confirmed(refits, bench, refitted(refits, bench, defaults, FOLLOW), 0.0)
-    usual = tuple(ratios for _, ratios in known)
+    usual = tuple(expected for _, expected in known)
     levels, tried = [one.levels for one in sought.parents[:PARENTS]], len(defaults)
     while levels and not refits.place.stop.is_set():
         try:
@@ -160,7 +172,7 @@ def settle(
             refits.place.stop.set()
             break
         tried += len(batch)
-        bar = max((refits.worth(ratios) for _, ratios in known), default=0.0)
+        bar = max((refits.worth(expected) for _, expected in known), default=0.0)
         fresh = confirmed(refits, bench, refitted(refits, bench, batch, FOLLOW), bar)
         known = sorted([*known, *fresh], key=lambda pair: -refits.worth(pair[1]))
         told(f'{tried} of {count} refitted')
