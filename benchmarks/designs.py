@@ -3,7 +3,7 @@
     python benchmarks/designs.py [--seeds 1] [--tries 120] [--pairs A/B ...] [--minutes 60] [--at-once 2]
 
 For each pair of explanations a robot of sma_sim/challenge (MAS kinetics, other parameters, its own formula of the first
-effect) makes two gentle recordings, gentler and gentler until they leave the pair confounded. `next` designs 100 s between
+effect) makes two gentle recordings, gentler and gentler until both explain them to within 1 %. `next` designs 100 s between
 the two. The designed and two default sequences (random steps of the same power) are run on the robot, with noise, and both
 explanations are fitted to the old recordings and the new one together, from several starts. Achieved is by how much the new
 recording raised the log evidence ratio for the true one. Finished cases are kept in --file, so that a run can be continued;
@@ -44,8 +44,8 @@ DEFAULTS = 2
 RATE, LENGTH, HOLD = 20.0, 100.0, 0.5  # [1/s], [s], [s]
 POWER = 15.0  # [W] of the new experiment
 GENTLE = (8.0, 5.0, 3.0, 2.0, 1.0)  # [W] of the old recordings: the first that leaves a pair confounded
-SECONDS, STEPS = 100.0, 10  # of an old recording
-CONFOUNDED = 5.0  # log evidence ratio
+SECONDS, STEPS = 60.0, 3  # of an old recording
+CONFOUNDED = 1.01  # ratio of the errors, as in a diagnosis
 POSE = ('U_x', 'U_y', 'alpha')
 
 
@@ -97,7 +97,7 @@ def gentle_recordings(
         commands = [gentle_command(power, nominal.parameters['environment.T_E'], random) for _ in range(2)]
         old = Campaign(tuple(measured(robot, f'old{k + 1}', one, random) for k, one in enumerate(commands)), noise)
         first, second = hypotheses(old, named_rivals(bare_fit(old, nominal, ('mas',), place), pair, place), place)
-        if abs(first.evidence - second.evidence) < CONFOUNDED:
+        if max(first.fitted.error, second.fitted.error) <= CONFOUNDED * min(first.fitted.error, second.fitted.error):
             break
     return power, old
 

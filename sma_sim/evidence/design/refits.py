@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import Options, prepared, together
-from sma_sim.evidence.descent import FIRST, LIGHTER, Effort
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, descend
 from sma_sim.evidence.design.criteria import Ratio, ratios, when_refitted, worth_of_ratios
 from sma_sim.evidence.design.hypotheses import Hypothesis
 from sma_sim.evidence.design.search import Bench, Sought, Tried, judged
@@ -22,9 +22,10 @@ from sma_sim.evidence.design.sequences import changed
 from sma_sim.evidence.design.trial import with_command
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.refit import refit
+from sma_sim.evidence.refit import UNJUDGED, refit
 from sma_sim.evidence.residuals import Prepared
 from sma_sim.evidence.selection import Workplace
+from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -33,10 +34,11 @@ Judged = tuple[Tried, tuple[Ratio, ...]]  # a sequence, and what is expected of 
 SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
 FOLLOW = replace(FIRST, most=12, damping=LIGHTER, enough=1.0, gain=1e-3)
 SLOWLY = replace(FOLLOW, damping=FIRST.damping)
+ROUGH = 0.03  # of a log evidence ratio: what a step must gain to be followed by another
 TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
-SHARE, FEWEST = 0.08, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
+SHARE, FEWEST = 0.07, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
 MOST_PAIRS = 6  # the least told apart, where many explanations are open
-PARENTS, DEFAULTS, AT_ONCE = 5, 3, 4
+PARENTS, DEFAULTS, AT_ONCE = 4, 2, 4
 
 
 @dataclass(frozen=True)
@@ -111,16 +113,36 @@ def shown_by(true: Rival, truth: Vector, run: Prepared, place: Workplace) -> Pre
     return None if shown is None else replace(run, measured=shown / run.weight)
 
 
+class Watch:
+    """Ends a descent whose last step took less than a few per cent of what it has above `base`: a ratio is no finer."""
+
+    def __init__(self, stop: Stop, base: float) -> None:
+        self._stop, self._base, self._costs = stop, base, list[float]()
+
+    def progress(self, label: str, iteration: int, cost: float) -> None:
+        """What the descent tells after each linearisation."""
+        self._costs.append(cost)
+
+    def is_set(self) -> bool:
+        """Whether to end. The first steps are damped, so that they say nothing."""
+        if self._stop.is_set() or len(self._costs) <= UNJUDGED:
+            return self._stop.is_set()
+        before, last = self._costs[-2:]
+        return before - last < ROUGH * (last - self._base)
+
+
 def left_by(rival: Rival, true: Rival, truth: Vector, run: Prepared, effort: Effort, place: Workplace) -> float:
     """Half the squares by which a run that `true` foretells raises the cost of a refitted rival; NaN: cannot be run."""
     told = shown_by(true, truth, run, place)
     if told is None:
         return float('nan')
     problem = replace(rival.problem, runs=(*rival.problem.runs, told))
-    fit = refit(problem, np.append(rival.z, rival.starts), place.pool, place.stop, effort)
-    if fit is None:
+    watch, z = Watch(place.stop, rival.cost), np.append(rival.z, rival.starts)
+    try:
+        cost = descend(problem, z, place.pool, effort, watch, watch.progress).cost
+    except SimulationError:
         return float('nan')
-    return max(fit.cost - rival.cost - 0.5 * float(true.starts @ true.starts), 0.0)
+    return max(cost - rival.cost - 0.5 * float(true.starts @ true.starts), 0.0)
 
 
 def refitted(refits: Refits, bench: Bench, tried: Sequence[Tried], effort: Effort) -> list[Judged]:
@@ -139,15 +161,19 @@ def refitted(refits: Refits, bench: Bench, tried: Sequence[Tried], effort: Effor
     ]  # fmt: skip
 
 
-def confirmed(refits: Refits, bench: Bench, found: Sequence[Judged], bar: float) -> list[Judged]:
-    """Those worth more than `bar` with rivals refitted on a second way, the others as they were.
+def with_best_confirmed(refits: Refits, bench: Bench, known: Sequence[Judged], sure: list[Tried]) -> list[Judged]:
+    """Sorted by worth; the best has had its rivals refitted on a second way, and is in `sure`.
 
     A refit that is held by a valley promises too much, and the best of many is the one that promises most.
     """
-    high = [one for one in found if refits.worth(one[1]) > bar]
-    again = {id(one): expected for one, expected in refitted(refits, bench, [one for one, _ in high], SLOWLY)}
-    ways = [(one, zip(expected, again.get(id(one), expected), strict=True)) for one, expected in found]
-    return [(one, tuple(lower(*both) for both in way)) for one, way in ways]
+    found = sorted(known, key=lambda pair: -refits.worth(pair[1]))
+    while found and not any(found[0][0] is one for one in sure) and not refits.place.stop.is_set():
+        best, expected = found[0]
+        sure.append(best)
+        for _, again in refitted(refits, bench, [best], SLOWLY):
+            found[0] = best, tuple(map(lower, expected, again))
+        found.sort(key=lambda pair: -refits.worth(pair[1]))
+    return found
 
 
 def lower(one: Ratio, other: Ratio) -> Ratio:
@@ -161,9 +187,8 @@ def settle(
     """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was judged."""
     random, count = np.random.default_rng([seed, 1]), max(FEWEST, round(SHARE * budget))
     told(f'refitting rivals to {count} sequences')
-    defaults = sought.defaults[:DEFAULTS]
-    known = confirmed(refits, bench, refitted(refits, bench, defaults, FOLLOW), 0.0)
-    usual = tuple(expected for _, expected in known)
+    defaults, sure = sought.defaults[:DEFAULTS], list[Tried]()
+    known = refitted(refits, bench, defaults, FOLLOW)
     levels, tried = [one.levels for one in sought.parents[:PARENTS]], len(defaults)
     while levels and not refits.place.stop.is_set():
         try:
@@ -172,10 +197,9 @@ def settle(
             refits.place.stop.set()
             break
         tried += len(batch)
-        bar = max((refits.worth(expected) for _, expected in known), default=0.0)
-        fresh = confirmed(refits, bench, refitted(refits, bench, batch, FOLLOW), bar)
-        known = sorted([*known, *fresh], key=lambda pair: -refits.worth(pair[1]))
+        known = with_best_confirmed(refits, bench, [*known, *refitted(refits, bench, batch, FOLLOW)], sure)
         told(f'{tried} of {count} refitted')
         parents = [one.levels for one, _ in known[:PARENTS]]
         levels = [changed(parents, bench.grid, random) for _ in range(AT_ONCE)] if parents and tried < count else []
+    usual = tuple(expected for one, expected in known if any(one is default for default in defaults))
     return Settled(*known[0], usual, tried, refits.place.stop.is_set()) if known else None
