@@ -205,6 +205,17 @@ def test_an_edit_within_a_second_is_seen(tmp_path, monkeypatch):
         assert find_effects([tmp_path])['own'].effect.kernel(None, None, None) == factor
 
 
+def test_helpers_of_one_name_belong_to_their_folders(tmp_path):
+    """Two folders in one process, each with a helper module of the same name."""
+    for name, factor in (('one', 1.0), ('two', 2.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'shared_name.py').write_text(f'FACTOR = {factor}\n')
+        text = OWN.format(port='wire_heat', kernel='lambda s, w, p: shared_name.FACTOR').replace("'own'", f"'{name}'")
+        (tmp_path / name / f'{name}.py').write_text('import shared_name\n' + text)
+    found = find_effects([tmp_path / 'one', tmp_path / 'two'])
+    assert [found[name].effect.kernel(None, None, None) for name in ('one', 'two')] == [1.0, 2.0]
+
+
 def test_edited_effect_takes_effect(step, tmp_path):
     """Also through a helper module, and within the same second."""
     folder = tmp_path / 'effects'

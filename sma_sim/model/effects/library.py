@@ -20,6 +20,7 @@ from sma_sim.model.errors import UserError
 
 ENTRY_POINTS = 'sma_sim.effects'
 USER_PACKAGE = 'sma_sim_user_effects'
+SEARCHED: set[Path] = set()  # folders of the user's, whose helper modules may have been imported in this process
 
 
 class EffectError(UserError):
@@ -68,8 +69,9 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
         files = tuple(sorted(folder.rglob('*.py')))
         package = package_for(files)
         stems = tuple(file.stem for file in files)
-        for stem in stems:  # helper modules that an effect file imports; they may have changed
-            if is_below(folder, sys.modules.get(stem)):
+        SEARCHED.add(folder.resolve())
+        for stem in stems:  # helper modules that an effect file imports: edited since, or another folder's of the same name
+            if is_below_one(SEARCHED, sys.modules.get(stem)):
                 del sys.modules[stem]
         for file in sorted(folder.glob('*.py')):
             module = load_file(file, package)
@@ -84,10 +86,10 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
     return found
 
 
-def is_below(folder: Path, module: ModuleType | None) -> bool:
-    """Whether a module was imported from a file in the folder."""
+def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:
+    """Whether a module was imported from a file in one of the (resolved) folders."""
     file = getattr(module, '__file__', None)
-    return file is not None and folder.resolve() in Path(file).resolve().parents
+    return file is not None and not set(folders).isdisjoint(Path(file).resolve().parents)
 
 
 def load_file(file: Path, package: str) -> ModuleType:
