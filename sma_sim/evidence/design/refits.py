@@ -36,7 +36,7 @@ FOLLOW = replace(FIRST, most=12, damping=LIGHTER, enough=1.0, gain=1e-3)
 SLOWLY = replace(FOLLOW, damping=FIRST.damping)
 ROUGH = 0.03  # of a log evidence ratio: what a step must gain to be followed by another
 TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
-SHARE, FEWEST = 0.07, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
+SHARE, FEWEST = 0.05, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
 MOST_PAIRS = 6  # the least told apart, where many explanations are open
 PARENTS, DEFAULTS, AT_ONCE = 4, 2, 4
 
