@@ -273,7 +273,7 @@ def with_another(first: Round, place: Workplace) -> tuple[Round, ...]:
         if second.accepted is not None and judged_error(second.accepted.fitted) <= best:
             best = judged_error(second.accepted.fitted)
             rounds = (replace(first, accepted=lead, after=lead.fitted, only_together=True), second)
-        if stopped or best <= EXPLAINED:
+        if stopped or min(best, lead.fitted.error) <= EXPLAINED:
             break
     return rounds if len(rounds) > 1 else (replace(first, stopped=stopped),)
 
