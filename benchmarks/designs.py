@@ -82,8 +82,7 @@ def refitted(one: Hypothesis, more: Campaign, place: Workplace) -> Fitted:
     known = np.append(fitted.z, np.zeros(problem.wires))  # the new run's starts in the middle of their priors
     own = [p.name.startswith('effects.') for p in problem.free]
     middle = np.where([*own, *[False] * (len(known) - len(own))], known, 0.0)
-    lighter = replace(FIRST, damping=LIGHTER)
-    ways = ((known, FIRST), (known, lighter), (middle, FIRST), (middle, lighter))
+    ways = ((known, FIRST), (known, LIGHTER), (middle, FIRST), (middle, LIGHTER))
     found = [refit(problem, z, place.pool, place.stop, effort) for z, effort in ways]
     return min((fit for fit in found if fit is not None), key=lambda fit: fit.cost)
 

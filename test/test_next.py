@@ -113,7 +113,7 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     assert {(one.true, one.rival) for one in plan.expected} == {('gravity', 'sensor_bias'), ('sensor_bias', 'gravity')}
     assert plan.expected[0].designed > plan.expected[0].default > 0.0
     assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
-    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 24 and not plan.interrupted
+    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 26 and not plan.interrupted
     assert plan.limits_from['power'] == 'the largest command in the recordings'
     data = json.loads(json.dumps(as_data(plan), allow_nan=False))
     assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0

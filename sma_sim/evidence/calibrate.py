@@ -172,7 +172,7 @@ def search(
     thinned = prepared(campaign, config, options, max(1, longest // THINNED))
     part = part_of(thinned)
     starts = starting_points(part, options, pool)
-    lighter = replace(effort, damping=LIGHTER)
+    lighter = replace(effort, damping=LIGHTER.damping)
     jobs = [
         partial(descend, part, z, pool, lighter if k else effort, stop, progress, f'{config.model}, start {k + 1}')
         for k, z in enumerate(starts)

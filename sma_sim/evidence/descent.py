@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +23,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 MOST_DAMPING, MORE_DAMPING = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
 NEAR = 0.1  # relative gain of a step below which differences become central
+UNJUDGED = 3  # iterations of a descent before a watch may end it
 LEAST_COST = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -63,7 +64,7 @@ class Effort:
 
 
 FIRST = Effort(most=20, damping=1e4, enough=0.3, gain=3e-4, near=False)  # from afar, on thinned samples
-LIGHTER = 1e2  # damping of a second descent from afar: either may pass by a valley that holds the other
+LIGHTER = replace(FIRST, damping=1e2)  # a second one from afar: either may pass by a valley that holds the other
 REFIT = Effort(most=3, damping=1.0, enough=0.3, gain=3e-4, near=True)  # without some of the runs
 LAST = Effort(most=12, damping=1.0, enough=0.01, gain=0.0, near=True)  # on all samples
 
@@ -76,6 +77,21 @@ class Stop(Protocol):
 
 
 Progress = Callable[[str, int, float], None]  # what is being done, iteration, cost
+
+
+class Watch:
+    """Watches the progress of one descent, and ends it as soon as `over` says so of the costs so far."""
+
+    def __init__(self, stop: Stop, over: Callable[[Sequence[float]], bool]) -> None:
+        self._stop, self._over, self._costs = stop, over, list[float]()
+
+    def progress(self, label: str, iteration: int, cost: float) -> None:
+        """What the descent tells after each linearisation."""
+        self._costs.append(cost)
+
+    def is_set(self) -> bool:
+        """Whether to end. The first steps are damped, whatever they lead to, so that they say nothing."""
+        return self._stop.is_set() or (len(self._costs) > UNJUDGED and self._over(self._costs))
 
 
 def robust_cost(residuals: Matrix, robust: bool) -> float:

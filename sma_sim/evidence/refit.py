@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.candidates import is_plausible, realistic_range
-from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, descend, normal_parts, summed
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, Watch, descend, normal_parts, summed
 from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
 from sma_sim.evidence.free_parameters import (
     FreeParameter,
@@ -31,7 +31,6 @@ from sma_sim.model.effects.library import ActiveEffect, FoundEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-UNJUDGED = 3  # iterations of a refit before it can be given up
 JOIN = Effort(most=12, damping=10.0, enough=0.3, gain=1e-3, near=False)  # with a new effect, from the fit without
 
 
@@ -91,31 +90,19 @@ def joined(base: Fitted, screened: Screened) -> tuple[Problem, Vector]:
     )
 
 
-class Runner:
-    """Watches the progress of a descent, and ends it when it falls too slowly to come down to `bar`."""
-
-    def __init__(self, stop: Stop, most: int, bar: float) -> None:
-        self._stop, self._most, self._bar, self._costs = stop, most, bar, list[float]()
-
-    def progress(self, label: str, iteration: int, cost: float) -> None:
-        """What the descent tells after each linearisation."""
-        self._costs.append(cost)
-
-    def is_set(self) -> bool:
-        """Whether to end. The first steps are long whatever they lead to, so that they say nothing."""
-        if self._stop.is_set() or len(self._costs) <= UNJUDGED:
-            return self._stop.is_set()
-        before, last = self._costs[-2:]
-        return (before - last) * (self._most - len(self._costs) + 1) < last - self._bar
+def out_of_reach(most: int, bar: float, costs: Sequence[float]) -> bool:
+    """Whether a cost that falls as slowly as in the last of at most `most` steps cannot come down to `bar`."""
+    before, last = costs[-2:]
+    return (before - last) * (most - len(costs) + 1) < last - bar
 
 
 def refit(
     problem: Problem, z: Vector, pool: Executor, stop: Stop, effort: Effort = JOIN, bar: float = math.inf
 ) -> Fitted | None:
     """The optimum near z, or where the cost fell too slowly to reach `bar`; None where the model cannot be run there."""
-    runner = Runner(stop, effort.most, bar)
+    watch = Watch(stop, partial(out_of_reach, effort.most, bar))
     try:
-        found = descend(problem, z, pool, effort, runner, runner.progress)
+        found = descend(problem, z, pool, effort, watch, watch.progress)
     except SimulationError:
         return None
     return Fitted(problem, found.z, found.cost)
@@ -157,10 +144,9 @@ def refit_both_ways(
         (fitted.cost for fitted, one in zip(first, candidates, strict=True)
          if fitted is not None and plausible(fitted, one.candidate.found)), default=math.inf,
     )  # fmt: skip
-    efforts = (FIRST, replace(FIRST, damping=LIGHTER))
     jobs = [
         partial(refit, problem, from_the_middle(base, z), pool, stop, effort, bar)
-        for effort in efforts for problem, z in joint
+        for effort in (FIRST, LIGHTER) for problem, z in joint
     ]  # fmt: skip
     fresh = together(jobs, stop)
     ways = zip(first, fresh[: len(joint)], fresh[len(joint) :], strict=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import Options, prepared, together
-from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, descend
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Watch, descend
 from sma_sim.evidence.design.criteria import Ratio, ratios, when_refitted, worth_of_ratios
 from sma_sim.evidence.design.hypotheses import Hypothesis
 from sma_sim.evidence.design.search import Bench, Sought, Tried, judged
@@ -22,7 +22,7 @@ from sma_sim.evidence.design.sequences import changed
 from sma_sim.evidence.design.trial import with_command
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.refit import UNJUDGED, refit
+from sma_sim.evidence.refit import refit
 from sma_sim.evidence.residuals import Prepared
 from sma_sim.evidence.selection import Workplace
 from sma_sim.solver.simulate import SimulationError
@@ -32,7 +32,7 @@ Matrix = NDArray[np.float64]
 Pair = tuple[int, int]
 Judged = tuple[Tried, tuple[Ratio, ...]]  # a sequence, and what is expected of it by pair
 SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
-FOLLOW = replace(FIRST, most=12, damping=LIGHTER, enough=1.0, gain=1e-3)
+FOLLOW = replace(LIGHTER, most=12, enough=1.0, gain=1e-3)
 SLOWLY = replace(FOLLOW, damping=FIRST.damping)
 ROUGH = 0.03  # of a log evidence ratio: what a step must gain to be followed by another
 TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
@@ -113,22 +113,10 @@ def shown_by(true: Rival, truth: Vector, run: Prepared, place: Workplace) -> Pre
     return None if shown is None else replace(run, measured=shown / run.weight)
 
 
-class Watch:
-    """Ends a descent whose last step took less than a few per cent of what it has above `base`: a ratio is no finer."""
-
-    def __init__(self, stop: Stop, base: float) -> None:
-        self._stop, self._base, self._costs = stop, base, list[float]()
-
-    def progress(self, label: str, iteration: int, cost: float) -> None:
-        """What the descent tells after each linearisation."""
-        self._costs.append(cost)
-
-    def is_set(self) -> bool:
-        """Whether to end. The first steps are damped, so that they say nothing."""
-        if self._stop.is_set() or len(self._costs) <= UNJUDGED:
-            return self._stop.is_set()
-        before, last = self._costs[-2:]
-        return before - last < ROUGH * (last - self._base)
+def told_enough(base: float, costs: Sequence[float]) -> bool:
+    """Whether the last step took less than a few per cent of what is left above `base`: a ratio is told no finer."""
+    before, last = costs[-2:]
+    return before - last < ROUGH * (last - base)
 
 
 def left_by(rival: Rival, true: Rival, truth: Vector, run: Prepared, effort: Effort, place: Workplace) -> float:
@@ -137,7 +125,7 @@ def left_by(rival: Rival, true: Rival, truth: Vector, run: Prepared, effort: Eff
     if told is None:
         return float('nan')
     problem = replace(rival.problem, runs=(*rival.problem.runs, told))
-    watch, z = Watch(place.stop, rival.cost), np.append(rival.z, rival.starts)
+    watch, z = Watch(place.stop, partial(told_enough, rival.cost)), np.append(rival.z, rival.starts)
     try:
         cost = descend(problem, z, place.pool, effort, watch, watch.progress).cost
     except SimulationError:
@@ -196,9 +184,9 @@ def settle(
         except KeyboardInterrupt:
             refits.place.stop.set()
             break
-        tried += len(batch)
+        tried += len(levels)  # those that exceed a limit too: the search ends
         known = with_best_confirmed(refits, bench, [*known, *refitted(refits, bench, batch, FOLLOW)], sure)
-        told(f'{tried} of {count} refitted')
+        told(f'{tried} of {count} tried with rivals refitted')
         parents = [one.levels for one, _ in known[:PARENTS]]
         levels = [changed(parents, bench.grid, random) for _ in range(AT_ONCE)] if parents and tried < count else []
     usual = tuple(expected for one, expected in known if any(one is default for default in defaults))
