@@ -179,9 +179,10 @@ def test_wrong_verdict_files_are_told(tmp_path, text, message):
 
 def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = '--seed 3 --out case --kind gravity --format csv --forces'
+    words = '--seed 3 --out case --kind gravity --format csv --forces --duration 40 --rate 25'
     assert main(['challenge', 'new', *words.split()]) == 0
-    assert 'case: 3 recordings of 100 s, U_x, U_y, alpha, F_1, F_2' in capsys.readouterr().out
+    assert 'case: 3 recordings of 40 s, U_x, U_y, alpha, F_1, F_2' in capsys.readouterr().out
+    assert len((tmp_path / 'case' / 'run1.csv').read_text().splitlines()) >= 1 + 40 * 25
     assert main(['challenge', 'reveal', 'case']) == 0
     told = capsys.readouterr().out
     assert 'gravity (structure_force)' in told and 'wire.E_A' in told and 'over the noise' in told
@@ -206,6 +207,8 @@ def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
         (['new', '--seed', '1', '--out', 'nowhere/case'], 'there is no folder nowhere'),
         (['new', '--seed', '1', '--out', 'case', '--kind', 'gravty'], 'did you mean gravity'),
         (['new', '--seed', '1', '--out', 'case', '--runs', '1'], 'expected at least 3'),
+        (['new', '--seed', '1', '--out', 'case', '--duration', '0.5'], 'at least 1 s'),
+        (['new', '--seed', '1', '--out', 'case', '--rate', 'nan'], 'samples/s'),
         (['reveal', 'there'], 'there is no challenge'),
         (['reveal', 'nowhere'], 'nowhere is no challenge'),
     ],

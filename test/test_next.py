@@ -4,6 +4,7 @@ import argparse
 import json
 import shlex
 from dataclasses import replace
+from itertools import permutations
 from types import SimpleNamespace as Some
 
 import numpy as np
@@ -102,36 +103,38 @@ def measured(effect='gravity', channels=POSE, seeds=(1, 2), **values):
     return replace(runs, noise_std={name: NOISE[name] for name in channels})
 
 
+BETWEEN = ('gravity', 'sensor_bias')
+
+
 @pytest.fixture(scope='module')
 def rivals():
     runs = measured()
-    return runs, next_experiment(runs, config(), Wanted(('gravity', 'sensor_bias'), **SHORT))
+    return runs, next_experiment(runs, config(), Wanted(BETWEEN, temperature=325.0, **SHORT))
 
 
 def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     runs, plan = rivals
-    assert {(one.true, one.rival) for one in plan.expected} == {('gravity', 'sensor_bias'), ('sensor_bias', 'gravity')}
+    assert {(one.true, one.rival) for one in plan.expected} == set(permutations(BETWEEN))
     assert plan.expected[0].designed > plan.expected[0].default > 0.0
     assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
+    assert plan.limits.temperature == 325.0 >= max(one.temperature for one in plan.foretold)
     assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 26 and not plan.interrupted
-    assert plan.limits_from['power'] == 'the largest command in the recordings'
+    assert plan.limits_from == {
+        'power': 'the largest command in the recordings', 'temperature': 'given',
+        'stress': 'a tenth above what the recordings reached in the model',
+    }  # fmt: skip
     data = json.loads(json.dumps(as_data(plan), allow_nan=False))
     assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
 
 
-def test_the_same_seed_gives_the_same_sequence(rivals):
+def test_the_same_seed_and_limits_give_the_same_sequence(rivals):
+    """Limits that are given count like those that are found."""
     runs, plan = rivals
-    again = next_experiment(runs, config(), Wanted(('gravity', 'sensor_bias'), **SHORT))
+    given = {'power': plan.grid.power, 'temperature': plan.limits.temperature, 'stress': plan.limits.stress}
+    again = next_experiment(runs, config(), Wanted(BETWEEN, **given, **SHORT))
     assert np.array_equal(again.levels, plan.levels)
-
-
-def test_given_limits_are_kept(rivals):
-    runs, _ = rivals
-    wanted = Wanted(('gravity', 'sensor_bias'), power=20.0, temperature=325.0, stress=3e8, **SHORT)
-    plan = next_experiment(runs, config(), wanted)
-    assert plan.limits == Limits(325.0, 3e8) and max(one.temperature for one in plan.foretold) <= 325.0
-    assert set(plan.limits_from.values()) == {'given'}
+    assert again.limits == Limits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {'given'}
 
 
 def test_what_the_equations_make_alike_is_said():
@@ -151,7 +154,7 @@ def test_ctrl_c_gives_the_best_so_far():
         if 'sequences tried' in words:
             raise KeyboardInterrupt
 
-    plan = next_experiment(measured(), config(), Wanted(('gravity', 'sensor_bias'), **SHORT), told=told)
+    plan = next_experiment(measured(), config(), Wanted(BETWEEN, **SHORT), told=told)
     assert plan.interrupted and plan.tried < 24 and plan.expected[0].designed > 0.0
 
 

@@ -20,6 +20,7 @@ from sma_sim.solver.inputs import Input
 PARAMETERS, EFFECTS, COMMANDS, NOISE = range(4)  # independent streams of random numbers
 ATTEMPTS = 20
 FEWEST_RUNS = 3
+DURATION, RATE = 100.0, 50.0  # [s], [1/s]
 POSE = ('U_x', 'U_y', 'alpha')
 Measured = tuple[Vector, Mapping[str, Vector]]  # times and channels
 
@@ -41,8 +42,8 @@ def make_challenge(
     kinds: Sequence[str] = (),
     forces: bool = False,
     runs: int = FEWEST_RUNS,
-    duration: float = 100.0,
-    rate: float = 50.0,
+    duration: float = DURATION,
+    rate: float = RATE,
 ) -> Challenge:
     """The challenge of a seed, always the same one.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from sma_sim.challenge.answer import Answer
 from sma_sim.challenge.files import NOMINAL, WRITERS, check_new, open_answer, write_challenge
-from sma_sim.challenge.make import FEWEST_RUNS, make_challenge
+from sma_sim.challenge.make import DURATION, FEWEST_RUNS, RATE, make_challenge
 from sma_sim.challenge.score import Score, read_verdict, score
 from sma_sim.cli.options import announce_compilation
 
@@ -30,6 +30,8 @@ def add_parser(verbs: Any) -> None:
     new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this one (up to twice)')
     new.add_argument('--forces', action='store_true', help='record the forces of the wires too')
     new.add_argument('--runs', type=int, default=FEWEST_RUNS, help=f'recordings (default {FEWEST_RUNS}, which is the least)')
+    new.add_argument('--duration', type=float, default=DURATION, metavar='S', help=f'of each (default {DURATION:g} s)')
+    new.add_argument('--rate', type=float, default=RATE, metavar='HZ', help=f'samples per second (default {RATE:g})')
     new.add_argument('--format', choices=tuple(WRITERS), default='mcap', help='of the recordings (default mcap)')
     new.set_defaults(run=make)
     reveal = own.add_parser('reveal', help='open the answer; score a verdict of `sma-sim diagnose`')
@@ -44,8 +46,9 @@ def make(arguments: argparse.Namespace) -> int:
     check_new(arguments.out)
     announce_compilation()
     challenge = make_challenge(
-        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces, arguments.runs
-    )
+        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces, arguments.runs,
+        arguments.duration, arguments.rate,
+    )  # fmt: skip
     write_challenge(challenge, arguments.out, arguments.format)
     first = challenge.campaign.recordings[0]
     print(
