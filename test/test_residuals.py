@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import NOISE, command, config, recording
+from campaigns import NOISE, command, config, recording, scaled
 
 from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
 from sma_sim.evidence.residuals import error_over_noise, prepare, weighted_residuals
 from sma_sim.evidence.tables import read_columns
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
+from sma_sim.solver.simulate import SimulationError
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
 
@@ -141,3 +142,12 @@ def test_reference_is_predicted(model):
     prepared = prepare(run, NOISE)
     errors = error_over_noise(weighted_residuals(start, prepared), prepared)
     assert max(errors.values()) < 0.1
+
+
+def test_parameters_that_take_no_end_of_steps_are_given_up():
+    """A martensite stiffer than austenite: the beam rings for ever. Ordinary ones reach the end however small the error."""
+    run = recording(config(), command(3), rate=10.0)
+    for rtol in (1e-4, 1e-6, 1e-9):
+        assert np.isfinite(predict(config(solver__rtol=rtol), run)['U_y']).all()
+    with pytest.raises(SimulationError, match='step limit reached'):
+        predict(scaled(config(solver__rtol=1e-5), wire__E_A=0.18, wire__eps_T=0.46), run)

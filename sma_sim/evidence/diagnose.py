@@ -36,9 +36,8 @@ from sma_sim.evidence.likeness import Likeness, likenesses
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.reconcile import Together, fitted_together
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.refit import Fitted, validated
+from sma_sim.evidence.refit import EXPLAINED, Fitted, validated
 from sma_sim.evidence.selection import (
-    EXPLAINED,
     MOST_EFFECTS,
     UNEXPLAINED,
     Round,

@@ -32,6 +32,9 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 JOIN = Effort(most=12, damping=10.0, enough=0.3, gain=1e-3, near=False)  # with a new effect, from the fit without
+AHEAD = 2  # candidates that are refitted before the others, to the end
+NEAR = 2.0  # of the least cost: others do not come down to it on a third way
+EXPLAINED = 1.1  # error over noise of the fitted runs below which nothing more is looked for in them
 
 
 @dataclass(frozen=True)
@@ -124,33 +127,45 @@ def on_all_runs(
     return found
 
 
-def refit_both_ways(
+def best_refits(
     base: Fitted, candidates: Sequence[Screened], pool: Executor, stop: Event, most: int | None = None
 ) -> list[Fitted | None]:
-    """By candidate the best of its refits: from the fit without the effect, and from the middle of all priors.
+    """By candidate, as screened, the best of its refits: from the fit without the effect, and from the middle of all priors.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill. From
-    the middle it goes down with much and with little damping, as either can end in a valley that the other passes by.
-    Candidates that cannot come down to the best that was found from the fit give up on these ways. Of many runs only
-    a part is fitted at first; `most` candidates are then refitted to all.
+    the middle it goes down with much damping, and, where the best is near, with little, as either can end in a valley that
+    the other passes by. Candidates that cannot come down to the best that was found before give up. Of many runs only a part
+    is fitted at first; `most` candidates are then refitted to all.
     """
     part = part_of(base.problem)
     if len(part.runs) < len(base.problem.runs):
         few = replace(base, problem=part, z=of_part(base.problem, base.z))
-        return on_all_runs(base, candidates, refit_both_ways(few, candidates, pool, stop), most, pool, stop)
+        return on_all_runs(base, candidates, best_refits(few, candidates, pool, stop), most, pool, stop)
     joint = [joined(base, one) for one in candidates]
-    first = together([partial(refit, problem, z, pool, stop) for problem, z in joint], stop)
-    bar = min(
-        (fitted.cost for fitted, one in zip(first, candidates, strict=True)
-         if fitted is not None and plausible(fitted, one.candidate.found)), default=math.inf,
+    middle = [(problem, from_the_middle(base, z)) for problem, z in joint]
+    best: list[Fitted | None] = [None] * len(joint)
+    every = range(len(joint))
+    for starts, effort, which in ((joint, JOIN, every[:AHEAD]), (joint, JOIN, every[AHEAD:]), (middle, FIRST, every),
+                                  (middle, LIGHTER, every)):  # fmt: skip
+        bar = least_cost(best, candidates)
+        chosen = [k for k in which if effort is not LIGHTER or is_near(best[k], bar)]
+        jobs = [partial(refit, *starts[k], pool, stop, effort, bar) for k in chosen]
+        for k, found in zip(chosen, together(jobs, stop) if jobs else [], strict=True):
+            best[k] = min((one for one in (best[k], found) if one), key=lambda one: one.cost, default=None)
+    return best
+
+
+def least_cost(fits: Sequence[Fitted | None], candidates: Sequence[Screened]) -> float:
+    """Of those with plausible values; inf without any."""
+    return min(
+        (one.cost for one, screened in zip(fits, candidates, strict=True)
+         if one is not None and plausible(one, screened.candidate.found)), default=math.inf,
     )  # fmt: skip
-    jobs = [
-        partial(refit, problem, from_the_middle(base, z), pool, stop, effort, bar)
-        for effort in (FIRST, LIGHTER) for problem, z in joint
-    ]  # fmt: skip
-    fresh = together(jobs, stop)
-    ways = zip(first, fresh[: len(joint)], fresh[len(joint) :], strict=True)
-    return [min((one for one in way if one), key=lambda one: one.cost, default=None) for way in ways]
+
+
+def is_near(one: Fitted | None, bar: float) -> bool:
+    """Whether another way down may decide between a candidate and the best, or none explains what is there."""
+    return one is None or one.cost <= NEAR * bar or bar > 0.5 * EXPLAINED**2 * one.problem.samples
 
 
 def from_the_middle(base: Fitted, z: Vector) -> Vector:

@@ -21,7 +21,9 @@ NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's 
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip
-MAX_STEPS = 200_000  # of one run: beyond it the parameters are hopeless
+# Steps of a run at solver.rtol 1e-6, beyond which its parameters are hopeless: in all, by second, by row of the input
+MOST_STEPS, BY_SECOND, BY_ROW = 10_000, 100, 100
+ORDER = 4  # of the solver
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,12 @@ def covering(source: Input, last: float) -> Input:
     return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear)
 
 
+def most_steps(source: Input, rtol: float) -> int:
+    """Of the solver in one run, some six times what is usual: else few hopeless points take most of a fit's time."""
+    usual = MOST_STEPS + BY_SECOND * (source.times[-1] - source.times[0]) + BY_ROW * len(source.times)
+    return int(usual * (1e-6 / rtol) ** (1.0 / ORDER))
+
+
 def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
     """Per wire, x_M at rest on sigma_A and on sigma_M, the least and the most that a resting wire can have."""
     work = new_work(model)
@@ -184,7 +192,7 @@ def model_columns(config: Config, recording: Recording | Prepared, nuisance: Nui
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     model = Model(started(config, source, nuisance.start))
-    trajectory = simulate(model, source, asked, max_steps=MAX_STEPS)
+    trajectory = simulate(model, source, asked, max_steps=most_steps(source, config.parameters['solver.rtol']))
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     index = np.maximum(np.arange(len(times)) - early + 1, 0)

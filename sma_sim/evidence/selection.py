@@ -15,12 +15,13 @@ from threading import Event
 from sma_sim.evidence.candidates import candidates_for
 from sma_sim.evidence.descent import FIRST
 from sma_sim.evidence.refit import (
+    EXPLAINED,
     Fitted,
     bayesian_gain,
+    best_refits,
     other_kinetics,
     plausible,
     refit,
-    refit_both_ways,
     standard_errors,
     validated,
     within,
@@ -36,7 +37,6 @@ SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from 
 SURVIVORS, FINALISTS = 8, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
-EXPLAINED = 1.1  # error over noise of the fitted runs below which no equation is looked for in them
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
 MOST_EFFECTS = 4
 LEADS = 2  # that are tried beside another effect
@@ -138,7 +138,7 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
     place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
-    refitted = refit_both_ways(base, survivors, place.pool, place.stop, FINALISTS)
+    refitted = best_refits(base, survivors, place.pool, place.stop, FINALISTS)
     pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
     tried: list[Tried] = []

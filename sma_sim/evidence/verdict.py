@@ -11,7 +11,8 @@ from typing import Any
 from sma_sim.evidence.diagnose import Diagnosis, Step
 from sma_sim.evidence.json_values import finite
 from sma_sim.evidence.proposed import number, proposed_data, proposed_text
-from sma_sim.evidence.selection import EXPLAINED, UNEXPLAINED, Round, Tried
+from sma_sim.evidence.refit import EXPLAINED
+from sma_sim.evidence.selection import UNEXPLAINED, Round, Tried
 from sma_sim.model.config import flat_parameters
 
 FURTHER = (

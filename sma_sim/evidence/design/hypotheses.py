@@ -13,7 +13,7 @@ from sma_sim.evidence.calibrate import LAST_RTOL, MODELS, Options, check, prepar
 from sma_sim.evidence.candidates import Candidate, candidates_for
 from sma_sim.evidence.descent import FIRST, Effort, cost_at, descend, measured_steps, normal_parts, summed
 from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.refit import Fitted, other_kinetics, plausible, refit, refit_both_ways
+from sma_sim.evidence.refit import Fitted, best_refits, other_kinetics, plausible, refit
 from sma_sim.evidence.screening import Screened, screen
 from sma_sim.evidence.selection import LEAST_GAIN, SURVIVORS, WELL, Workplace
 from sma_sim.model.config import Config, suggestion
@@ -94,7 +94,7 @@ def explained(bare: Fitted, effects: Sequence[str], place: Workplace) -> Fitted:
         if name not in candidates:
             raise UserError(f'--between: {name} twice in one explanation')
         alone = screened_alone(fitted, candidates[name], place)
-        (better,) = refit_both_ways(fitted, [alone], place.pool, place.stop)
+        (better,) = best_refits(fitted, [alone], place.pool, place.stop)
         if better is None:
             raise SimulationError(f'the model cannot be fitted with {name}')
         fitted = better
@@ -119,7 +119,7 @@ def leading_rivals(bare: Fitted, place: Workplace) -> list[tuple[str, Fitted]]:
     if not tried:
         return [(BARE, bare)]
     place.told(f'fitting {", ".join(one.candidate.name for one in tried)}')
-    refitted = refit_both_ways(bare, tried, place.pool, place.stop)
+    refitted = best_refits(bare, tried, place.pool, place.stop)
     fits = [
         (one.candidate.name, fit) for one, fit in zip(tried, refitted, strict=True)
         if fit is not None and plausible(fit, one.candidate.found)
