@@ -11,7 +11,8 @@ from sma_sim import find_effects
 from sma_sim.evidence.calibrate import Options
 from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.diagnose import Request, bare_fit
-from sma_sim.evidence.selection import SURE_FALL, Workplace, judged_error, one_round, with_another
+from sma_sim.evidence.refit import EXPLAINED
+from sma_sim.evidence.selection import SURE_FALL, Workplace, choice, judged_error, one_round, with_another
 
 QUICK = Request('mas', options=Options(starts=1))
 
@@ -57,6 +58,22 @@ def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(pl
     assert lead.accepted.name == 'gravity' and second.accepted.name == 'driver_lag'
 
 
-def test_a_lead_beside_which_nothing_explains_is_not_accepted(place):
-    first = one_that_accepts_nothing(place, gravity={'g_y': -9.81})
-    assert with_another(first, place) == (first,)
+@pytest.fixture(scope='module')
+def only_gravity(place):
+    """The first round on a robot that has one effect."""
+    return one_that_accepts_nothing(place, gravity={'g_y': -9.81})
+
+
+def test_a_lead_beside_which_nothing_explains_is_not_accepted(place, only_gravity):
+    assert with_another(only_gravity, place) == (only_gravity,)
+
+
+def test_what_leaves_but_noise_in_all_fitted_runs_is_accepted_though_one_left_out_goes_beyond_the_others(only_gravity):
+    (gravity,) = (one for one in only_gravity.tried if one.name == 'gravity')
+    others = [one for one in only_gravity.tried if one is not gravity]
+    far = replace(gravity, ratio=3.0, fall=-2.0, family_p=0.2, fitted=replace(gravity.fitted, validated=12.0))
+    better = [replace(one, plausible=True, family_p=0.01, fall=0.5, ratio=0.5) for one in others]
+    assert better and all(one.acceptable and one.fitted.error > EXPLAINED for one in better)
+    assert not far.enough and choice([*better, far]) is far
+    half = replace(far, part=0.2)  # little was left without it: then the runs left out decide
+    assert not half.acceptable and choice([*better, half]) in better

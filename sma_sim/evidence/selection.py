@@ -38,6 +38,7 @@ SURVIVORS, FINALISTS = 8, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
+MOST_PART = 0.4  # of the fitted squares: the noise is reached from an error of 1.3 or more
 MOST_EFFECTS = 4
 LEADS = 2  # that are tried beside another effect
 WELL = 1.01  # error over noise below which the other kinetics are not tried
@@ -78,7 +79,15 @@ class Tried:
     @property
     def acceptable(self) -> bool:
         """Whether it explains enough, by more than chance, with realistic values."""
-        return self.enough and self.plausible
+        return (self.enough or self.explains_all) and self.plausible
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether it leaves but noise where much was left without it, all fitted runs together.
+
+        A run may go beyond what the others tell, who then foretell it badly with the right effect too.
+        """
+        return self.fitted.error <= EXPLAINED and self.part >= MOST_PART
 
     @property
     def enough(self) -> bool:
@@ -200,7 +209,7 @@ def with_realistic_values(base: Fitted, tried: Sequence[Tried], place: Workplace
     best = min((judged_error(one.fitted) for one in tried if one.acceptable), default=math.inf)
     found = []
     for one in tried:
-        if not one.plausible and one.enough and judged_error(one.fitted) < best:
+        if not one.plausible and (one.enough or one.explains_all) and judged_error(one.fitted) < best:
             other = realistic(one.fitted, one.found, place)
             one = one if other is None else compared(base, one.found, other, one.family_p, place)
         found.append(one)
@@ -230,10 +239,16 @@ def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
 
 
 def choice(tried: Sequence[Tried]) -> Tried | None:
-    """The acceptable candidate with the least error; among those that explain alike the one with the fewest parameters."""
+    """The acceptable candidate with the least error; among those that explain alike the one with the fewest parameters.
+
+    Where one leaves but noise in all fitted runs, what leaves more there is out, whatever it foretells.
+    """
     good = [one for one in tried if one.acceptable]
     if not good:
         return None
+    least = min(one.fitted.error for one in good)
+    if least <= EXPLAINED:
+        good = [one for one in good if one.fitted.error <= EXPLAINED * least]
     best = min(judged_error(one.fitted) for one in good)
     close = [one for one in good if judged_error(one.fitted) <= (1.0 + SAME) * best]
     return min(close, key=lambda one: (len(one.fitted.problem.free), judged_error(one.fitted)))
@@ -248,7 +263,8 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
         accepted = rounds[-1].accepted
         if accepted is None:
             break
-        place.told(f'accepted {accepted.name}: error over noise {judged_error(accepted.fitted):.2f}')
+        fitted, left_out = accepted.fitted.error, judged_error(accepted.fitted)
+        place.told(f'accepted {accepted.name}: error over noise {fitted:.2f} fitted, {left_out:.2f} on runs left out')
         base = accepted.fitted
         rounds[-1] = replace(rounds[-1], after=base)
     return tuple(rounds)
@@ -303,7 +319,7 @@ def pruned(one: Fitted, place: Workplace) -> Fitted:
         fewer = validated(fewer, place.pool, place.stop)
         if place.stop.is_set():
             break
-        if judged_error(fewer) <= (1.0 + SAME) * judged_error(one):
+        if judged_error(fewer) <= (1.0 + SAME) * judged_error(one) and fewer.error <= (1.0 + LEAST_FALL) * one.error:
             place.told(f'{effect} explains nothing more beside the others: dropped')
             one = fewer
     return one
