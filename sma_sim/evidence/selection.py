@@ -309,6 +309,13 @@ def better_kinetics(one: Fitted, place: Workplace) -> Fitted:
     return other
 
 
+def is_as_good(fewer: Fitted, one: Fitted) -> bool:
+    """Whether a model with an effect less foretells as well without leaving more, or leaves but the same noise."""
+    foretells = judged_error(fewer) <= (1.0 + SAME) * judged_error(one)
+    more = fewer.error / one.error
+    return (foretells and more <= 1.0 + LEAST_FALL) or (fewer.error <= EXPLAINED and more <= 1.0 + SAME)
+
+
 def pruned(one: Fitted, place: Workplace) -> Fitted:
     """Without the effects, taken away one at a time, that the others have made superfluous."""
     for effect in one.effects[:-1]:
@@ -319,7 +326,7 @@ def pruned(one: Fitted, place: Workplace) -> Fitted:
         fewer = validated(fewer, place.pool, place.stop)
         if place.stop.is_set():
             break
-        if judged_error(fewer) <= (1.0 + SAME) * judged_error(one) and fewer.error <= (1.0 + LEAST_FALL) * one.error:
+        if is_as_good(fewer, one):
             place.told(f'{effect} explains nothing more beside the others: dropped')
             one = fewer
     return one
