@@ -226,7 +226,7 @@ def realistic(one: Fitted, found: FoundEffect, place: Workplace) -> Fitted | Non
     if bounded is None:
         return None
     bounded = validated(bounded, place.pool, place.stop)
-    return bounded if judged_error(bounded) <= (1.0 + SAME) * judged_error(free) and not place.stop.is_set() else None
+    return bounded if is_as_good(bounded, free) and not place.stop.is_set() else None
 
 
 def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
@@ -241,17 +241,24 @@ def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
 def choice(tried: Sequence[Tried]) -> Tried | None:
     """The acceptable candidate with the least error; among those that explain alike the one with the fewest parameters.
 
-    Where one leaves but noise in all fitted runs, what leaves more there is out, whatever it foretells.
+    Where one leaves but noise in all fitted runs, what leaves clearly more there is out.
     """
     good = [one for one in tried if one.acceptable]
     if not good:
         return None
-    least = min(one.fitted.error for one in good)
-    if least <= EXPLAINED:
-        good = [one for one in good if one.fitted.error <= EXPLAINED * least]
+    least = min(good, key=lambda one: one.fitted.error)
+    if least.fitted.error <= EXPLAINED:
+        good = [one for one in good if not is_outdone(one, least)]
     best = min(judged_error(one.fitted) for one in good)
     close = [one for one in good if judged_error(one.fitted) <= (1.0 + SAME) * best]
     return min(close, key=lambda one: (len(one.fitted.problem.free), judged_error(one.fitted)))
+
+
+def is_outdone(one: Tried, best: Tried) -> bool:
+    """Whether the best leaves less in the fitted runs: much less, or less without foretelling those left out much worse."""
+    more = one.fitted.error / best.fitted.error
+    foretells = judged_error(one.fitted) < (1.0 - LEAST_FALL) * judged_error(best.fitted)
+    return more > EXPLAINED or (more > 1.0 + SAME and not foretells)
 
 
 def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
@@ -309,11 +316,11 @@ def better_kinetics(one: Fitted, place: Workplace) -> Fitted:
     return other
 
 
-def is_as_good(fewer: Fitted, one: Fitted) -> bool:
-    """Whether a model with an effect less foretells as well without leaving more, or leaves but the same noise."""
-    foretells = judged_error(fewer) <= (1.0 + SAME) * judged_error(one)
-    more = fewer.error / one.error
-    return (foretells and more <= 1.0 + LEAST_FALL) or (fewer.error <= EXPLAINED and more <= 1.0 + SAME)
+def is_as_good(less: Fitted, one: Fitted) -> bool:
+    """Whether a model with less freedom foretells as well without leaving more, or leaves but the same noise."""
+    foretells = judged_error(less) <= (1.0 + SAME) * judged_error(one)
+    more = less.error / one.error
+    return (foretells and more <= 1.0 + LEAST_FALL) or (less.error <= EXPLAINED and more <= 1.0 + SAME)
 
 
 def pruned(one: Fitted, place: Workplace) -> Fitted:
