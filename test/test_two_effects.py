@@ -75,7 +75,7 @@ def test_what_leaves_but_noise_in_all_fitted_runs_is_accepted_though_one_left_ou
     better = [replace(one, plausible=True, family_p=0.01, fall=0.5, ratio=0.5) for one in others]
     assert better and all(one.acceptable and one.fitted.error > EXPLAINED for one in better)
     assert not far.enough and choice([*better, far]) is far
-    rival = replace(far, fitted=replace(far.fitted, cost=1.05 * far.fitted.cost, validated=11.9))  # 2 % more, foretells alike
+    rival = replace(far, fitted=replace(far.fitted, cost=1.05 * far.fitted.cost, validated=11.9))  # 2 % more
     assert choice([rival, far]) is far
     assert choice([foretells := replace(rival, fitted=replace(rival.fitted, validated=6.0)), far]) is foretells
     half = replace(far, part=0.2)  # little was left without it: then the runs left out decide
