@@ -21,9 +21,10 @@ NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's 
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip
-# Steps of a run at solver.rtol 1e-6, beyond which its parameters are hopeless: in all, by second, by row of the input
-MOST_STEPS, BY_SECOND, BY_ROW = 10_000, 100, 100
-ORDER = 4  # of the solver
+# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input. From a finer
+# solver.rtol on a run is one that has been chosen, and may ring: it has as many as it likes, within reason
+MOST_STEPS, BY_SECOND, BY_ROW = 6_000, 50, 50
+SEARCHED, CHOSEN = 1e-5, 20
 
 
 @dataclass(frozen=True)
@@ -149,9 +150,9 @@ def covering(source: Input, last: float) -> Input:
 
 
 def most_steps(source: Input, rtol: float) -> int:
-    """Of the solver in one run, some six times what is usual: else few hopeless points take most of a fit's time."""
-    usual = MOST_STEPS + BY_SECOND * (source.times[-1] - source.times[0]) + BY_ROW * len(source.times)
-    return int(usual * (1e-6 / rtol) ** (1.0 / ORDER))
+    """Of the solver in one run, some six times what is usual: else few hopeless points take most of a search's time."""
+    most = MOST_STEPS + int(BY_SECOND * (source.times[-1] - source.times[0])) + BY_ROW * len(source.times)
+    return most if rtol >= SEARCHED else CHOSEN * most
 
 
 def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
