@@ -88,7 +88,7 @@ def test_stopped_after_an_effect_was_accepted(case, tmp_path):
     assert code == 130 and 'more may be missing' in said
     assert verdict['interrupted'] and verdict['effects'][-1] == accepted
     assert len(verdict['error']) == len(verdict['effects']) + 1
-    assert f'the model lacks {verdict["effects"][0]}' in page and 'more may be missing' in page
+    assert f'the model lacks {" and ".join(verdict["effects"])}; more may be missing' in page
 
 
 def test_stopped_while_files_are_written(case, tmp_path):

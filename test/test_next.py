@@ -3,6 +3,7 @@
 import argparse
 import json
 import shlex
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
 from types import SimpleNamespace as Some
@@ -21,7 +22,7 @@ from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.design import criteria
 from sma_sim.evidence.design.criteria import follower, gain, known, ratios, weak_directions, worth_of_ratios
 from sma_sim.evidence.design.offer import confounded
-from sma_sim.evidence.design.plan import Wanted, next_experiment
+from sma_sim.evidence.design.plan import Wanted, grid_for, limits_for, next_experiment
 from sma_sim.evidence.design.sequences import SHAPES, Grid, as_input, as_rows, changed, default_sequence, some_sequence, tidy
 from sma_sim.evidence.design.trial import Foretold, Limits
 from sma_sim.evidence.design.words import as_data, inseparable_words
@@ -135,6 +136,14 @@ def test_the_same_seed_and_limits_give_the_same_sequence(rivals):
     again = next_experiment(runs, config(), Wanted(BETWEEN, **given, **SHORT))
     assert np.array_equal(again.levels, plan.levels)
     assert again.limits == Limits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {'given'}
+
+
+def test_limits_that_are_given_take_the_place_of_those_found(rivals):
+    runs, plan = rivals
+    wanted = Wanted(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
+    with ThreadPoolExecutor(1) as pool:
+        assert limits_for(plan.hypotheses, wanted, pool)[0] == Limits(330.0, 3e8) != plan.limits
+    assert grid_for(runs, wanted)[0].power == 20.0 > plan.grid.power
 
 
 def test_what_the_equations_make_alike_is_said():

@@ -21,8 +21,8 @@ NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's 
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip
-# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input. From a finer
-# solver.rtol on a run is one that has been chosen, and may ring: it has as many as it likes, within reason
+# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input. With a finer
+# solver.rtol a run is of a model that was chosen, which may ring: it gets more
 MOST_STEPS, BY_SECOND, BY_ROW = 6_000, 50, 50
 SEARCHED, CHOSEN = 1e-5, 20
 
@@ -150,7 +150,7 @@ def covering(source: Input, last: float) -> Input:
 
 
 def most_steps(source: Input, rtol: float) -> int:
-    """Of the solver in one run, some six times what is usual: else few hopeless points take most of a search's time."""
+    """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
     most = MOST_STEPS + int(BY_SECOND * (source.times[-1] - source.times[0])) + BY_ROW * len(source.times)
     return most if rtol >= SEARCHED else CHOSEN * most
 

@@ -38,7 +38,7 @@ SURVIVORS, FINALISTS = 8, 4  # candidates that are refitted, and cross-validated
 LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
 UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
 WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
-MOST_PART = 0.4  # of the fitted squares: the noise is reached from an error of 1.3 or more
+LEAST_PART = 0.4  # of the fitted squares: the noise is reached from an error of 1.3 or more
 MOST_EFFECTS = 4
 LEADS = 2  # that are tried beside another effect
 WELL = 1.01  # error over noise below which the other kinetics are not tried
@@ -79,7 +79,12 @@ class Tried:
     @property
     def acceptable(self) -> bool:
         """Whether it explains enough, by more than chance, with realistic values."""
-        return (self.enough or self.explains_all) and self.plausible
+        return self.convincing and self.plausible
+
+    @property
+    def convincing(self) -> bool:
+        """Whether it explains enough or all, whatever its values."""
+        return self.enough or self.explains_all
 
     @property
     def explains_all(self) -> bool:
@@ -87,11 +92,11 @@ class Tried:
 
         A run may go beyond what the others tell, who then foretell it badly with the right effect too.
         """
-        return self.fitted.error <= EXPLAINED and self.part >= MOST_PART
+        return self.fitted.error <= EXPLAINED and self.part >= LEAST_PART
 
     @property
     def enough(self) -> bool:
-        """Whether it explains enough, by more than chance, whatever its values."""
+        """Whether runs left out are foretold better by enough, and by more than chance."""
         return self.fall >= LEAST_FALL and self.not_chance
 
     @property
@@ -209,7 +214,7 @@ def with_realistic_values(base: Fitted, tried: Sequence[Tried], place: Workplace
     best = min((judged_error(one.fitted) for one in tried if one.acceptable), default=math.inf)
     found = []
     for one in tried:
-        if not one.plausible and (one.enough or one.explains_all) and judged_error(one.fitted) < best:
+        if not one.plausible and one.convincing and judged_error(one.fitted) < best:
             other = realistic(one.fitted, one.found, place)
             one = one if other is None else compared(base, one.found, other, one.family_p, place)
         found.append(one)
