@@ -21,7 +21,7 @@ from sma_sim.evidence.selection import Workplace, with_realistic_values
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
-from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.report.html.diagnosis_page import fall_figure, write_diagnosis_page
 
 SEEDS = [1, 2, 3]
 
@@ -82,6 +82,23 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
     assert found.together is not None and not found.together.explained
     assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
+
+
+def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, tmp_path):
+    """The robot was turned over between the fitted runs and the held-out one."""
+    runs, _ = with_gravity
+    turned = replace(runs, recordings=(*runs.recordings[:-1], measured('gravity', g_y=9.81).recordings[-1]))
+    found = diagnose(turned, config(), request=Request('mas', equation=False))
+    assert found.rounds[0].accepted.name == 'gravity'
+    assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
+    assert found.verdict == 'unknown_effect' and found.effects == found.calibration.config.effects == ()
+    bare, worse, last = found.steps
+    assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
+    assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
+    assert any(line.startswith('taken back: gravity') and f'({worse.held_out:.2f} for' in line for line in as_text(found))
+    write_diagnosis_page(tmp_path / 'why.html', found, *some_held_out(turned, None), '')
+    labels = ('bare model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
+    assert (tmp_path / 'why.html').exists() and fall_figure(found).data[0].x == labels
 
 
 def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):

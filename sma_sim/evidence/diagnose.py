@@ -2,8 +2,9 @@
 
 a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
 refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
-a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given. f. Where no
-known effect explains enough, an equation is proposed (`sma_sim.evidence.equation`).
+a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given; of effects that
+do not explain them, those with which they are foretold worse are taken back. f. Where no known effect explains enough, an
+equation is proposed (`sma_sim.evidence.equation`).
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from sma_sim.evidence.reconcile import Together, fitted_together
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import EXPLAINED, Fitted, validated
 from sma_sim.evidence.selection import (
+    LEAST_FALL,
     MOST_EFFECTS,
     UNEXPLAINED,
     Round,
@@ -90,7 +92,8 @@ class Diagnosis:
     `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
     `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
     With a `proposal` the last model is that with the proposed effect, which `effects` does not name. `together`: how well
-    one model explains fitted and held-out runs, where that which was fitted to the former misses the latter.
+    one model explains fitted and held-out runs, where that which was fitted to the former misses the latter. `taken_back`:
+    effects that were accepted, but with which the held-out runs are foretold worse.
     """
 
     verdict: str
@@ -108,6 +111,7 @@ class Diagnosis:
     seconds: float
     proposal: Proposal | None = None
     together: Together | None = None
+    taken_back: tuple[str, ...] = ()
 
     @property
     def search_ended(self) -> bool:
@@ -164,28 +168,28 @@ def diagnose(
         bare = bare_fit(training, config, request, place)
         rounds = select(bare, place)
         path = path_of(bare, rounds, place)
-        last = path[-1]
+        last, steps = path[-1], [step_of(training, out, one, request, place) for one in path[:-1]]
         told('the last fit, on all samples')
-        final = final_fit(training, last, request, place, begun)
-        steps = [step_of(training, out, one, request, place) for one in path[:-1]]
-        foretold = held_out(final.config, out, final.delay, pool) if out else ()
-        steps.append(step_of_final(final, foretold, last))
+        final = last_step(steps, training, out, last, request, place, begun)
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
         together = None
         if out and goes_further(steps[-1]):
-            together = fitted_together(training, out, last, foretold, request.options, place)
+            together = fitted_together(training, out, last, steps[-1].foretold, request.options, place)
         verdict, proposal = verdict_of(steps[-1], together), None
+        if verdict == 'unknown_effect' and not stop.is_set() and (best := foretells_best(steps)) < len(path) - 1:
+            last = path[best]
+            told('the held-out runs are foretold better with fewer effects: the last fit again')
+            final = last_step(steps, training, out, last, request, place, begun)
         if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)
         if proposal is not None:
-            final = final_fit(training, proposal.fitted, request, place, begun)
-            foretold = held_out(final.config, out, final.delay, pool) if out else ()
-            steps.append(step_of_final(final, foretold, proposal.fitted))
+            final = last_step(steps, training, out, proposal.fitted, request, place, begun)
     return Diagnosis(
-        verdict, last.effects, tuple(steps), rounds, final, ratios, foretold, likeness,
+        verdict, last.effects, tuple(steps), rounds, final, ratios, steps[-1].foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal, together,
+        tuple(name for name in path[-1].effects if name not in last.effects),
     )  # fmt: skip
 
 
@@ -211,13 +215,24 @@ def path_of(bare: Fitted, rounds: Sequence[Round], place: Workplace) -> list[Fit
     return path if last is path[-1] else [*path, last]
 
 
-def final_fit(training: Campaign, last: Fitted, request: Request, place: Workplace, begun: float) -> Calibration:
-    """The last model fitted on all samples, with intervals."""
+def last_step(
+    steps: list[Step], training: Campaign, out: Campaign | None, last: Fitted, request: Request, place: Workplace,
+    begun: float,
+) -> Calibration:  # fmt: skip
+    """The last model fitted on all samples, with intervals; its errors become a further one of the `steps`."""
     options = replace(request.options, free=tuple(p.name for p in last.problem.free))
     found = Found(last.problem, Descent(last.z, last.cost, 0, True), ())
     done = finished(training, found, options, place.pool, place.stop, None)
     scores = {last.problem.config.model: last.validated}
-    return result(done, last.problem.config.parameters['solver.rtol'], scores, options, place.pool, place.stop, begun)
+    rtol = last.problem.config.parameters['solver.rtol']
+    final = result(done, rtol, scores, options, place.pool, place.stop, begun)
+    foretold = held_out(final.config, out, final.delay, place.pool) if out else ()
+    held, held_channels = summed_up(foretold)
+    steps.append(Step(
+        last.effects, final.error, held, dict(final.channels), held_channels, dict(final.values), final.config, final.delay,
+        final.runs, foretold,
+    ))  # fmt: skip
+    return final
 
 
 def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Request, place: Workplace) -> Step:
@@ -233,15 +248,6 @@ def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Requ
     )
 
 
-def step_of_final(final: Calibration, foretold: Sequence[RunFit], last: Fitted) -> Step:
-    """The errors of the last model."""
-    held, channels = summed_up(foretold)
-    return Step(
-        last.effects, final.error, held, dict(final.channels), channels, dict(final.values), final.config, final.delay,
-        final.runs, tuple(foretold),
-    )  # fmt: skip
-
-
 def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workplace) -> dict[str, float]:
     """By effect of the first round, the held-out error with it over that without; empty where no run is held out."""
     ratios: dict[str, float] = {}
@@ -252,6 +258,12 @@ def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workp
         foretold = held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), place.pool)
         ratios[one.name] = summed_up(foretold)[0] / bare.held_out
     return ratios
+
+
+def foretells_best(steps: Sequence[Step]) -> int:
+    """The step that foretells the held-out runs best, if the last one does so worse by what an effect must be worth."""
+    best = min(range(len(steps)), key=lambda k: (steps[k].held_out, k))
+    return best if steps[best].held_out < (1.0 - LEAST_FALL) * steps[-1].held_out else len(steps) - 1
 
 
 def goes_further(last: Step) -> bool:

@@ -19,6 +19,7 @@ FURTHER = (
     'the held-out runs go where the fitted ones do not tell the parameters: fitted too, they are explained '
     'to {held_out:.2f} (the others {train:.2f}); fit with all runs, or record more like them'
 )
+TAKEN_BACK = 'taken back: {effects} - the fitted runs ask for it, those held out do not ({worse:.2f} for {best:.2f})'
 ONLY_THERE = 'the fitted runs are explained; what is missing shows in what is held out: fit it too, and hold out others'
 WORDS = {
     'none': 'nothing is missing that these data could show',
@@ -37,6 +38,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'verdict': diagnosis.verdict,
         'model': diagnosis.calibration.config.model,
         'effects': diagnosis.effects,
+        'taken_back': diagnosis.taken_back,
         'ranking': ranking(first, diagnosis.held_out_ratio) if first else (),
         'error': [error_of(step) for step in diagnosis.steps],
         'noise_std': diagnosis.noise_std,
@@ -119,6 +121,9 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     for one in diagnosis.rounds:
         if one.accepted is not None and one.accepted.name in diagnosis.effects:
             yield from lines_on(one.accepted, diagnosis)
+    if diagnosis.taken_back:
+        worse, best = diagnosis.steps[-3:-1] if diagnosis.proposal else diagnosis.steps[-2:]
+        yield TAKEN_BACK.format(effects=' and '.join(diagnosis.taken_back), worse=worse.held_out, best=best.held_out)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         last = diagnosis.steps[-2 if diagnosis.proposal else -1]
         channels = last.held_out_channels or last.channels

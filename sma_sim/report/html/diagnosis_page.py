@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sma_sim.evidence.compare import compared_calibration
@@ -51,7 +51,8 @@ def fall_section(found: Diagnosis, offer: str) -> Section:
 
 def fall_figure(found: Diagnosis) -> object:
     """Error over noise by step, down to the noise."""
-    labels = [f'{step_name(step)}<br>({step.model})' for step in found.steps]
+    before = ((), *(step.effects for step in found.steps))
+    labels = [f'{step_name(step, effects)}<br>({step.model})' for step, effects in zip(found.steps, before, strict=False)]
     figure = new_figure()
     for values, name, colour, place in (
         ([step.held_out for step in found.steps], 'held out', HELD_OUT, 'top right'),
@@ -70,9 +71,11 @@ def fall_figure(found: Diagnosis) -> object:
     return figure
 
 
-def step_name(step: Step) -> str:
-    """What a step added, in lines that a phone has room for."""
-    return '+ ' + step.effects[-1].replace('_', '_<br>') if step.effects else 'bare model'
+def step_name(step: Step, before: Sequence[str]) -> str:
+    """What a step added to the effects `before` it, or took away, in lines that a phone has room for."""
+    changes = [f'+ {name}' for name in step.effects if name not in before]
+    changes += [f'- {name}' for name in before if name not in step.effects]
+    return '<br>'.join(changes).replace('_', '_<br>') or 'bare model'
 
 
 def closing(found: Diagnosis) -> Iterator[str]:
