@@ -13,10 +13,12 @@ from campaigns import NOISE, campaign, command, config, recording, scaled
 from sma_sim import Campaign, Config, UserError, find_effects
 from sma_sim.challenge.files import columns_of
 from sma_sim.cli.main import main
-from sma_sim.evidence.calibrate import Options
+from sma_sim.evidence.calibrate import Found, Options, finished
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
+from sma_sim.evidence.descent import Descent
 from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
 from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.refit import limited
 from sma_sim.evidence.selection import Workplace, with_realistic_values
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
@@ -59,6 +61,18 @@ def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
     assert any(line.startswith(expected) for line in as_text(found))
 
 
+def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gravity):
+    runs, found = with_gravity
+    accepted = found.rounds[0].accepted.fitted
+    free = tuple(limited(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free)
+    problem = replace(accepted.problem, free=free)
+    start = Found(problem, Descent(np.clip(accepted.z, *problem.limits()), accepted.cost, 0, True), ())
+    options = Options(free=tuple(p.name for p in free))
+    with ThreadPoolExecutor(1) as pool:
+        last = finished(some_held_out(runs, None)[0], start, options, pool, Event(), None)
+    assert last.problem.values(last.best.z)['effects.gravity.g_y'] == pytest.approx(-5.0)
+
+
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     _, found = with_gravity
     first = found.rounds[0]
@@ -88,7 +102,8 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     """The robot was turned over between the fitted runs and the held-out one."""
     runs, _ = with_gravity
     turned = replace(runs, recordings=(*runs.recordings[:-1], measured('gravity', g_y=9.81).recordings[-1]))
-    found = diagnose(turned, config(), request=Request('mas', equation=False))
+    quick = Request('mas', options=Options(starts=1, intervals=False), equation=False)
+    found = diagnose(turned, config(), request=quick)
     assert found.rounds[0].accepted.name == 'gravity'
     assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
     assert found.verdict == 'unknown_effect' and found.effects == found.calibration.config.effects == ()

@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from threading import Event
+from types import SimpleNamespace
 
 import pytest
 from campaigns import campaign, config, scaled
@@ -12,7 +13,9 @@ from sma_sim.evidence.calibrate import Options
 from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.diagnose import Request, bare_fit
 from sma_sim.evidence.refit import EXPLAINED
+from sma_sim.evidence.revision import revised
 from sma_sim.evidence.selection import SURE_FALL, Workplace, choice, judged_error, one_round, with_another
+from sma_sim.report.html.tried import revision_section
 
 QUICK = Request('mas', options=Options(starts=1))
 
@@ -47,6 +50,25 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     assert judged_error(second.accepted.fitted) < (1.0 - SURE_FALL) * judged_error(first.base)
     known = [replace(one, plausible=False) for one in first.tried]
     assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
+
+
+def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_missing(place, first):
+    by_name = {one.name: one for one in first.tried}
+    both = by_name['sensor_bias'], by_name['gravity']
+    wrong, right = (replace(first, accepted=one, after=one.fitted) for one in both)
+    second = one_round(wrong.after, place)
+    assert second.accepted.name == 'driver_lag'
+    last, (again,) = revised(second.accepted.fitted, (wrong, second), place)
+    assert last.effects == ('gravity', 'driver_lag') and last.error < 0.9 * second.accepted.fitted.error
+    assert again.effect == 'sensor_bias' and again.base.effects == ('driver_lag',)
+    assert again.accepted.name == 'gravity' and again.after is last
+    assert last.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.1)
+    names = [p.name for p in last.problem.free]
+    assert len(last.z) - len(names) == len(right.after.z) - len(right.after.problem.free) and len(set(names)) == len(names)
+    section = revision_section(again, SimpleNamespace(likeness={}))
+    assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
+    stays, (again,) = revised(last, (right, second), place)
+    assert stays.effects == last.effects and again.accepted.name == 'gravity'
 
 
 def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(place, first):

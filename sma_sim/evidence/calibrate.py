@@ -194,9 +194,10 @@ def search(
 def finished(
     campaign: Campaign, found: Found, options: Options, pool: Executor, stop: Event, progress: Progress | None
 ) -> Found:
-    """The descent continued on all samples."""
+    """The descent continued on all samples, the parameters free within the same bounds."""
     config = found.problem.config
-    problem = prepared(campaign, config, options, 1).at_tolerance(LAST_RTOL)
+    whole = replace(prepared(campaign, config, options, 1), free=found.problem.free)
+    problem = whole.at_tolerance(LAST_RTOL)
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
     last = replace(last, iterations=last.iterations + found.best.iterations)
@@ -204,7 +205,7 @@ def finished(
         error = data_error(problem, last)
         if error * sharper > 10.0 * CLEAN or stop.is_set():
             break
-        problem = prepared(campaign, config, options, 1).at_tolerance(POLISHED_RTOL)
+        problem = whole.at_tolerance(POLISHED_RTOL)
         sharp = problem.weighted(sharper)
         polished = together([partial(descend, sharp, last.z, pool, LAST, stop, progress, f'{label}, sharper')], stop)[0]
         last = at_stated_noise(problem, polished, last.iterations, pool)

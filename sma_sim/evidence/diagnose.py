@@ -38,6 +38,7 @@ from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.reconcile import Together, fitted_together
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import EXPLAINED, Fitted, validated
+from sma_sim.evidence.revision import Revision, revised
 from sma_sim.evidence.selection import (
     LEAST_FALL,
     MOST_EFFECTS,
@@ -46,7 +47,6 @@ from sma_sim.evidence.selection import (
     Told,
     Workplace,
     judged_error,
-    pruned,
     select,
 )
 from sma_sim.evidence.splitting import by_name
@@ -93,7 +93,8 @@ class Diagnosis:
     `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
     With a `proposal` the last model is that with the proposed effect, which `effects` does not name. `together`: how well
     one model explains fitted and held-out runs, where that which was fitted to the former misses the latter. `taken_back`:
-    effects that were accepted, but with which the held-out runs are foretold worse.
+    effects that were accepted, but with which the held-out runs are foretold worse. `revisions`: effects looked at again
+    beside those that came after them.
     """
 
     verdict: str
@@ -112,6 +113,13 @@ class Diagnosis:
     proposal: Proposal | None = None
     together: Together | None = None
     taken_back: tuple[str, ...] = ()
+    revisions: tuple[Revision, ...] = ()
+
+    @property
+    def judged(self) -> tuple[Round, ...]:
+        """By effect of the last model, in their order, the round in which it was judged last."""
+        last = {one.accepted.name: one for one in (*self.rounds, *self.revisions) if one.accepted is not None}
+        return tuple(last[name] for name in self.effects if name in last)
 
     @property
     def search_ended(self) -> bool:
@@ -167,12 +175,12 @@ def diagnose(
         place = Workplace(pool, stop, told, request.folders, request.seed)
         bare = bare_fit(training, config, request, place)
         rounds = select(bare, place)
-        path = path_of(bare, rounds, place)
+        path, revisions = path_of(bare, rounds, place)
         last, steps = path[-1], [step_of(training, out, one, request, place) for one in path[:-1]]
         told('the last fit, on all samples')
         final = last_step(steps, training, out, last, request, place, begun)
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
-        likeness = {one.accepted.name: likenesses(one, pool) for one in rounds if one.accepted is not None}
+        likeness = {one.accepted.name: likenesses(one, pool) for one in (*rounds, *revisions) if one.accepted is not None}
         together = None
         if out and goes_further(steps[-1]):
             together = fitted_together(training, out, last, steps[-1].foretold, request.options, place)
@@ -189,7 +197,7 @@ def diagnose(
         verdict, last.effects, tuple(steps), rounds, final, ratios, steps[-1].foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
         dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal, together,
-        tuple(name for name in path[-1].effects if name not in last.effects),
+        tuple(name for name in path[-1].effects if name not in last.effects), revisions,
     )  # fmt: skip
 
 
@@ -208,11 +216,11 @@ def bare_fit(training: Campaign, config: Config, request: Request, place: Workpl
     return min(whole, key=lambda one: judged_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
 
 
-def path_of(bare: Fitted, rounds: Sequence[Round], place: Workplace) -> list[Fitted]:
-    """The models from the bare one to the last, without what later effects made superfluous."""
+def path_of(bare: Fitted, rounds: Sequence[Round], place: Workplace) -> tuple[list[Fitted], tuple[Revision, ...]]:
+    """The models from the bare one to the last, whose effects were looked at again beside each other."""
     path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
-    last = pruned(path[-1], place)
-    return path if last is path[-1] else [*path, last]
+    last, revisions = revised(path[-1], rounds, place)
+    return path if last is path[-1] else [*path, last], revisions
 
 
 def last_step(

@@ -1,6 +1,7 @@
 """Forward selection of missing effects: screen, refit, judge on runs left out in turn, accept the best, go on.
 
-Backward elimination drops what later effects made superfluous. The held-out runs are not looked at here.
+What later effects say of earlier ones is asked in the end (`sma_sim.evidence.revision`). The held-out runs are not looked
+at here.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from sma_sim.evidence.refit import (
     standard_errors,
     validated,
     within,
-    without,
 )
 from sma_sim.evidence.screening import Screened, screen
 from sma_sim.model.effects.library import FoundEffect
@@ -163,9 +163,8 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     tried = with_realistic_values(base, in_better_kinetics(base, tried, place), place)
     if place.stop.is_set():
         return Round(base, screened, (), None, stopped=True)
-    tried.sort(key=lambda one: one.ratio)
-    tried = [replace(one, alike=alike(one, tried)) for one in tried]
-    return Round(base, screened, tuple(tried), choice(tried))
+    ordered = by_ratio(tried)
+    return Round(base, screened, ordered, choice(ordered))
 
 
 def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace, best: float = math.inf) -> Tried:
@@ -232,6 +231,11 @@ def realistic(one: Fitted, found: FoundEffect, place: Workplace) -> Fitted | Non
         return None
     bounded = validated(bounded, place.pool, place.stop)
     return bounded if is_as_good(bounded, free) and not place.stop.is_set() else None
+
+
+def by_ratio(tried: Sequence[Tried]) -> tuple[Tried, ...]:
+    """Best first, each with those that explain as well."""
+    return tuple(replace(one, alike=alike(one, tried)) for one in sorted(tried, key=lambda one: one.ratio))
 
 
 def alike(one: Tried, tried: Sequence[Tried]) -> tuple[str, ...]:
@@ -326,21 +330,3 @@ def is_as_good(less: Fitted, one: Fitted) -> bool:
     foretells = judged_error(less) <= (1.0 + SAME) * judged_error(one)
     more = less.error / one.error
     return (foretells and more <= 1.0 + LEAST_FALL) or (less.error <= EXPLAINED and more <= 1.0 + SAME)
-
-
-def pruned(one: Fitted, place: Workplace) -> Fitted:
-    """Without the effects, taken away one at a time, that the others have made superfluous."""
-    for effect in one.effects[:-1]:
-        problem, z = without(one, effect)
-        fewer = refit(problem, z, place.pool, place.stop)
-        if fewer is None:
-            continue
-        fewer = validated(fewer, place.pool, place.stop)
-        if place.stop.is_set():
-            break
-        if is_as_good(fewer, one):
-            place.told(f'{effect} explains nothing more beside the others: dropped')
-            one = fewer
-    return one
-
-

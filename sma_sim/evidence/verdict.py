@@ -39,7 +39,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'model': diagnosis.calibration.config.model,
         'effects': diagnosis.effects,
         'taken_back': diagnosis.taken_back,
-        'ranking': ranking(first, diagnosis.held_out_ratio) if first else (),
+        'ranking': ranking(first, diagnosis) if first else (),
         'error': [error_of(step) for step in diagnosis.steps],
         'noise_std': diagnosis.noise_std,
         'parameters': {
@@ -57,14 +57,20 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
     return found
 
 
-def ranking(first: Round, ratios: dict[str, float]) -> list[dict[str, Any]]:
-    """Candidates of the first step, best first: the accepted one, then by cross-validated error."""
+def ranking(first: Round, diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Candidates of the first step: what the model has in the end, what was accepted, then by cross-validated error.
+
+    What explains as well as the accepted one is said as it was seen last, beside the other effects.
+    """
     accepted = first.accepted.name if first.accepted else ''
-    ordered = sorted(first.tried, key=lambda one: (one.name != accepted, one.ratio))
-    return [rank_of(one, ratios) for one in ordered]
+    alike = {one.name: one.alike for one in first.tried}
+    alike |= {one.name: one.alike for again in diagnosis.revisions if again.effect == accepted for one in again.tried}
+    kept = diagnosis.effects[:1]
+    ordered = sorted(first.tried, key=lambda one: (one.name not in kept, one.name != accepted, one.ratio))
+    return [rank_of(one, diagnosis.held_out_ratio, alike[one.name]) for one in ordered]
 
 
-def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
+def rank_of(one: Tried, ratios: dict[str, float], alike: tuple[str, ...]) -> dict[str, Any]:
     """One candidate."""
     units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
     std = {name.rpartition('.')[2]: s for name, s in one.std.items() if name.startswith(f'effects.{one.name}.')}
@@ -79,7 +85,7 @@ def rank_of(one: Tried, ratios: dict[str, float]) -> dict[str, Any]:
             for name, value in one.fitted.values_of(one.name).items()
         },
         'plausible': one.plausible,
-        'confounded_with': one.alike,
+        'confounded_with': alike,
         'same_as': one.found.effect.same_as,
     }  # fmt: skip
 
@@ -118,8 +124,8 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     """What to know beside the verdict and the errors: values, what explains as well, what is left."""
-    for one in diagnosis.rounds:
-        if one.accepted is not None and one.accepted.name in diagnosis.effects:
+    for one in diagnosis.judged:
+        if one.accepted is not None:
             yield from lines_on(one.accepted, diagnosis)
     if diagnosis.taken_back:
         worse, best = diagnosis.steps[-3:-1] if diagnosis.proposal else diagnosis.steps[-2:]

@@ -19,7 +19,7 @@ from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
-from sma_sim.report.html.tried import round_section
+from sma_sim.report.html.tried import revision_section, round_section
 from sma_sim.report.palette import GREY
 
 
@@ -32,6 +32,7 @@ def write_diagnosis_page(
         before.setdefault(one.name, one.center)
     rest = summarise(compared_calibration(found.calibration, training, held, found.foretold, 'last step'))
     steps = [round_section(number, one, found, training, held) for number, one in enumerate(found.rounds, start=1)]
+    steps += [revision_section(one, found) for one in found.revisions]
     if found.proposal is not None:
         steps.append(proposed_section(found, found.proposal))
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
@@ -67,7 +68,7 @@ def fall_figure(found: Diagnosis) -> object:
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
     largest = max(value for step in found.steps for value in (step.train, step.held_out) if value == value)
     figure.update_yaxes(title_text='error over noise', type='log', dtick='D2', range=[-0.12, math.log10(1.5 * largest)])
-    figure.update_xaxes(range=[-0.35, len(labels) - 0.65])
+    figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
 
 

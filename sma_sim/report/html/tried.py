@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from sma_sim.evidence.diagnose import Diagnosis
 from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.revision import Revision
 from sma_sim.evidence.selection import LEAST_FALL, Round, Tried
 from sma_sim.evidence.step_change import step_change
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Section, Table
@@ -28,8 +29,7 @@ def round_section(number: int, one: Round, found: Diagnosis, training: Campaign,
         blocks += [change_plot(step_change(before, after, training, held)), Grid(range_plots(one.accepted))]
     if one.tried:
         ratios = found.held_out_ratio if number == 1 else {}
-        blocks.append(Table(TRIED, [row(tried, ratios) for tried in one.tried], CAPTION))
-        blocks.append(Bullets([f'{tried.name}: {why(tried, one.accepted)}' for tried in one.tried]))
+        blocks += tried_blocks(one, ratios)
     if one.accepted is not None:
         blocks += list(not_told_apart(one.accepted, found))
         if number < len(found.steps):
@@ -37,6 +37,25 @@ def round_section(number: int, one: Round, found: Diagnosis, training: Campaign,
     if one.screened:
         blocks.append(screen_plot(one))
     return Section(f'Step {number}', blocks)
+
+
+def revision_section(one: Revision, found: Diagnosis) -> Section:
+    """An effect looked at again beside those that came after it."""
+    beside, best = ' and '.join(one.base.effects), one.accepted
+    words = f'{best.name} takes its place.' if best and best.name != one.effect else 'It stays.'
+    blocks: list[Block] = [Paragraph(f'{one.effect} and what was tried with it, each beside {beside}. {words}', 'lead')]
+    blocks += tried_blocks(one, {})
+    if best is not None:
+        blocks += list(not_told_apart(best, found))
+    return Section(f'Again: {one.effect}', blocks)
+
+
+def tried_blocks(one: Round, ratios: dict[str, float]) -> list[Block]:
+    """What was tried, and why it was taken or not; `ratios` of held-out errors by effect."""
+    return [
+        Table(TRIED, [row(tried, ratios) for tried in one.tried], CAPTION),
+        Bullets([f'{tried.name}: {why(tried, one.accepted)}' for tried in one.tried]),
+    ]
 
 
 def words_on(one: Round) -> str:

@@ -1,0 +1,93 @@
+"""Accepted effects looked at again, beside those that came after them.
+
+An effect is accepted while others are still missing, which bend the model. What later ones made superfluous is dropped
+(backward elimination), and what explains better, or as well with fewer parameters, beside them takes its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sma_sim.evidence.problem import Problem
+from sma_sim.evidence.refit import Fitted, Vector, refit, validated, without
+from sma_sim.evidence.selection import (
+    SAME,
+    Round,
+    Tried,
+    Workplace,
+    by_ratio,
+    choice,
+    compared,
+    is_as_good,
+    judged_error,
+)
+
+
+@dataclass(frozen=True)
+class Revision(Round):
+    """Like a round: the model without `effect`, and what was tried in its place beside all the others."""
+
+    effect: str = ''
+
+
+def revised(last: Fitted, rounds: Sequence[Round], place: Workplace) -> tuple[Fitted, tuple[Revision, ...]]:
+    """The model with what its effects but the last one are worth beside the others; what was tried in their places."""
+    revisions: list[Revision] = []
+    accepted = {one.accepted.name: one for one in rounds if one.accepted is not None}
+    for effect in [name for name in last.effects[:-1] if name in accepted]:
+        fewer = refit(*without(last, effect), place.pool, place.stop)
+        if fewer is None:
+            continue
+        fewer = validated(fewer, place.pool, place.stop)
+        if place.stop.is_set():
+            break
+        if is_as_good(fewer, last):
+            place.told(f'{effect} explains nothing more beside the others: dropped')
+            last = fewer
+            continue
+        again = in_place_of(effect, fewer, last, accepted[effect], place)
+        if place.stop.is_set():
+            break
+        revisions.append(again)
+        last = again.after or last
+    return last, tuple(revisions)
+
+
+def in_place_of(effect: str, fewer: Fitted, last: Fitted, first: Round, place: Workplace) -> Revision:
+    """The candidates of the round that accepted an effect, each in its place in the last model; `fewer` has none of them."""
+    place.told(f'{effect} and its rivals beside the others')
+    tried = []
+    for one in first.tried:
+        fitted: Fitted | None = last
+        if one.name != effect:
+            fitted = None if one.name in last.effects else refitted(*instead(last, effect, one), last, place)
+        if fitted is not None:
+            tried.append(compared(fewer, one.found, fitted, one.family_p, place))
+    ordered = by_ratio(tried)
+    best = choice(ordered)
+    if best is not None and best.name != effect:
+        place.told(f'{best.name} takes the place of {effect}: error over noise {best.fitted.error:.2f} fitted')
+    return Revision(fewer, (), ordered, best, None if best is None else best.fitted, effect=effect)
+
+
+def refitted(problem: Problem, z: Vector, last: Fitted, place: Workplace) -> Fitted | None:
+    """A rival refitted, and cross-validated if that could bring it near the last model."""
+    found = refit(problem, z, place.pool, place.stop)
+    near = found is not None and found.error <= (1.0 + SAME) * judged_error(last)
+    return validated(found, place.pool, place.stop) if found is not None and near else found
+
+
+def instead(one: Fitted, effect: str, rival: Tried) -> tuple[Problem, Vector]:
+    """The problem with a rival in the place of one of its effects, at the values that it had by itself."""
+    problem, z = without(one, effect)
+    source, prefix, at = rival.fitted, f'effects.{rival.name}.', len(problem.free)
+    new = [(p, x) for p, x in zip(source.problem.free, source.z, strict=False) if p.name.startswith(prefix)]
+    (active,) = (a for a in source.problem.config.effects if a.found.effect.name == rival.name)
+    effects = list(problem.config.effects)
+    effects.insert(one.effects.index(effect), active)
+    config = replace(problem.config, effects=tuple(effects))
+    free = (*problem.free, *(p for p, _ in new))
+    return replace(problem, config=config, free=free), np.concatenate([z[:at], [x for _, x in new], z[at:]])
