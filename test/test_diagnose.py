@@ -18,8 +18,9 @@ from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effec
 from sma_sim.evidence.descent import Descent
 from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
 from sma_sim.evidence.recordings import read_campaign
-from sma_sim.evidence.refit import limited
-from sma_sim.evidence.selection import Workplace, with_realistic_values
+from sma_sim.evidence.refit import further_in, limited
+from sma_sim.evidence.screening import Screened
+from sma_sim.evidence.selection import Workplace, second_look, with_realistic_values
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
@@ -71,6 +72,36 @@ def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gr
     with ThreadPoolExecutor(1) as pool:
         last = finished(some_held_out(runs, None)[0], start, options, pool, Event(), None)
     assert last.problem.values(last.best.z)['effects.gravity.g_y'] == pytest.approx(-5.0)
+
+
+def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
+    first = with_gravity[1].rounds[0]
+    others = tuple(one for one in first.tried if one.name != 'gravity')
+    blind = replace(
+        first, tried=others, accepted=None, screened=tuple(one for one in first.screened if one.candidate.name != 'gravity')
+    )
+    with ThreadPoolExecutor(2) as pool:
+        place = Workplace(pool, Event(), lambda words: None)
+        found = second_look(blind, place)
+        near = replace(blind, base=first.accepted.fitted)
+        assert second_look(near, place) is near  # what leaves but noise is not looked at again
+    assert found.accepted.name == 'gravity' and found.accepted.family_p == 1.0 and found.base is first.base
+    assert found.accepted.fitted.error < 1.1 and {one.name for one in others} < {one.name for one in found.tried}
+    stopped = Event()
+    stopped.set()
+    with ThreadPoolExecutor(1) as pool:
+        assert second_look(blind, Workplace(pool, stopped, lambda words: None)).stopped
+
+
+def test_a_second_look_begins_some_way_from_nothing():
+    by_name = {one.name: one for one in candidates_for(config())}
+    (step, *_) = (probe for probe in by_name['thermal_crosstalk'].families[0])
+    faint = Screened(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6}, 1.0)
+    for screened in (None, faint):
+        assert further_in(faint.candidate, screened).values == {step.parameter: step.step}
+    down = {'g_y': -30.0, 'g_x': -1e-3}
+    started = further_in(by_name['gravity'], Screened(by_name['gravity'], 5.0, down, 0.5))
+    assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and (started.gain, started.family_p) == (5.0, 0.5)
 
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):

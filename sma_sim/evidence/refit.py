@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.calibrate import together
-from sma_sim.evidence.candidates import is_plausible, realistic_range
-from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, Watch, descend, normal_parts, summed
+from sma_sim.evidence.candidates import Candidate, is_plausible, realistic_range
+from sma_sim.evidence.descent import FIRST, LIGHTER, Effort, Stop, Watch, cost_at, descend, normal_parts, summed
 from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
 from sma_sim.evidence.free_parameters import (
     FreeParameter,
@@ -153,6 +153,31 @@ def best_refits(
         for k, found in zip(chosen, together(jobs, stop) if jobs else [], strict=True):
             best[k] = min((one for one in (best[k], found) if one), key=lambda one: one.cost, default=None)
     return best
+
+
+def further_in(candidate: Candidate, screened: Screened | None) -> Screened:
+    """A candidate with its strengths at least a probe's step from nothing, to the side that the screening found, if any."""
+    family = candidate.families[len(candidate.families) // 2]
+    values = dict(family[0].shape) | (dict(screened.values) if screened else {})
+    for probe in family:
+        away = values.get(probe.parameter, probe.neutral) - probe.neutral
+        if away == 0.0 or (away * probe.step > 0.0 and abs(away) < abs(probe.step)):
+            values[probe.parameter] = probe.neutral + probe.step
+    chance = screened.family_p if screened else 1.0
+    return Screened(candidate, screened.gain if screened else 0.0, values, chance)
+
+
+def quick_refits(
+    base: Fitted, candidates: Sequence[Screened], fall: float, pool: Executor, stop: Event
+) -> list[Screened]:  # fmt: skip
+    """The candidates that take this part of the cost away (of a part of many runs), best first, where they end."""
+    few = replace(base, problem=part_of(base.problem), z=of_part(base.problem, base.z))
+    bar = (1.0 - fall) * cost_at(few.problem, few.z, pool)
+    jobs = [partial(refit, *joined(few, one), pool, stop, JOIN, bar) for one in candidates]
+    fits = together(jobs, stop) if jobs else []
+    down = [(one, fit) for one, fit in zip(candidates, fits, strict=True) if fit is not None and fit.cost <= bar]
+    down.sort(key=lambda pair: pair[1].cost)
+    return [replace(one, values=fit.values_of(one.candidate.name)) for one, fit in down]
 
 
 def least_cost(fits: Sequence[Fitted | None], candidates: Sequence[Screened]) -> float:

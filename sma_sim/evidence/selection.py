@@ -20,8 +20,10 @@ from sma_sim.evidence.refit import (
     Fitted,
     bayesian_gain,
     best_refits,
+    further_in,
     other_kinetics,
     plausible,
+    quick_refits,
     refit,
     standard_errors,
     validated,
@@ -148,12 +150,22 @@ def one_round(base: Fitted, place: Workplace) -> Round:
     screened = screen(base.problem, base.z, candidates, place.pool, place.seed)
     if place.stop.is_set():
         return Round(base, screened, (), None, stopped=True)
-    survivors = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
-    if not survivors or survivors[0].gain < WORTH * max(base.squares, base.problem.samples):
+    chosen = survivors(screened)
+    if not chosen or chosen[0].gain < WORTH * max(base.squares, base.problem.samples):
         return Round(base, screened, (), None)
-    place.told(f'refitting with {", ".join(one.candidate.name for one in survivors)}')
-    refitted = best_refits(base, survivors, place.pool, place.stop, FINALISTS)
-    pairs = [(one, fitted) for one, fitted in zip(survivors, refitted, strict=True) if fitted is not None]
+    return round_of(base, screened, chosen, place)
+
+
+def survivors(screened: Sequence[Screened]) -> list[Screened]:
+    """Those that are worth a refit: the best, and what gains a part of that."""
+    return [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+
+
+def round_of(base: Fitted, screened: tuple[Screened, ...], chosen: Sequence[Screened], place: Workplace) -> Round:
+    """The round that refits some candidates and accepts the best of them, or none."""
+    place.told(f'refitting with {", ".join(one.candidate.name for one in chosen)}')
+    refitted = best_refits(base, chosen, place.pool, place.stop, FINALISTS)
+    pairs = [(one, fitted) for one, fitted in zip(chosen, refitted, strict=True) if fitted is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
     tried: list[Tried] = []
     for one, fitted in pairs[:FINALISTS]:
@@ -165,6 +177,28 @@ def one_round(base: Fitted, place: Workplace) -> Round:
         return Round(base, screened, (), None, stopped=True)
     ordered = by_ratio(tried)
     return Round(base, screened, ordered, choice(ordered))
+
+
+def second_look(first: Round, place: Workplace) -> Round:
+    """A round that accepts nothing and leaves much, with the best of those too that the score test passed over.
+
+    A bent model may lie such that the right effect gains nothing to first order, and yet leads downhill from some way in.
+    """
+    if first.accepted is not None or first.stopped or first.base.error <= UNEXPLAINED:
+        return first
+    screened = {one.candidate.name: one for one in first.screened}
+    seen = {one.candidate.name for one in survivors(first.screened)} if first.tried else set()
+    others = [one for one in candidates_for(first.base.problem.config, place.folders) if one.name not in seen]
+    place.told(f'a second look at {len(others)} effects')
+    starts = [further_in(one, screened.get(one.name)) for one in others]
+    leads = quick_refits(first.base, starts, SURE_FALL, place.pool, place.stop)[:LEADS]
+    if place.stop.is_set():
+        return replace(first, stopped=True)
+    again = round_of(first.base, first.screened, leads, place) if leads else first
+    if again.stopped or again.accepted is None:
+        return replace(first, stopped=again.stopped)
+    ordered = by_ratio([*again.tried, *first.tried])
+    return replace(again, tried=ordered, accepted=choice(ordered))
 
 
 def tried_of(base: Fitted, screened: Screened, fitted: Fitted, place: Workplace, best: float = math.inf) -> Tried:
@@ -274,7 +308,7 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
     """Rounds until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
     rounds: list[Round] = []
     while not place.stop.is_set() and len(rounds) < MOST_EFFECTS:
-        one = one_round(base, place)
+        one = second_look(one_round(base, place), place)
         rounds += [one] if one.accepted is not None or len(rounds) + 2 > MOST_EFFECTS else with_another(one, place)
         accepted = rounds[-1].accepted
         if accepted is None:
