@@ -1,6 +1,6 @@
 """Does a diagnosis say the same of the same data in another dress?
 
-    python benchmarks/invariance.py [--folder DIR ...] [--minutes 60] [--at-once 2]
+    python benchmarks/invariance.py [--cases NAME ...] [--folder DIR ...] [--minutes 60] [--at-once 2]
 
 Each case is a folder of CSV recordings: robots with hidden effects (sma_sim/challenge, three runs of 50 s at 20 Hz, with
 forces), and those named by --folder. It is diagnosed as it is, with the runs in another order and under each other's names
@@ -172,10 +172,11 @@ def cell(one: dict[str, Any] | None, first: dict[str, Any]) -> str:
 def main() -> None:
     """Run what is missing, as long as there is time; print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--cases', nargs='*', default=list(CASES), choices=CASES, help='of challenges; all by default')
     parser.add_argument('--folder', nargs='*', default=[])
     add_options(parser, 'invariance.jsonl', 60.0)
     asked = parser.parse_args()
-    cases = [(name, variant) for name in (*CASES, *asked.folder) for variant in VARIANTS]
+    cases = [(name, variant) for name in (*asked.cases, *asked.folder) for variant in VARIANTS]
     done = solved(cases, solve, asked, str)
     print(*table(done), sep='\n')
 
