@@ -89,9 +89,9 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     results = [one for one in results if 'failed' not in one]
     if failed:
         yield f'refused by the program: {len(failed)}'
-    single = part_of('library')
-    seen = [one for one in single if is_detectable(one)]
-    unseen = [one for one in single if not is_detectable(one)]
+    alone = part_of('library')
+    seen = [one for one in alone if is_detectable(one)]
+    unseen = [one for one in alone if not is_detectable(one)]
     yield f'detectable, the right effect first: {sum(map(is_right, seen))} of {len(seen)}'
     right_after = [one['last'] for one in seen if is_right(one)]
     if right_after:
@@ -101,8 +101,10 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     nothing = part_of('nothing')
     yield f'nothing missing, false alarms: {sum(one["verdict"] != "none" for one in nothing)} of {len(nothing)}'
     pairs = part_of('pairs')
-    both = sum(set(one['case'][1]) <= set(one['effects']) for one in pairs)
-    yield f'pairs, both found: {both} of {len(pairs)}'
+    single = [one for one in pairs if not set(one['case'][1]) <= set(one['effects'])]
+    covered = sum(is_right(one) and one['last'] <= DETECTABLE for one in single)
+    yield f'pairs, both found: {len(pairs) - len(single)} of {len(pairs)}'
+    yield f'  one of them, which leaves at most {DETECTABLE}: the other cannot be detected beside it: {covered}'
     outside = [one for one in part_of('outside') if is_detectable(one)]
     unknown = sum(one['verdict'] == 'unknown_effect' for one in outside)
     yield f'outside the library, unknown_effect: {unknown} of {len(outside)}'
