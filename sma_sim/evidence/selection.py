@@ -183,6 +183,7 @@ def second_look(first: Round, place: Workplace) -> Round:
     """A round that accepts nothing and leaves much, with the best of those too that the score test passed over.
 
     A bent model may lie such that the right effect gains nothing to first order, and yet leads downhill from some way in.
+    Not asked of the bare model, where descents are long and the score test has missed next to nothing.
     """
     if first.accepted is not None or first.stopped or first.base.error <= UNEXPLAINED:
         return first
@@ -308,7 +309,8 @@ def select(base: Fitted, place: Workplace) -> tuple[Round, ...]:
     """Rounds until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
     rounds: list[Round] = []
     while not place.stop.is_set() and len(rounds) < MOST_EFFECTS:
-        one = second_look(one_round(base, place), place)
+        one = one_round(base, place)
+        one = second_look(one, place) if rounds else one
         rounds += [one] if one.accepted is not None or len(rounds) + 2 > MOST_EFFECTS else with_another(one, place)
         accepted = rounds[-1].accepted
         if accepted is None:
