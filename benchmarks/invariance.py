@@ -153,7 +153,8 @@ def table(done: list[dict[str, Any]]) -> Iterator[str]:
         first = found.pop('as it is', None)
         if first is not None:
             cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]
-            yield f'| {Path(name).name} | {first["bare"]:.2f} | {words(first)} | ' + ' | '.join(cells) + ' |'
+            bare = 'cannot be run' if first['bare'] is None else f'{first["bare"]:.2f}'
+            yield f'| {Path(name).name} | {bare} | {words(first)} | ' + ' | '.join(cells) + ' |'
 
 
 def words(one: dict[str, Any]) -> str:

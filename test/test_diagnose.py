@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.calibrate import Found, Options, finished
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
 from sma_sim.evidence.descent import Descent
-from sma_sim.evidence.diagnose import Request, diagnose, some_held_out
+from sma_sim.evidence.diagnose import Request, diagnose, some_held_out, verdict_with_fewer
 from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.refit import further_in, limited
 from sma_sim.evidence.screening import Screened
 from sma_sim.evidence.selection import Workplace, second_look, with_realistic_values
+from sma_sim.evidence.step_change import step_change
 from sma_sim.evidence.tables import write_columns
 from sma_sim.evidence.verdict import as_data, as_text
 from sma_sim.model.config import read_config
@@ -102,6 +104,23 @@ def test_a_second_look_begins_some_way_from_nothing():
     down = {'g_y': -30.0, 'g_x': -1e-3}
     started = further_in(by_name['gravity'], Screened(by_name['gravity'], 5.0, down, 0.5))
     assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and (started.gain, started.family_p) == (5.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ('train', 'held', 'effects', 'verdict'),
+    [(1.0, 1.0, ('gravity',), 'missing_effect'), (3.0, 1.2, (), 'unknown_effect'), (1.0, 1.5, (), 'unknown_effect')],
+)
+def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdict):
+    assert verdict_with_fewer(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
+
+
+def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):
+    runs, found = with_gravity
+    bare, last = found.steps
+    campaigns = some_held_out(runs, None)
+    broken = replace(bare, held_out=np.inf)
+    assert step_change(bare, last, *campaigns).held_out and not step_change(broken, last, *campaigns).held_out
+    assert np.isfinite(fall_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
 
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):

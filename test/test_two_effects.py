@@ -13,7 +13,7 @@ from sma_sim.evidence.calibrate import Options
 from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.diagnose import Request, bare_fit
 from sma_sim.evidence.refit import EXPLAINED
-from sma_sim.evidence.revision import revised
+from sma_sim.evidence.revision import best_in_place, revised
 from sma_sim.evidence.selection import SURE_FALL, Workplace, choice, judged_error, one_round, with_another
 from sma_sim.report.html.tried import revision_section
 
@@ -67,6 +67,8 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     assert len(last.z) - len(names) == len(right.after.z) - len(right.after.problem.free) and len(set(names)) == len(names)
     section = revision_section(again, SimpleNamespace(likeness={}))
     assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
+    others = [one for one in again.tried if one.name != 'gravity']
+    assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse
     stays, (again,) = revised(last, (right, second), place)
     assert stays.effects == last.effects and again.accepted.name == 'gravity'
 

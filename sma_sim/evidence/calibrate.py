@@ -155,11 +155,13 @@ def check(campaign: Campaign, config: Config, options: Options) -> None:
         raise UserError(f'starts = {options.starts}: expected 1 or more')
 
 
-def prepared(campaign: Campaign, config: Config, options: Options, every: int) -> Problem:
-    """The problem on every `every`-th sample."""
+def prepared(campaign: Campaign, config: Config, options: Options, every: int, hasty: bool = True) -> Problem:
+    """The problem on every `every`-th sample; not `hasty` for a model that was chosen."""
     rtol = min(RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
-    runs = tuple(prepare(recording, campaign.noise_std, every, rtol) for recording in campaign.recordings)
+    runs = tuple(
+        replace(prepare(recording, campaign.noise_std, every, rtol), hasty=hasty) for recording in campaign.recordings
+    )
     return Problem(config, runs, free, options.robust).at_tolerance(rtol)
 
 
@@ -196,7 +198,7 @@ def finished(
 ) -> Found:
     """The descent continued on all samples, the parameters free within the same bounds."""
     config = found.problem.config
-    whole = replace(prepared(campaign, config, options, 1), free=found.problem.free)
+    whole = replace(prepared(campaign, config, options, 1, hasty=False), free=found.problem.free)
     problem = whole.at_tolerance(LAST_RTOL)
     label = f'{config.model}, all samples'
     last = together([partial(descend, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]

@@ -189,6 +189,7 @@ def diagnose(
             last = path[best]
             told('the held-out runs are foretold better with fewer effects: the last fit again')
             final = last_step(steps, training, out, last, request, place, begun)
+            verdict = verdict_with_fewer(steps[-1])
         if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
             proposal = propose([bare, last] if last is not bare else [bare], place)
         if proposal is not None:
@@ -220,7 +221,7 @@ def path_of(bare: Fitted, rounds: Sequence[Round], place: Workplace) -> tuple[li
     """The models from the bare one to the last, whose effects were looked at again beside each other."""
     path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
     last, revisions = revised(path[-1], rounds, place)
-    return path if last is path[-1] else [*path, last], revisions
+    return [*(path[:-1] if last.effects == path[-1].effects else path), last], revisions
 
 
 def last_step(
@@ -245,7 +246,7 @@ def last_step(
 
 def step_of(training: Campaign, out: Campaign | None, one: Fitted, request: Request, place: Workplace) -> Step:
     """The errors of a model that was fitted on the way."""
-    problem = replace(prepared(training, one.problem.config, request.options, 1), free=one.problem.free)
+    problem = replace(prepared(training, one.problem.config, request.options, 1, hasty=False), free=one.problem.free)
     runs = run_fits(problem, one.z, place.pool)
     channels = over_runs(problem, runs)
     config, delay = with_values(one.problem.config, one.values), one.problem.delay_at(one.z)
@@ -290,3 +291,8 @@ def verdict_of(last: Step, together: Together | None) -> str:
     if error > UNEXPLAINED and not (together is not None and together.explained):
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
+
+
+def verdict_with_fewer(last: Step) -> str:
+    """The verdict on a model from which effects were taken back: what is left in the fitted runs asked for them."""
+    return 'unknown_effect' if last.train > UNEXPLAINED else verdict_of(last, None)

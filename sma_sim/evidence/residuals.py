@@ -21,10 +21,10 @@ NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's 
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip
-# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input. With a finer
-# solver.rtol a run is of a model that was chosen, which may ring: it gets more
+# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
+# which a model that was chosen, and may ring, gets
 MOST_STEPS, BY_SECOND, BY_ROW = 6_000, 50, 50
-SEARCHED, CHOSEN = 1e-5, 20
+CHOSEN = 20
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Prepared:
     `measured` and `weight` (channels, k): samples and one over their noise, 0 where a sample is missing.
     `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
     long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
-    empty when the commands are exact.
+    empty when the commands are exact. `hasty`: for a search, in which a run of too many steps is given up.
     """
 
     name: str
@@ -46,6 +46,7 @@ class Prepared:
     changed: Vector
     interval: Vector
     group: NDArray[np.int64]
+    hasty: bool = False
 
     @property
     def groups(self) -> int:
@@ -149,10 +150,10 @@ def covering(source: Input, last: float) -> Input:
     return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear)
 
 
-def most_steps(source: Input, rtol: float) -> int:
+def most_steps(source: Input, hasty: bool) -> int:
     """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
     most = MOST_STEPS + int(BY_SECOND * (source.times[-1] - source.times[0])) + BY_ROW * len(source.times)
-    return most if rtol >= SEARCHED else CHOSEN * most
+    return most if hasty else CHOSEN * most
 
 
 def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
@@ -193,7 +194,7 @@ def model_columns(config: Config, recording: Recording | Prepared, nuisance: Nui
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     model = Model(started(config, source, nuisance.start))
-    trajectory = simulate(model, source, asked, max_steps=most_steps(source, config.parameters['solver.rtol']))
+    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.hasty))
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     index = np.maximum(np.arange(len(times)) - early + 1, 0)

@@ -23,6 +23,7 @@ from sma_sim.evidence.selection import (
     compared,
     is_as_good,
     judged_error,
+    with_realistic_values,
 )
 
 
@@ -52,7 +53,7 @@ def revised(last: Fitted, rounds: Sequence[Round], place: Workplace) -> tuple[Fi
         if place.stop.is_set():
             break
         revisions.append(again)
-        last = again.after or last
+        last = last if again.after is None else again.after
     return last, tuple(revisions)
 
 
@@ -66,11 +67,18 @@ def in_place_of(effect: str, fewer: Fitted, last: Fitted, first: Round, place: W
             fitted = None if one.name in last.effects else refitted(*instead(last, effect, one), last, place)
         if fitted is not None:
             tried.append(compared(fewer, one.found, fitted, one.family_p, place))
-    ordered = by_ratio(tried)
-    best = choice(ordered)
-    if best is not None and best.name != effect:
+    ordered = by_ratio(with_realistic_values(fewer, tried, place))
+    best = best_in_place(effect, ordered)
+    if best.name != effect:
         place.told(f'{best.name} takes the place of {effect}: error over noise {best.fitted.error:.2f} fitted')
-    return Revision(fewer, (), ordered, best, None if best is None else best.fitted, effect=effect)
+    return Revision(fewer, (), ordered, best, best.fitted, effect=effect)
+
+
+def best_in_place(effect: str, tried: Sequence[Tried]) -> Tried:
+    """The choice among what was tried, if it foretells as well as the effect that is there; else that."""
+    (own,) = (one for one in tried if one.name == effect)
+    best = choice(tried)
+    return own if best is None or judged_error(best.fitted) > (1.0 + SAME) * judged_error(own.fitted) else best
 
 
 def refitted(problem: Problem, z: Vector, last: Fitted, place: Workplace) -> Fitted | None:

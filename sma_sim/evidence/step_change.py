@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,8 +25,9 @@ class StepChange:
 
 
 def step_change(before: Step, after: Step, training: Campaign, held: Campaign | None) -> StepChange:
-    """The change from one step to the next: in a held-out run where there is one. Raises SimulationError."""
-    out = held is not None and bool(before.foretold) and bool(after.foretold)
+    """The change from one step to the next: in a held-out run where both can be run. Raises SimulationError."""
+    foretold = bool(before.foretold) and bool(after.foretold) and math.isfinite(before.held_out + after.held_out)
+    out = held is not None and foretold
     campaign = held if held is not None and out else training
     first, then = (before.foretold, after.foretold) if out else (before.runs, after.runs)
     channel = most_changed(before, after, out)

@@ -167,7 +167,8 @@ def hypotheses(training: Campaign, rivals: Sequence[tuple[str, Fitted]], place: 
 
 def on_all_samples(training: Campaign, fit: Fitted, place: Workplace) -> Fitted:
     """The descent continued on all samples."""
-    problem = replace(prepared(training, fit.problem.config, Options(), 1), free=fit.problem.free).at_tolerance(LAST_RTOL)
+    whole = prepared(training, fit.problem.config, Options(), 1, hasty=False)
+    problem = replace(whole, free=fit.problem.free).at_tolerance(LAST_RTOL)
     found = descend(problem, fit.z, place.pool, PATIENT, place.stop)
     return Fitted(problem, found.z, found.cost)
 

@@ -66,7 +66,7 @@ def fall_figure(found: Diagnosis) -> object:
                 cliponaxis=False,
             )  # fmt: skip
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
-    largest = max(value for step in found.steps for value in (step.train, step.held_out) if value == value)
+    largest = max(value for step in found.steps for value in (step.train, step.held_out) if math.isfinite(value))
     figure.update_yaxes(title_text='error over noise', type='log', dtick='D2', range=[-0.12, math.log10(1.5 * largest)])
     figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
