@@ -17,7 +17,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.calibrate import Found, Options, finished
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
 from sma_sim.evidence.descent import Descent
-from sma_sim.evidence.diagnose import Request, diagnose, some_held_out, verdict_with_fewer
+from sma_sim.evidence.diagnose import Request, diagnose, foretells_best, some_held_out, verdict_with_fewer
 from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.refit import further_in, limited
 from sma_sim.evidence.screening import Screened
@@ -123,6 +123,17 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
     assert np.isfinite(fall_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
 
 
+@pytest.mark.parametrize(
+    ('errors', 'kept'),
+    [
+        ((3.0, 2.0, 1.5), 2), ((3.0, 2.0, 1.9), 1), ((2.1, 1.95), 0), ((3.5, 4.4), 0), ((3.0, 2.9, 1.8), 2), ((3.0,), 0),
+        ((np.inf, 2.0), 1), ((2.0, np.nan), 1), ((3.0, np.inf), 0),
+    ],
+)  # fmt: skip
+def test_partial_explanations_that_are_worth_naming(errors, kept):
+    assert foretells_best([SimpleNamespace(held_out=error) for error in errors]) == kept
+
+
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     _, found = with_gravity
     first = found.rounds[0]
@@ -160,7 +171,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     bare, worse, last = found.steps
     assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
-    assert any(line.startswith('taken back: gravity') and f'({worse.held_out:.2f} for' in line for line in as_text(found))
+    assert any(line.startswith('taken back: gravity') and f'({worse.held_out:.2f} with' in line for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', found, *some_held_out(turned, None), '')
     labels = ('bare model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
     assert (tmp_path / 'why.html').exists() and fall_figure(found).data[0].x == labels

@@ -2,9 +2,9 @@
 
 a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
 refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
-a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given; of effects that
-do not explain them, those with which they are foretold worse are taken back. f. Where no known effect explains enough, an
-equation is proposed (`sma_sim.evidence.equation`).
+a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given; partial
+explanations that hardly help there are taken back. f. Where no known effect explains enough, an equation is proposed
+(`sma_sim.evidence.equation`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import EXPLAINED, Fitted, validated
 from sma_sim.evidence.revision import Revision, revised
 from sma_sim.evidence.selection import (
-    LEAST_FALL,
     MOST_EFFECTS,
     UNEXPLAINED,
     Round,
@@ -56,6 +55,7 @@ from sma_sim.model.config import Config
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
 STARTS = 2  # of the bare fit
 BARE = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere
+WORTH_NAMING = 0.1  # part of the held-out error that a partial explanation takes away
 PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 VERDICTS = ('none', 'missing_effect', 'unknown_effect')
 
@@ -93,8 +93,8 @@ class Diagnosis:
     `foretold`: the held-out runs under the last model; `likeness`: by accepted effect, why others cannot be told from it.
     With a `proposal` the last model is that with the proposed effect, which `effects` does not name. `together`: how well
     one model explains fitted and held-out runs, where that which was fitted to the former misses the latter. `taken_back`:
-    effects that were accepted, but with which the held-out runs are foretold worse. `revisions`: effects looked at again
-    beside those that came after them.
+    effects that were accepted, but hardly help to foretell the held-out runs. `revisions`: effects looked at again beside
+    those that came after them.
     """
 
     verdict: str
@@ -270,9 +270,17 @@ def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workp
 
 
 def foretells_best(steps: Sequence[Step]) -> int:
-    """The step that foretells the held-out runs best, if the last one does so worse by what an effect must be worth."""
-    best = min(range(len(steps)), key=lambda k: (steps[k].held_out, k))
-    return best if steps[best].held_out < (1.0 - LEAST_FALL) * steps[-1].held_out else len(steps) - 1
+    """The last step that takes a part worth naming from the held-out error; the last of all without held-out runs.
+
+    What imitates something else takes little, or comes and goes with the run that is held out.
+    """
+    if isnan(steps[-1].held_out):
+        return len(steps) - 1
+    best = 0
+    for k, step in enumerate(steps):
+        if step.held_out <= (1.0 - WORTH_NAMING) * steps[best].held_out:
+            best = k
+    return best
 
 
 def goes_further(last: Step) -> bool:

@@ -19,7 +19,7 @@ FURTHER = (
     'the held-out runs go where the fitted ones do not tell the parameters: fitted too, they are explained '
     'to {held_out:.2f} (the others {train:.2f}); fit with all runs, or record more like them'
 )
-TAKEN_BACK = 'taken back: {effects} - the fitted runs ask for it, those held out do not ({worse:.2f} for {best:.2f})'
+TAKEN_BACK = 'taken back: {effects} - held-out runs are hardly better off, or worse ({worse:.2f} with, {best:.2f} without)'
 ONLY_THERE = 'the fitted runs are explained; what is missing shows in what is held out: fit it too, and hold out others'
 WORDS = {
     'none': 'nothing is missing that these data could show',
