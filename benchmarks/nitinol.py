@@ -83,7 +83,7 @@ def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
 def rows(results: list[dict[str, Any]]) -> list[str]:
     """The table, one row per step."""
     lines = ['| case | effects | fitted [MPa] | held out [MPa] | verdict |', '|---|---|---|---|---|']
-    for one in results:
+    for one in (one for one in results if 'failed' not in one):
         for k, step in enumerate(one['steps']):
             last = k == len(one['steps']) - 1
             lines.append(f'| {"" if k else one["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '

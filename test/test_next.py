@@ -26,6 +26,7 @@ from sma_sim.evidence.design.plan import Wanted, grid_for, limits_for, next_expe
 from sma_sim.evidence.design.sequences import SHAPES, Grid, as_input, as_rows, changed, default_sequence, some_sequence, tidy
 from sma_sim.evidence.design.trial import Foretold, Limits
 from sma_sim.evidence.design.words import as_data, inseparable_words
+from sma_sim.evidence.diagnose import Diagnosis
 from sma_sim.evidence.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.tables import write_columns
 
@@ -236,7 +237,8 @@ def diagnosis(*rounds, effects, given=(), system='module'):
     made = [
         Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, alike=alike)) for before, name, alike in rounds
     ]
-    return Some(calibration=Some(config=Some(system=system)), rounds=made, effects=effects)
+    found = Some(calibration=Some(config=Some(system=system)), rounds=made, revisions=(), effects=effects)
+    return Some(**vars(found), judged=Diagnosis.judged.fget(found))
 
 
 def test_a_diagnosis_offers_what_it_left_confounded():

@@ -54,8 +54,8 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
 
 def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_missing(place, first):
     by_name = {one.name: one for one in first.tried}
-    both = by_name['sensor_bias'], by_name['gravity']
-    wrong, right = (replace(first, accepted=one, after=one.fitted) for one in both)
+    wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fitted)
+    right = by_name['gravity'].fitted
     second = one_round(wrong.after, place)
     assert second.accepted.name == 'driver_lag'
     last, (again,) = revised(second.accepted.fitted, (wrong, second), place)
@@ -64,13 +64,11 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     assert again.accepted.name == 'gravity' and again.after is last
     assert last.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.1)
     names = [p.name for p in last.problem.free]
-    assert len(last.z) - len(names) == len(right.after.z) - len(right.after.problem.free) and len(set(names)) == len(names)
+    assert len(last.z) - len(names) == len(right.z) - len(right.problem.free) and len(set(names)) == len(names)
     section = revision_section(again, SimpleNamespace(likeness={}))
     assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
     others = [one for one in again.tried if one.name != 'gravity']
     assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse
-    stays, (again,) = revised(last, (right, second), place)
-    assert stays.effects == last.effects and again.accepted.name == 'gravity'
 
 
 def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(place, first):
