@@ -97,7 +97,7 @@ def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
 
 def test_a_second_look_begins_some_way_from_nothing():
     by_name = {one.name: one for one in candidates_for(config())}
-    (step, *_) = (probe for probe in by_name['thermal_crosstalk'].families[0])
+    step = by_name['thermal_crosstalk'].families[0][0]
     faint = Screened(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6}, 1.0)
     for screened in (None, faint):
         assert further_in(faint.candidate, screened).values == {step.parameter: step.step}
@@ -124,14 +124,18 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
 
 
 @pytest.mark.parametrize(
-    ('errors', 'kept'),
+    ('errors', 'counts', 'kept'),
     [
-        ((3.0, 2.0, 1.5), 2), ((3.0, 2.0, 1.9), 1), ((2.1, 1.95), 0), ((3.5, 4.4), 0), ((3.0, 2.9, 1.8), 2), ((3.0,), 0),
-        ((np.inf, 2.0), 1), ((2.0, np.nan), 1), ((3.0, np.inf), 0),
+        ((3.0, 2.0, 1.5), (0, 1, 2), 2), ((3.0, 2.0, 1.9), (0, 1, 2), 1), ((2.1, 1.95), (0, 1), 0), ((3.5, 4.4), (0, 1), 0),
+        ((3.0, 2.9, 1.8), (0, 1, 2), 2), ((3.0,), (0,), 0), ((np.inf, 2.0), (0, 1), 1), ((2.0, np.nan), (0, 1), 1),
+        ((3.0, np.inf), (0, 1), 0),
+        ((5.0, 3.0, 2.0, 2.05), (0, 1, 2, 1), 3), ((5.0, 3.0, 2.0, 2.0), (0, 1, 2, 2), 3),  # dropped, and a rival: both stay
+        ((5.0, 3.0, 2.0, 3.1), (0, 1, 2, 2), 2),
     ],
 )  # fmt: skip
-def test_partial_explanations_that_are_worth_naming(errors, kept):
-    assert foretells_best([SimpleNamespace(held_out=error) for error in errors]) == kept
+def test_partial_explanations_that_are_worth_naming(errors, counts, kept):
+    steps = [SimpleNamespace(held_out=error, effects=('a', 'b')[:n]) for error, n in zip(errors, counts, strict=True)]
+    assert foretells_best(steps) == kept
 
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):

@@ -150,5 +150,5 @@ def test_parameters_that_take_no_end_of_steps_are_given_up():
     for rtol in (1e-4, 1e-6, 1e-9):
         assert np.isfinite(predict(config(solver__rtol=rtol), run)['U_y']).all()
     with pytest.raises(SimulationError, match='step limit reached'):
-        predict(scaled(config(), wire__E_A=0.18, wire__eps_T=0.46), replace(prepare(run, NOISE), hasty=True))
+        predict(scaled(config(), wire__E_A=0.18, wire__eps_T=0.46), prepare(run, NOISE, hasty=True))
     assert most_steps(run.source, hasty=False) > 10 * most_steps(run.source, hasty=True)  # a model that was chosen may ring

@@ -159,9 +159,7 @@ def prepared(campaign: Campaign, config: Config, options: Options, every: int, h
     """The problem on every `every`-th sample; not `hasty` for a model that was chosen."""
     rtol = min(RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
-    runs = tuple(
-        replace(prepare(recording, campaign.noise_std, every, rtol), hasty=hasty) for recording in campaign.recordings
-    )
+    runs = tuple(prepare(recording, campaign.noise_std, every, rtol, hasty) for recording in campaign.recordings)
     return Problem(config, runs, free, options.robust).at_tolerance(rtol)
 
 

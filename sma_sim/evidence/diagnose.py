@@ -272,13 +272,15 @@ def held_out_ratios(first: Round, bare: Step, out: Campaign | None, place: Workp
 def foretells_best(steps: Sequence[Step]) -> int:
     """The last step that takes a part worth naming from the held-out error; the last of all without held-out runs.
 
-    What imitates something else takes little, or comes and goes with the run that is held out.
+    What imitates something else takes little, or comes and goes with the run that is held out. A step without more effects
+    (a rival in the place of one, or one dropped) is undone only if it costs as much.
     """
     if isnan(steps[-1].held_out):
         return len(steps) - 1
     best = 0
     for k, step in enumerate(steps):
-        if step.held_out <= (1.0 - WORTH_NAMING) * steps[best].held_out:
+        part = WORTH_NAMING if len(step.effects) > len(steps[best].effects) else -WORTH_NAMING
+        if step.held_out <= (1.0 - part) * steps[best].held_out:
             best = k
     return best
 

@@ -73,7 +73,9 @@ class Nuisance:
     switches: tuple[float, ...] = ()
 
 
-def prepare(recording: Recording, noise_std: Mapping[str, float], every: int = 1, floor: float = 0.0) -> Prepared:
+def prepare(
+    recording: Recording, noise_std: Mapping[str, float], every: int = 1, floor: float = 0.0, hasty: bool = False
+) -> Prepared:
     """A recording with its weights, every `every`-th sample. `floor` is the solver's relative error (solver.rtol).
 
     Raises UserError when no channel was measured, or when the noise of one is not known.
@@ -95,7 +97,7 @@ def prepare(recording: Recording, noise_std: Mapping[str, float], every: int = 1
         name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
         source=without_repeats(straightened(recording, noise_std)), changed=changed, interval=interval,
-        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)),
+        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), hasty=hasty,
     )  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def empty_run(training: Campaign, grid: Grid, factor: float) -> tuple[Prepared, 
     channels = {name: np.zeros(len(time)) for name in first.channels}
     T_E = float(first.source.values[0, -1])
     blank = Recording('next', 'module', time, channels, as_input(np.zeros(grid.cells), grid, T_E))
-    run = replace(prepare(blank, training.noise_std, every, RTOL), hasty=True)
+    run = prepare(blank, training.noise_std, every, RTOL, hasty=True)
     return replace(run, weight=run.weight * np.sqrt(every) / factor), every
 
 
