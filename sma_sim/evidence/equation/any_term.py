@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.equation.library import PULSE
-from sma_sim.evidence.equation.places import STIFFNESS, Place, places_of
+from sma_sim.evidence.equation.places import Place, places_of
 from sma_sim.evidence.equation.terms import MOST_SHAPES, Term
 from sma_sim.evidence.equation.writing import common_lines, effect_of
+from sma_sim.evidence.latent.ports import STIFFNESS
 from sma_sim.model.effects.library import FoundEffect
 
 HEAD = '''\

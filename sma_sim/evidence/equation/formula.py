@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.equation.growing import POSITIVE
-from sma_sim.evidence.equation.places import STIFFNESS, Place
+from sma_sim.evidence.equation.places import Place
 from sma_sim.evidence.equation.terms import Shape, Term, factor, per_unit
 from sma_sim.evidence.equation.trying import Guess
 from sma_sim.evidence.equation.writing import common_lines, effect_of, located
+from sma_sim.evidence.latent.ports import STIFFNESS
 from sma_sim.model.effects.library import FoundEffect
 from sma_sim.model.parameters import Parameter
 

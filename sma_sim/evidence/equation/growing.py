@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.candidates import with_effect
 from sma_sim.evidence.equation.any_term import any_term
-from sma_sim.evidence.equation.tempering import tempered
 from sma_sim.evidence.equation.trying import Guess
 from sma_sim.evidence.free_parameters import FreeParameter
 from sma_sim.evidence.problem import Problem
 from sma_sim.evidence.refit import Fitted
+from sma_sim.evidence.tempering import tempered
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
 
@@ -13,15 +13,15 @@ from sma_sim.evidence.latent.ports import PORTS, Port
 from sma_sim.model.effects.ports import CHANNELS
 
 LAST_OF_POSE = 2  # among the channels
-BOTH_WIRES, STIFFNESS = -1, 3  # `component` of places that are no single port
+BOTH_WIRES = -1  # `component` of a place that is no single port
 
 
 @dataclass(frozen=True)
 class Place:
     """A place `name` where a term in `unit` acts through the effects' port `hook`; `ports` are those that it moves.
 
-    `component`: the wire (BOTH_WIRES: the same equation in both), the coordinate of the pose (STIFFNESS: along K q, the
-    beam's own elastic force), or the channel. `probe`: a small but visible size.
+    `component`: the wire (BOTH_WIRES: the same equation in both), the coordinate of the pose (STIFFNESS: along K q), or the
+    channel. `probe`: a small but visible size.
     """
 
     name: str
@@ -52,6 +52,7 @@ TERMS: Mapping[str, Callable[[], tuple[Term, ...]]] = MappingProxyType({
     'sensing': library.sensor_terms,
 })  # fmt: skip
 STAGES = {'actuation': 'gain', 'sensing': 'bias'}
+HEATING = ('W', 0.02)  # unit and probe of terms of the electrical power, whose port is a part of it
 EVERY_WIRE: Mapping[str, str] = MappingProxyType({
     'heat': 'heat into each wire', 'strain': 'strain of each wire',
     'stress': 'shift of both transformation stresses of each wire',
@@ -61,9 +62,8 @@ EVERY_WIRE: Mapping[str, str] = MappingProxyType({
 
 def place_of(port: Port) -> Place:
     """One port alone."""
-    return Place(
-        port.name, port.hook, port.component, port.unit, port.probe, (port.name,), port.description
-    )
+    unit, probe = HEATING if port.hook == 'actuation' else (port.unit, port.probe)
+    return Place(port.name, port.hook, port.component, unit, probe, (port.name,), port.description)
 
 
 def places_for(system: str, channels: tuple[str, ...]) -> tuple[Place, ...]:
@@ -77,14 +77,9 @@ def places_for(system: str, channels: tuple[str, ...]) -> tuple[Place, ...]:
     both = []
     for group, words in EVERY_WIRE.items():
         members = [port for port in PORTS if port.group == group]
-        first = members[0]
         names = tuple(port.name for port in members)
-        both.append(Place(group, first.hook, BOTH_WIRES, first.unit, first.probe, names, words))
-    beam = Place(
-        'stiffness', 'structure_force', STIFFNESS, '-', 0.02, ('force_U_x', 'force_U_y', 'moment_alpha'),
-        "a part of the beam's stiffness",
-    )  # fmt: skip
-    return (*alone, *both, beam)
+        both.append(replace(place_of(members[0]), name=group, component=BOTH_WIRES, ports=names, description=words))
+    return (*alone, *both)
 
 
 @cache

@@ -10,10 +10,10 @@ import numpy as np
 
 from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.equation.growing import Grown, grow
-from sma_sim.evidence.equation.tempering import disbelief, softened
 from sma_sim.evidence.equation.trying import Bench, Guess, everywhere
 from sma_sim.evidence.refit import Fitted
 from sma_sim.evidence.selection import Workplace
+from sma_sim.evidence.tempering import disbelief, softened
 
 FIRST, PER_PLACE = 9, 2  # terms that are fitted after the first look, and of one place
 AGAIN, SWAPPED = 2, 6  # fits from which it goes on, and terms that are tried in place of theirs

@@ -5,7 +5,8 @@ from __future__ import annotations
 from hashlib import sha256
 from threading import Lock
 
-from sma_sim.evidence.equation.places import BOTH_WIRES, STAGES, STIFFNESS, Place
+from sma_sim.evidence.equation.places import BOTH_WIRES, STAGES, Place
+from sma_sim.evidence.latent.ports import STIFFNESS
 from sma_sim.evidence.tables import write_whole
 from sma_sim.model.effects.library import FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS

@@ -46,6 +46,8 @@ REASONS = {
     frozenset(('force_U_y', 'moment_alpha')): 'a force across the end of a beam and a moment bend it in nearly the same way',
     frozenset(('force_U_x', 'moment_alpha')): 'a force along a bent beam turns its end',
     frozenset(('force_U_x', 'force_U_y')): 'on a bent beam the directions mix',
+    frozenset(('stiffness', 'moment_alpha')): 'a beam that is softer bends as if a moment helped',
+    frozenset(('stiffness', 'force_U_y')): 'a beam that is softer bends as if a force helped',
 }  # fmt: skip
 
 
@@ -58,6 +60,6 @@ def reason(one: Hypothesis, other: Hypothesis, pulls_seen: bool) -> str:
     if one.group == other.group:
         return 'the same quantity, on one wire or on both'
     pair = frozenset((one.group, other.group))
-    if not pulls_seen and len(pair.intersection(WIRES)) == 1 and pair & {'moment_alpha', 'force_U_y'}:
+    if not pulls_seen and len(pair.intersection(WIRES)) == 1 and pair & {'moment_alpha', 'force_U_y', 'stiffness'}:
         return UNSEEN
     return REASONS.get(pair, '')

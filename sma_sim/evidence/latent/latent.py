@@ -17,7 +17,7 @@ from sma_sim.evidence.descent import FIRST, descend, start_point
 from sma_sim.evidence.diagnose import STARTS, Request, bare_fit, some_held_out
 from sma_sim.evidence.latent.design import Design, Place, Stopped, Told, design_of, place_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
-from sma_sim.evidence.latent.inference import Products, added, without
+from sma_sim.evidence.latent.inference import without
 from sma_sim.evidence.latent.ports import Port, ports_of
 from sma_sim.evidence.latent.ranking import (
     Weighed,
@@ -30,12 +30,13 @@ from sma_sim.evidence.latent.ranking import (
     weigh_all,
     widening,
 )
-from sma_sim.evidence.latent.refine import refined
+from sma_sim.evidence.latent.refine import Tried, refined
 from sma_sim.evidence.parallel import some_executor
 from sma_sim.evidence.problem import Problem, residuals_at
 from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import Fitted, other_kinetics, refit
 from sma_sim.evidence.selection import Workplace
+from sma_sim.evidence.tempering import softened
 from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
@@ -44,7 +45,8 @@ MOST_RUNS = 3  # those with the largest error are looked at
 SIGNIFICANT = 0.01  # chance of a false alarm over the whole family of hypotheses
 LEAST_FALL = 0.03  # part of the error over noise that a quantity must take away, in gaps of the data too
 ALIKE = 1.1  # ratio of the errors left within which two explain alike
-FINALISTS = 6  # the most credible, which are simulated with their time courses
+SHOWN = 6  # hypotheses that are told of where nothing is missing
+SOUND = 1.1  # error over noise above which a fit is taken to be bent by what it lacks
 FROM_OUTSIDE = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors
 CERTAIN = 7.0  # difference of log evidences below which data do not tell
 GAUSS_95 = 1.96
@@ -65,9 +67,10 @@ class Course:
 class Finding:
     """One hypothesis: what it leaves of the error over noise, what it costs, and the time courses.
 
-    `error`, `held_out`: error over noise that is left, of all data and in gaps that were left out in turn, `dof` the
-    effective number of values that were fitted, `evidence` the logarithm of the odds against nothing at all, `prior` what
-    the course looks like, `beyond`: part of the instants at which it leaves its band.
+    `error`: over noise, that is left when the model is simulated with the courses; `held_out`: that in gaps of the data that
+    were left out in turn (linear); `dof` the effective number of values that were fitted, `evidence` the logarithm of the
+    odds against nothing at all, `prior` what the course looks like, `beyond`: part of the instants at which it leaves its
+    band.
     """
 
     hypothesis: Hypothesis
@@ -187,21 +190,26 @@ def latent(
     with some_executor(executor) as pool:
         place = Workplace(pool, stop, told, (), request.seed)
         fitted = fitted_model(training, config, request, place)
-        found = together([partial(searched, training, fitted, place)], stop)[0]
+        found = together([partial(searched, training, fitted, request.fit, place)], stop)[0]
     return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - begun)
 
 
-def searched(training: Campaign, fitted: Fitted, place: Workplace) -> Latent:
-    """The search around a fitted model."""
+def searched(training: Campaign, fitted: Fitted, free: bool, place: Workplace) -> Latent:
+    """The search around a fitted model; where that lacks something, and is `free`, around one that is not bent by it."""
     chosen = worst_runs(training, fitted, place.pool)
     problem, z = on_all_samples(training, fitted, chosen)
     config = problem.fitted(z)
     ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
+    shown = [one for one in residuals_at(problem, z, place.pool) if one is not None]
+    error = float(np.sqrt(sum(np.vdot(one, one) for one in shown) / problem.samples))
     answer = Latent(
-        'none', {}, (), fitted.error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
+        'none', {}, (), error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
         tuple(run.name for run in problem.runs), False, 0.0,
     )  # fmt: skip
-    start = place_of(problem, z)
+    if free and fitted.error > SOUND:
+        place.told('fitting with priors that keep their say')
+        fitted = softened(fitted, place.pool, place.stop)[0]
+    start = place_of(*on_all_samples(training, fitted, chosen))
     try:
         design = design_of(start, ports, place.pool, place.stop, place.told)
         gap = discrepancy(training, fitted, chosen, design, place)
@@ -217,20 +225,22 @@ def judged(
     hypotheses, T_E = hypotheses_of(ports), answer.config.parameters['environment.T_E']
     place.told(f'weighing {len(hypotheses)} hypotheses')
     weighed = weigh_all(design, hypotheses, T_E, gap, place.seed, place.pool, place.stop)
-    answer = replace(answer, p_value=p_value(weighed), error=error_of(design, sum(r.squares for r in whole_runs(design))))
-    finalists = weighed[:FINALISTS]
+    answer = replace(answer, p_value=p_value(weighed))
+    tried: Sequence[Tried] = ()
     if answer.p_value <= SIGNIFICANT:
-        finalists = refined(start, finalists, place.pool, place.stop, place.told)
-    widened = min(widening(one, 1.0) for one in finalists)
+        tried = refined(start, weighed, T_E, place.pool, place.stop, place.told)
+    simulated = {one.weighed.hypothesis.name: one for one in tried}
+    finalists = [one.weighed for one in tried] or weighed[:SHOWN]
+    widened = min([one.doubt for one in tried] or [widening(one, 1.0) for one in finalists])
     last = [weigh(one.design, one.hypothesis, T_E, (), widened) for one in finalists]
     nothing = without(design.products(hypotheses[0], widened), design.z)
-    findings = [finding(one, gap, widened, nothing) for one in last]
+    findings = [finding(one, simulated.get(one.hypothesis.name), gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
     in_gaps = errors_in_gaps(replace(last[0], design=design), widened)[0]
     best = first_to_name(findings)
     findings.sort(key=lambda one: one is not best)
     answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
-    if answer.p_value > SIGNIFICANT or best.error > (1.0 - LEAST_FALL) * answer.error:
+    if not tried or best.error > (1.0 - LEAST_FALL) * answer.error:
         return answer
     pulls_seen = any(port.name in ('sense_F_1', 'sense_F_2', 'sense_stress') for port in ports)
     return replace(answer, verdict=best.name, alike=alike(findings, pulls_seen))
@@ -247,11 +257,6 @@ def first_to_name(findings: Sequence[Finding]) -> Finding:
     return max(outside or near, key=lambda one: one.evidence)
 
 
-def whole_runs(design: Design) -> list[Products]:
-    """The products of every run."""
-    return [added(run.folds) for run in design.runs]
-
-
 def alike(findings: Sequence[Finding], pulls_seen: bool) -> dict[str, str]:
     """The hypotheses that explain as well as the best, which is the first, with the reason."""
     best, found = findings[0], {}
@@ -263,17 +268,22 @@ def alike(findings: Sequence[Finding], pulls_seen: bool) -> dict[str, str]:
     return found
 
 
-def finding(one: Weighed, gap: Sequence[Matrix], widened: float, nothing: float) -> Finding:
-    """What is reported of a hypothesis; `nothing` is the log evidence without any."""
+def finding(one: Weighed, tried: Tried | None, gap: Sequence[Matrix], widened: float, nothing: float) -> Finding:
+    """What is reported of a hypothesis: as simulated, if it was; `nothing` is the log evidence without any.
+
+    What the linear model promises, and simulation does not keep, is taken off the evidence.
+    """
     estimate, prior = estimate_of(one, widened), one.prior
+    u, squares = (tried.u, tried.squares / widened) if tried else (estimate.u, estimate.squares)
     band = GAUSS_95 * np.hypot(estimate.std, floor_of(one, gap, widened))
     courses, at = [], 0
     for run in one.design.runs:
         for port in one.hypothesis.ports:
             part = slice(at, at + len(run.grid.knots))
-            courses.append(Course(run.name, port, run.grid.knots, port.probe * estimate.u[part], port.probe * band[part]))
+            courses.append(Course(run.name, port, run.grid.knots, port.probe * u[part], port.probe * band[part]))
             at = part.stop
     return Finding(
-        one.hypothesis, one.evidence - nothing, prior.dof, prior.words, error_of(one.design, estimate.squares, widened),
-        errors_in_gaps(one, widened)[1], float(np.mean(np.abs(estimate.u) > band)), tuple(courses),
+        one.hypothesis, one.evidence - nothing - 0.5 * max(squares - estimate.squares, 0.0), prior.dof, prior.words,
+        error_of(one.design, squares, widened), errors_in_gaps(one, widened)[1], float(np.mean(np.abs(u) > band)),
+        tuple(courses),
     )  # fmt: skip

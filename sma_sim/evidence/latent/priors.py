@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 TIMES = (2.0, 10.0, 50.0)  # [s] in which a course changes
 WIDTHS = (0.15, 0.5, 1.5)  # of a law, in standard deviations of the state
-HOT, STRONG = 20.0, 10.0  # [K], [W]: units of temperature above ambient and of the command
+HOT = 20.0  # [K]: unit of temperature above ambient
 LAWS = {
     'structure_force': (('alpha',),),
     'wire_heat': (('T',), ('x',), ('T', 'x')),
@@ -55,8 +55,7 @@ def of_states(points: Points, law: tuple[str, ...], width: float) -> Matrix:
 def covariances(hook: str, points: Points) -> dict[str, Matrix]:
     """The covariances (m, m) that are tried at a port, by what they say in words; of size 1.
 
-    Power that is missing or too much is in proportion to the command at every instant, so that nothing is where nothing
-    is commanded; heat may also be in proportion to the temperature above ambient.
+    Heat may also be in proportion to the temperature above ambient.
     """
     alone = (points.run[:, None] == points.run) & (points.wire[:, None] == points.wire)
     same_wire = points.wire[:, None] == points.wire
@@ -73,7 +72,4 @@ def covariances(hook: str, points: Points) -> dict[str, Matrix]:
     for law in LAWS[hook]:
         for width in WIDTHS:
             found[f'{" and ".join(law)}, {width:g}'] = of_states(points, law, width)
-    if hook == 'actuation':
-        command = points.states['J'] / STRONG
-        found = {f'J times {name}': one * np.outer(command, command) for name, one in found.items()}
     return found

@@ -74,14 +74,16 @@ def chance(design: Design, gap: Sequence[Matrix], seed: int) -> list[Matrix]:
     ]
 
 
-def weigh(design: Design, one: Hypothesis, T_E: float, noise: Sequence[Matrix] = (), widened: float = 1.0) -> Weighed:
-    """The prior that the data prefer for one hypothesis: a single covariance while chance is tried, else a mixture."""
+def weigh(
+    design: Design, one: Hypothesis, T_E: float, noise: Sequence[Matrix] = (), widened: float = 1.0, mixed: bool = True
+) -> Weighed:
+    """The prior that the data prefer for one hypothesis: a mixture if `mixed`, a single covariance while chance is tried."""
     points = design.points(one, T_E)
     whole = design.products(one, widened)
     m = len(whole.pull) - len(design.z)
     gram, share = projected(whole, m)
     pulls = np.column_stack([whole.pull, design.pulls(one, noise)]) if noise else whole.pull[:, None]
-    prior, scores = best_prior(gram, share @ pulls[m:] - pulls[:m], covariances(one.hook, points), not noise)
+    prior, scores = best_prior(gram, share @ pulls[m:] - pulls[:m], covariances(one.hook, points), mixed and not noise)
     evidence = prior.evidence + without(whole, design.z)
     return Weighed(one, design, prior, evidence, float(scores[0]), scores[1:])
 
@@ -101,10 +103,12 @@ def estimate_of(one: Weighed, widened: float) -> Estimate:
 def widening(one: Weighed, widened: float) -> float:
     """By how much the variance of noise is to be multiplied because of what is left: its size times its correlation time."""
     found = estimate_of(one, widened)
-    total = 0.0
-    left = one.design.left(one.hypothesis, np.concatenate([found.u, found.z]))
-    for residuals in left:
-        total += sum(float(row @ row) * autocorrelation_time(row) for row in residuals)
+    return widened_for(one.design.left(one.hypothesis, np.concatenate([found.u, found.z])))
+
+
+def widened_for(left: Sequence[Matrix]) -> float:
+    """The factor for residuals (channels, bins) by run."""
+    total = sum(float(row @ row) * autocorrelation_time(row) for residuals in left for row in residuals)
     return max(1.0, total / sum(residuals.size for residuals in left))
 
 

@@ -1,8 +1,13 @@
-"""Beyond the linear: a hypothesis is simulated with its time courses, and estimated again around them."""
+"""Beyond the linear: a hypothesis is simulated with its time courses, and estimated again around them.
+
+How far a linear model may be trusted is not known beforehand. With noise that is believed to be wider, estimates stay nearer
+to where they began (a tempered likelihood): several widths, and parts of the way to each estimate, are simulated, and what
+leaves the least is gone on from. Simulation alone decides which hypotheses are worth another step.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,92 +20,140 @@ from sma_sim.evidence.calibrate import together
 from sma_sim.evidence.latent.design import Place, Stopped, Told, design_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis
 from sma_sim.evidence.latent.ports import Port
-from sma_sim.evidence.latent.ranking import Weighed, error_of, estimate_of, widening
+from sma_sim.evidence.latent.ranking import Weighed, error_of, estimate_of, weigh, widened_for, widening
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-PARTS = (1.0, 0.5, 0.25)  # of a step that are tried
-ITERATIONS = 2
-FAR, BEHIND = 1.6, 1.3  # ratio of the error left to the least, above which a hypothesis is given up: at first, and later
+Matrix = NDArray[np.float64]
+PARTS = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
+WIDTHS = 3  # of noise, from what the linear model would leave to what is left
+BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
+BEHIND = (1.4, 1.3, 1.2, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
+FINALISTS, OF_A_GROUP = 5, 2  # that get a second step, and those of them of one quantity
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A hypothesis on its way: around what it was linearised, the sum of squares there, and whether it got nowhere."""
+    """A hypothesis on its way: where its courses are, its linear problem around an earlier place, what simulation leaves.
+
+    `squares`: over the bins; `doubt`: by how much noise is to be widened for what is left; `settled`: it gets no further.
+    """
 
     place: Place
     weighed: Weighed
     squares: float
+    doubt: float
     settled: bool = False
 
     @property
     def error(self) -> float:
-        """Error over noise that the linear model foretells with its courses."""
-        return error_of(self.weighed.design, estimate_of(self.weighed, 1.0).squares)
+        """Error over noise that is left, simulated."""
+        return error_of(self.weighed.design, self.squares)
+
+    @property
+    def u(self) -> Vector:
+        """The courses (m,), in probes, by run and port."""
+        ports = self.weighed.hypothesis.ports
+        return np.concatenate([own[port] / port.probe for own in self.place.courses for port in ports])
 
 
 def refined(
-    start: Place, finalists: Sequence[Weighed], pool: Executor, stop: Event, told: Told
-) -> list[Weighed]:
-    """The finalists around their own time courses, without those that fall far behind on the way; as far as they came."""
-    squares = squares_of(start, pool)
-    tried = nearly_best([Tried(start, one, squares) for one in finalists], FAR)
-    for _ in range(ITERATIONS):
-        told(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
-        try:
-            tried = nearly_best(together([partial(closer, one, pool, stop) for one in tried], stop), BEHIND)
-        except Stopped:
-            break
+    start: Place, weighed: Sequence[Weighed], T_E: float, pool: Executor, stop: Event, told: Told
+) -> list[Tried]:
+    """Those that lead after one step of all, as far as they came; the best first. Raises Stopped."""
+    left = left_at(start, pool)
+    told(f'simulating each of {len(weighed)} hypotheses')
+    tried = [Tried(without_any(start, one.hypothesis), one, *left) for one in weighed]
+    tried = leading(together([partial(stepped, one, BELIEFS[:1], T_E, pool, stop) for one in tried], stop))
+    if stop.is_set():
+        raise Stopped
+    given_up: list[Tried] = []
+    for behind in BEHIND:
+        given_up += [one for one in tried if one.error > behind * tried[0].error]
+        tried = [one for one in tried if one.error <= behind * tried[0].error]
         if all(one.settled for one in tried):
             break
-    return [one.weighed for one in tried]
+        told(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
+        try:
+            tried = together([partial(linearised, one, pool, stop) for one in tried], stop)
+        except Stopped:
+            break
+        tried = in_order(together([partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried], stop))
+    return in_order([*tried, *given_up])
 
 
-def nearly_best(tried: Sequence[Tried], far: float) -> list[Tried]:
-    """Without those that leave more than `far` times what the best leaves."""
-    errors = [one.error for one in tried]
-    return [one for one, error in zip(tried, errors, strict=True) if error <= far * min(errors)]
+def in_order(tried: Sequence[Tried]) -> list[Tried]:
+    """What leaves the least first."""
+    return sorted(tried, key=lambda one: one.squares)
 
 
-def closer(tried: Tried, pool: Executor, stop: Event) -> Tried:
-    """One Gauss-Newton step; the prior stays as it is. Raises Stopped."""
-    one = tried.weighed
+def without_any(start: Place, one: Hypothesis) -> Place:
+    """With courses that are zero."""
+    zero = np.zeros(sum(len(grid.knots) for grid in start.grids) * len(one.ports))
+    return replace(start, courses=tuple(courses_of(start, one, zero)))
+
+
+def leading(tried: Sequence[Tried]) -> list[Tried]:
+    """Those that leave the least, not too many of one quantity; the best first."""
+    chosen: list[Tried] = []
+    for one in in_order(tried):
+        same = sum(one.weighed.hypothesis.group == other.weighed.hypothesis.group for other in chosen)
+        if same < OF_A_GROUP:
+            chosen.append(one)
+    return chosen[:FINALISTS]
+
+
+def linearised(tried: Tried, pool: Executor, stop: Event) -> Tried:
+    """With the linear problem around its place. Raises Stopped."""
     if tried.settled:
         return tried
-    found = estimate_of(one, widening(one, 1.0))
-    ahead = stepped(tried.place, one.hypothesis, found.u, one.design.z + found.z, tried.squares, pool)
-    if ahead is None:
+    design = design_of(tried.place, tried.weighed.hypothesis.ports, pool, stop, lambda words: None)
+    return replace(tried, weighed=replace(tried.weighed, design=design))
+
+
+def stepped(tried: Tried, beliefs: Sequence[float], T_E: float, pool: Executor, stop: Event) -> Tried:
+    """The best of several steps; settled where none leaves much less than before."""
+    if tried.settled or stop.is_set():
+        return tried
+    best = tried
+    for weighed, there in steps(tried, beliefs, T_E):
+        squares, doubt = left_at(there, pool)
+        if squares < best.squares:
+            best = Tried(there, weighed, squares, doubt)
+    if best.squares > ENOUGH * tried.squares:
         return replace(tried, settled=True)
-    place, squares = ahead
-    design = design_of(place, one.hypothesis.ports, pool, stop, lambda words: None)
-    return Tried(place, replace(one, design=design), squares, squares > ENOUGH * tried.squares)
+    return best
 
 
-def squares_of(place: Place, pool: Executor) -> float:
-    """Sum of the squared residuals, simulated; inf where a run cannot be made."""
+def steps(tried: Tried, beliefs: Sequence[float], T_E: float) -> Iterator[tuple[Weighed, Place]]:
+    """What a course may look like, and a place that this leads to."""
+    low, high = tried.place.problem.limits()
+    hypothesis, design = tried.weighed.hypothesis, tried.weighed.design
+    for belief in beliefs:
+        one = weigh(design, hypothesis, T_E, (), tried.doubt**belief, mixed=False)
+        least = min(widening(one, 1.0), tried.doubt)
+        for width in dict.fromkeys(np.geomspace(least, tried.doubt, WIDTHS).tolist()):
+            found = estimate_of(one, width)
+            target, z = courses_of(tried.place, hypothesis, found.u), design.z + found.z
+            for part in PARTS:
+                courses = zip(tried.place.courses, target, strict=True)
+                yield one, replace(
+                    tried.place, z=np.clip(tried.place.z + part * (z - tried.place.z), low, high),
+                    courses=tuple(between(now, later, part) for now, later in courses),
+                )  # fmt: skip
+
+
+def left_at(place: Place, pool: Executor) -> tuple[float, float]:
+    """Sum of the squared residuals, simulated, and by how much noise is to be widened; inf where a run cannot be made."""
     try:
         found = place.residuals(pool)
     except SimulationError:
-        return np.inf
-    return float(sum(np.inf if one is None else np.sum(one**2) for one in found))
-
-
-def stepped(
-    place: Place, one: Hypothesis, u: Vector, z: Vector, before: float, pool: Executor
-) -> tuple[Place, float] | None:
-    """The largest part of the way to (u, z) that lowers the squares, and these; None where none does."""
-    low, high = place.problem.limits()
-    target = courses_of(place, one, u)
-    for part in PARTS:
-        there = replace(
-            place, z=np.clip(place.z + part * (z - place.z), low, high),
-            courses=tuple(between(now, later, part) for now, later in zip(place.courses, target, strict=True)),
-        )  # fmt: skip
-        after = squares_of(there, pool)
-        if after < before:
-            return there, after
-    return None
+        return np.inf, np.inf
+    shown = [one for one in found if one is not None]
+    if len(shown) < len(found):
+        return np.inf, np.inf
+    return float(sum(np.sum(one**2) for one in shown)), widened_for(shown)
 
 
 def courses_of(place: Place, one: Hypothesis, u: Vector) -> list[dict[Port, Vector]]:
@@ -117,4 +170,4 @@ def courses_of(place: Place, one: Hypothesis, u: Vector) -> list[dict[Port, Vect
 
 def between(now: Mapping[Port, Vector], later: Mapping[Port, Vector], part: float) -> dict[Port, Vector]:
     """Courses a part of the way on."""
-    return {port: (1.0 - part) * now.get(port, np.zeros_like(u)) + part * u for port, u in later.items()}
+    return {port: (1.0 - part) * now[port] + part * u for port, u in later.items()}

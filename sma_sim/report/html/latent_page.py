@@ -18,8 +18,8 @@ ROW = 150  # height of one time course [px]
 EXPLAINED = (
     'error left: over noise, of all data; in gaps: of blocks of time that were left out in turn; values: how many numbers '
     'the time course amounts to; removed per value: squared error over noise that it removes in gaps, per such number; '
-    'evidence: logarithm of the odds against nothing missing. Of the ports that leave nearly as little as any the one with '
-    'the fewest values comes first'
+    'evidence: logarithm of the odds against nothing missing. Of the ports that leave nearly as little as any the '
+    'most credible force, heat or power comes first'
 )
 
 

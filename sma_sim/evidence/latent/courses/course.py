@@ -10,7 +10,7 @@ WIDE = (-1e30, 1e30)
 WHERE = (
     Parameter('first', 0.0, 's', WIDE, 'instant of the first knot', '', None),
     Parameter('spacing', 1.0, 's', (1e-6, 1e30), 'from knot to knot', '', None),
-    Parameter('wire', 0.0, '-', (0.0, 2.0), 'where it acts: wire 0 or 1, coordinate 0, 1 or 2 of the pose', '', None),
+    Parameter('wire', 0.0, '-', (0.0, 3.0), 'wire 0 or 1; coordinate 0, 1 or 2 of the pose, 3 along K q', '', None),
 )
 HEAD = len(WHERE)
 

@@ -1,4 +1,7 @@
-"""Heating of a wire beside the command with a given time course."""
+"""Electrical heating of a wire that differs from the command by a part with a given time course.
+
+A part, and not watts: what a supply loses steps where the command steps, and is nothing where nothing is commanded.
+"""
 
 from sma_sim.evidence.latent.courses.course import course, values
 from sma_sim.model.effects.effect import Effect
@@ -7,8 +10,8 @@ EFFECT = Effect(
     name='latent_power',
     port='actuation',
     stage='gain',
-    equation='P = J + u(t)',
+    equation='P = J (1 + u(t))',
     source='a basis, not a law of nature',
-    parameters=values('W'),
-    kernel=lambda s, w, p: s.J + (course(s.t, p) if s.wire == p.wire else 0.0),
+    parameters=values('-'),
+    kernel=lambda s, w, p: s.J * (1.0 + course(s.t, p)) if s.wire == p.wire else s.J,
 )
