@@ -56,7 +56,7 @@ def test_what_is_told(shaken):
     assert 'force on the plate across the beam' in next(iter(sentences(found)))
 
 
-@pytest.mark.parametrize('name', ['force_U_x', 'moment_alpha', 'heat_1', 'strain_2', 'stress_1', 'power_2'])
+@pytest.mark.parametrize('name', ['force_U_x', 'moment_alpha', 'heat_1', 'strain_2', 'stress_1', 'power_2', 'stiffness'])
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
 def test_responses_add_up(name, model):
     """The response to a course is about the sum of those to its knots: what the linear model rests on."""
@@ -146,6 +146,25 @@ def test_hypotheses_and_reasons():
     assert [found.name for found in hypotheses_of(ports_of('wire', ('stress',)))] == [
         'heat_1', 'strain_1', 'stress_1', 'power_1', 'sense_stress',
     ]  # fmt: skip
+
+
+def test_what_is_left_is_simulated_and_tells_the_port():
+    """A cap of the power, 33 times the noise: around the fit that it bends, heat and stress promise more than they keep."""
+    case = make_challenge(8, kinds=['supply_limit'], duration=30.0, rate=10.0)
+    found = latent(case.campaign, case.nominal)
+    best, *others = found.findings
+    assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2
+    assert all(one.error > 1.3 for one in others) and set(best.parameters) >= {'wire.lambda', 'beam.E'}
+    limit, _ = case.answer.effects[0].parameters['P_max']
+    runs = {one.name: one.source for one in case.campaign.recordings}
+    for course in best.courses:
+        source = runs[course.run]
+        command = source.values[np.searchsorted(source.times, course.time, side='right') - 1, 0]
+        command = np.maximum(command if course.port.component == 0 else -command, 0.0)
+        lost = (1.0 + (command / limit) ** 4) ** -0.25 - 1.0
+        heated = command > 0.2 * limit  # but for a factor of all power, which is as well one of lambda and c_V
+        assert np.ptp(lost[heated]) > 0.2 or len(set(command[heated])) < 3
+        assert np.std((course.mean - lost)[heated]) < 0.06
 
 
 def test_a_calibrated_model_is_taken_as_it_is(shaken):

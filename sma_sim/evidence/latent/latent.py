@@ -70,7 +70,7 @@ class Finding:
     `error`: over noise, that is left when the model is simulated with the courses; `held_out`: that in gaps of the data that
     were left out in turn (linear); `dof` the effective number of values that were fitted, `evidence` the logarithm of the
     odds against nothing at all, `prior` what the course looks like, `beyond`: part of the instants at which it leaves its
-    band.
+    band. `parameters`: the free ones (SI) of the model to which the courses belong; none where it was not simulated.
     """
 
     hypothesis: Hypothesis
@@ -81,6 +81,7 @@ class Finding:
     held_out: float
     beyond: float
     courses: tuple[Course, ...]
+    parameters: Mapping[str, float]
 
     @property
     def name(self) -> str:
@@ -285,5 +286,5 @@ def finding(one: Weighed, tried: Tried | None, gap: Sequence[Matrix], widened: f
     return Finding(
         one.hypothesis, one.evidence - nothing - 0.5 * max(squares - estimate.squares, 0.0), prior.dof, prior.words,
         error_of(one.design, squares, widened), errors_in_gaps(one, widened)[1], float(np.mean(np.abs(u) > band)),
-        tuple(courses),
+        tuple(courses), tried.place.problem.values(tried.place.z) if tried else {},
     )  # fmt: skip

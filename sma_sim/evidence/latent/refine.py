@@ -28,8 +28,9 @@ Matrix = NDArray[np.float64]
 PARTS = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
 WIDTHS = 3  # of noise, from what the linear model would leave to what is left
 BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
-BEHIND = (1.4, 1.3, 1.2, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
-FINALISTS, OF_A_GROUP = 5, 2  # that get a second step, and those of them of one quantity
+FINALISTS = 5  # that get a second step
+BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
+BOTH = 1.1  # a quantity on one wire comes before that on both if it leaves at most so many times as much
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
@@ -95,13 +96,11 @@ def without_any(start: Place, one: Hypothesis) -> Place:
 
 
 def leading(tried: Sequence[Tried]) -> list[Tried]:
-    """Those that leave the least, not too many of one quantity; the best first."""
-    chosen: list[Tried] = []
-    for one in in_order(tried):
-        same = sum(one.weighed.hypothesis.group == other.weighed.hypothesis.group for other in chosen)
-        if same < OF_A_GROUP:
-            chosen.append(one)
-    return chosen[:FINALISTS]
+    """The quantities that leave the least, each where it does; the best first."""
+    by_group: dict[str, Tried] = {}
+    for one in sorted(tried, key=lambda one: one.error * BOTH ** len(one.weighed.hypothesis.ports)):
+        by_group.setdefault(one.weighed.hypothesis.group, one)
+    return in_order(list(by_group.values()))[:FINALISTS]
 
 
 def linearised(tried: Tried, pool: Executor, stop: Event) -> Tried:

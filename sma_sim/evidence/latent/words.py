@@ -72,6 +72,7 @@ def finding_data(found: Latent, one: Finding) -> dict[str, Any]:
         'removed_per_value': removed(found, one),
         'beyond_band': one.beyond,
         'depends_on': one.prior,
+        'parameters': dict(one.parameters),
         'courses': [course_data(course) for course in one.courses],
     }
 
