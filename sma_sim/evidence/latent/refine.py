@@ -30,7 +30,6 @@ WIDTHS = 3  # of noise, from what the linear model would leave to what is left
 BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
 FINALISTS = 5  # that get a second step
 BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
-BOTH = 1.1  # a quantity on one wire comes before that on both if it leaves at most so many times as much
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
@@ -81,7 +80,32 @@ def refined(
         except Stopped:
             break
         tried = in_order(together([partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried], stop))
-    return in_order([*tried, *given_up])
+    near = [one for one in tried if one.error <= BEHIND[-1] * tried[0].error]
+    return in_order([*tried, *given_up, *on_one_wire(near, T_E, pool, stop, told)])
+
+
+def on_one_wire(tried: Sequence[Tried], T_E: float, pool: Executor, stop: Event, told: Told) -> list[Tried]:
+    """What is on both wires, on either of them alone, after two steps."""
+    alone = [
+        replace(
+            one, settled=False, weighed=replace(one.weighed, hypothesis=Hypothesis(port.name, (port,))),
+            place=replace(one.place, courses=tuple({port: own[port]} for own in one.place.courses)),
+        )
+        for one in tried for port in one.weighed.hypothesis.ports if len(one.weighed.hypothesis.ports) > 1
+    ]  # fmt: skip
+    try:
+        told(f'simulating {", ".join(one.weighed.hypothesis.name for one in alone)}')
+        alone = together([partial(begun, one, T_E, pool, stop) for one in alone], stop) if alone else []
+    except Stopped:
+        return []
+    return alone
+
+
+def begun(tried: Tried, T_E: float, pool: Executor, stop: Event) -> Tried:
+    """Two steps from what the simulation leaves at its place. Raises Stopped."""
+    squares, doubt = left_at(tried.place, pool)
+    one = stepped(replace(tried, squares=squares, doubt=doubt), BELIEFS, T_E, pool, stop)
+    return stepped(linearised(one, pool, stop), BELIEFS, T_E, pool, stop)
 
 
 def in_order(tried: Sequence[Tried]) -> list[Tried]:
@@ -96,11 +120,19 @@ def without_any(start: Place, one: Hypothesis) -> Place:
 
 
 def leading(tried: Sequence[Tried]) -> list[Tried]:
-    """The quantities that leave the least, each where it does; the best first."""
+    """The quantities that leave the least, the best first; on both wires, from where the best on one or both has come."""
     by_group: dict[str, Tried] = {}
-    for one in sorted(tried, key=lambda one: one.error * BOTH ** len(one.weighed.hypothesis.ports)):
+    widest = {one.weighed.hypothesis.group: one for one in sorted(tried, key=lambda one: len(one.weighed.hypothesis.ports))}
+    for one in in_order(tried):
         by_group.setdefault(one.weighed.hypothesis.group, one)
-    return in_order(list(by_group.values()))[:FINALISTS]
+    return [with_both(one, widest[group]) for group, one in by_group.items()][:FINALISTS]
+
+
+def with_both(best: Tried, both: Tried) -> Tried:
+    """A hypothesis that has all ports of the other, which have no course yet where that has none."""
+    courses = tuple({port: own.get(port, 0.0 * next(iter(own.values()))) for port in both.weighed.hypothesis.ports}
+                    for own in best.place.courses)  # fmt: skip
+    return replace(best, place=replace(best.place, courses=courses), weighed=both.weighed)
 
 
 def linearised(tried: Tried, pool: Executor, stop: Event) -> Tried:
