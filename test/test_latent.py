@@ -46,6 +46,13 @@ def test_with_nothing_missing_no_port_is_named():
     assert next(iter(sentences(found))).startswith('none')
 
 
+def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
+    _, found = shaken
+    stopped = replace(found, verdict='none', alike={}, findings=(), interrupted=True)
+    assert list(sentences(stopped)) == ['stopped early, before any port could be judged']
+    assert list(sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
+
+
 def test_what_is_told(shaken):
     _, found = shaken
     data = json.loads(json.dumps(as_data(found)))

@@ -12,6 +12,9 @@ HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evide
 
 def sentences(found: Latent) -> Iterator[str]:
     """The verdict."""
+    if found.interrupted and not found.findings:
+        yield 'stopped early, before any port could be judged'
+        return
     if found.verdict == 'none':
         yield 'none: no port shows structure beyond its band'
     else:
@@ -24,7 +27,7 @@ def sentences(found: Latent) -> Iterator[str]:
     if found.findings:
         yield f'{found.model} model, {", ".join(found.runs)}: error over noise {found.error:.2f}, p = {found.p_value:.3f}'
     if found.interrupted:
-        yield 'stopped early' + ('' if found.findings else ', before any port could be judged')
+        yield 'stopped early'
 
 
 def rows(found: Latent) -> list[tuple[str, ...]]:

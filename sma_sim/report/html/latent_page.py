@@ -78,4 +78,5 @@ def course_plot(one: Finding) -> Plot:
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
         figure.update_yaxes(title_text=f'{course.port.name}<br>{course.run} [{course.port.unit}]', row=row, col=1)
     figure.update_xaxes(title_text='time [s]', row=len(one.courses), col=1)
-    return Plot(figure, one.hypothesis.ports[0].description, ROW * len(one.courses) + 90)
+    words = ' and '.join(port.description for port in one.hypothesis.ports)
+    return Plot(figure, words, ROW * len(one.courses) + 90)
