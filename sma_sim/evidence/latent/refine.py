@@ -29,7 +29,8 @@ PARTS = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
 WIDTHS = 3  # of noise, from what the linear model would leave to what is left
 BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
 FINALISTS = 5  # that get a second step
-BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
+BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step,
+FAST = 0.75  # but for those whose error fell to this part in the last step: they may be as far behind as at first
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
@@ -37,7 +38,8 @@ ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 class Tried:
     """A hypothesis on its way: where its courses are, its linear problem around an earlier place, what simulation leaves.
 
-    `squares`: over the bins; `doubt`: by how much noise is to be widened for what is left; `settled`: it gets no further.
+    `squares`: over the bins; `doubt`: by how much noise is to be widened for what is left; `settled`: it gets no further;
+    `fell`: to which part the error fell in the last step.
     """
 
     place: Place
@@ -45,6 +47,7 @@ class Tried:
     squares: float
     doubt: float
     settled: bool = False
+    fell: float = 1.0
 
     @property
     def error(self) -> float:
@@ -70,8 +73,8 @@ def refined(
         raise Stopped
     given_up: list[Tried] = []
     for behind in BEHIND:
-        given_up += [one for one in tried if one.error > behind * tried[0].error]
-        tried = [one for one in tried if one.error <= behind * tried[0].error]
+        given_up += [one for one in tried if not keeps_up(one, tried[0], behind)]
+        tried = [one for one in tried if keeps_up(one, tried[0], behind)]
         if all(one.settled for one in tried):
             break
         told(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
@@ -82,6 +85,11 @@ def refined(
         tried = in_order(together([partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried], stop))
     near = [one for one in tried if one.error <= BEHIND[-1] * tried[0].error]
     return in_order([*tried, *given_up, *on_one_wire(near, T_E, pool, stop, told)])
+
+
+def keeps_up(one: Tried, best: Tried, behind: float) -> bool:
+    """Whether another step is worth its time."""
+    return one.error <= behind * best.error or (one.fell <= FAST and one.error <= BEHIND[0] * best.error)
 
 
 def on_one_wire(tried: Sequence[Tried], T_E: float, pool: Executor, stop: Event, told: Told) -> list[Tried]:
@@ -153,8 +161,8 @@ def stepped(tried: Tried, beliefs: Sequence[float], T_E: float, pool: Executor, 
         if squares < best.squares:
             best = Tried(there, weighed, squares, doubt)
     if best.squares > ENOUGH * tried.squares:
-        return replace(tried, settled=True)
-    return best
+        return replace(tried, settled=True, fell=1.0)
+    return replace(best, fell=best.error / tried.error)
 
 
 def steps(tried: Tried, beliefs: Sequence[float], T_E: float) -> Iterator[tuple[Weighed, Place]]:
