@@ -235,9 +235,9 @@ def starting_points(problem: Problem, options: Options, pool: Executor) -> list[
     return points
 
 
-def together(jobs: Sequence[Callable[[], Answer]], stop: Event) -> list[Answer]:
-    """The answers of jobs that run in threads of their own; Ctrl-C asks them to come to an end."""
-    with ThreadPoolExecutor(len(jobs)) as threads:
+def together(jobs: Sequence[Callable[[], Answer]], stop: Event, at_once: int | None = None) -> list[Answer]:
+    """The answers of jobs that run in threads of their own (so many at once); Ctrl-C asks them to come to an end."""
+    with ThreadPoolExecutor(at_once or len(jobs)) as threads:
         futures = [threads.submit(job) for job in jobs]
         try:
             wait(futures)

@@ -21,6 +21,7 @@ from sma_sim.evidence.latent.design import Place, Stopped, Told, design_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis
 from sma_sim.evidence.latent.ports import Port
 from sma_sim.evidence.latent.ranking import Weighed, error_of, estimate_of, weigh, widened_for, widening
+from sma_sim.evidence.parallel import workers_of
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -68,7 +69,7 @@ def refined(
     left = left_at(start, pool)
     told(f'simulating each of {len(weighed)} hypotheses')
     tried = [Tried(without_any(start, one.hypothesis), one, *left) for one in weighed]
-    tried = leading(together([partial(stepped, one, BELIEFS[:1], T_E, pool, stop) for one in tried], stop))
+    tried = leading(together([partial(stepped, one, BELIEFS[:1], T_E, pool, stop) for one in tried], stop, workers_of(pool)))
     if stop.is_set():
         raise Stopped
     given_up: list[Tried] = []
@@ -82,7 +83,8 @@ def refined(
             tried = together([partial(linearised, one, pool, stop) for one in tried], stop)
         except Stopped:
             break
-        tried = in_order(together([partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried], stop))
+        steps_on = [partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried]
+        tried = in_order(together(steps_on, stop, workers_of(pool)))
     near = [one for one in tried if one.error <= BEHIND[-1] * tried[0].error]
     return in_order([*tried, *given_up, *on_one_wire(near, T_E, pool, stop, told)])
 
@@ -103,7 +105,7 @@ def on_one_wire(tried: Sequence[Tried], T_E: float, pool: Executor, stop: Event,
     ]  # fmt: skip
     try:
         told(f'simulating {", ".join(one.weighed.hypothesis.name for one in alone)}')
-        alone = together([partial(begun, one, T_E, pool, stop) for one in alone], stop) if alone else []
+        alone = together([partial(begun, one, T_E, pool, stop) for one in alone], stop, workers_of(pool)) if alone else []
     except Stopped:
         return []
     return alone
