@@ -6,8 +6,9 @@ from flows import active, make_model
 
 from sma_sim import Input, find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import EDGES, INNER
+from sma_sim.model.errors import UserError
 from sma_sim.model.material import sigma_A
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import between, pieces
 from sma_sim.solver.rosenbrock import RODAS4P2
 
 
@@ -143,6 +144,30 @@ def test_ringing_across_a_guard_ends():
     model = make_model(beam__b_x=1e-3, beam__b_y=1e-3, plate__m_H=0.2)
     run = simulate(model, module_input([0, 0.5, 1, 5], [30, -30, 20, 0]), np.arange(0.0, 5.0, 0.01))
     assert run.completed and np.isfinite(run['U_y_m']).all()
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+@pytest.mark.parametrize('effects', [[], ['beam_creep', 'driver_lag']], ids=['bare', 'with-states'])
+def test_a_run_is_continued_where_it_ended(kind, effects):
+    """Cut at a row of its input, and gone on from there, it is the same run to the last bit."""
+    model = make_model(model=kind, effects=[active(name) for name in effects])
+    whole = module_input([0.0, 3.0, 5.0, 9.0, 15.0], [12.0, -8.0, 15.0, 0.0, 0.0])
+    times = np.linspace(0.0, 15.0, 200)
+    once = simulate(model, whole, times)
+    first = simulate(model, between(whole, 0.0, 5.0), times[times < 5.0])
+    kept = first.state.y.copy()
+    second = simulate(model, between(whole, 5.0, 15.0), times[times >= 5.0], begun=first.state)
+    assert (first.state.y == kept).all()
+    assert len(first.jumps) + len(second.jumps) == len(once.jumps)
+    for name, column in once.columns.items():
+        assert (np.concatenate([first[name], second[name]]) == column).all(), name
+    assert first.steps + second.steps == once.steps
+
+
+def test_a_state_of_another_model_is_refused():
+    first = simulate(make_model(), module_input([0.0, 1.0], [12.0, 0.0]), 10)
+    with pytest.raises(UserError, match='begun: expected a state of 1 value.s., as this model has; got 8'):
+        simulate(make_model('wire', 'hybrid'), wire_input([0.0, 1.0], 0.04), 10, begun=first.state)
 
 
 def test_step_limit_is_a_reason():

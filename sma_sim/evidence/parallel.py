@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from sma_sim.model.config import Config
 from sma_sim.model.effects.library import ActiveEffect, find_effects
 from sma_sim.model.errors import UserError
@@ -49,11 +51,14 @@ def workers_of(executor: Executor) -> int:
 
 @contextmanager
 def some_executor(executor: Executor | None) -> Iterator[Executor]:
-    """The given executor, or threads on all cores (compiled runs release the interpreter lock)."""
+    """The given executor, or threads on all cores (compiled runs release the interpreter lock).
+
+    Linear algebra then keeps to the thread that asks for it: a second set of threads would fight with these over the cores.
+    """
     if executor is not None:
         yield executor
         return
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with threadpool_limits(1, 'blas'), ThreadPoolExecutor(os.cpu_count()) as threads:
         yield threads
 
 

@@ -13,6 +13,7 @@ from sma_sim.evidence.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input, inputs_at
+from sma_sim.solver.integrate import Run
 from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
 
 Vector = NDArray[np.float64]
@@ -34,7 +35,8 @@ class Prepared:
     `measured` and `weight` (channels, k): samples and one over their noise, 0 where a sample is missing.
     `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
     long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
-    empty when the commands are exact. `hasty`: for a search, in which a run of too many steps is given up.
+    empty when the commands are exact. `hasty`: for a search, in which a run of too many steps is given up. `begun`: the
+    state in which the model is at the first time of the source; at rest without it.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Prepared:
     interval: Vector
     group: NDArray[np.int64]
     hasty: bool = False
+    begun: Run | None = None
 
     @property
     def groups(self) -> int:
@@ -196,7 +199,7 @@ def model_columns(config: Config, recording: Recording | Prepared, nuisance: Nui
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     model = Model(started(config, source, nuisance.start))
-    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.hasty))
+    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.hasty), begun=run.begun)
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     index = np.maximum(np.arange(len(times)) - early + 1, 0)

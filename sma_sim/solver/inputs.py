@@ -57,6 +57,12 @@ def wire_input(
     return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
 
 
+def between(source: Input, first: float, last: float) -> Input:
+    """The rows of an input from time `first` to `last` [s], which are times of rows."""
+    rows = (source.times >= first) & (source.times <= last)
+    return Input(source.times[rows], source.values[rows], source.linear)
+
+
 def inputs_at(source: Input, times: Vector) -> dict[str, Vector]:
     """The times (k,) [s] and the input in force at each, by the names of the file contract, (k,) each."""
     held = np.searchsorted(source.times, times, side='right') - 1

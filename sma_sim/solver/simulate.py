@@ -64,7 +64,10 @@ class Jump:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Samples of a run: `time` (k,) and the named columns of the file contract, each (k,)."""
+    """Samples of a run: `time` (k,) and the named columns of the file contract, each (k,).
+
+    `state` is where the run ended, from which `simulate(begun=...)` goes on.
+    """
 
     time: Vector
     columns: dict[str, Vector]
@@ -74,6 +77,7 @@ class Trajectory:
     steps: int
     rejected: int
     chattering: int
+    state: Run
     notes: tuple[str, ...] = ()
 
     @property
@@ -179,6 +183,13 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
+def continued(model: Model, begun: Run) -> Run:
+    """A copy of a state to go on from, its counters at zero. Raises UserError where it is of another model."""
+    if len(begun.y) != len(model.scales):
+        raise UserError(f'begun: expected a state of {len(model.scales)} value(s), as this model has; got {len(begun.y)}')
+    return Run(begun.y.copy(), begun.mode.copy(), begun.x_frozen.copy(), begun.control.copy(), np.zeros_like(begun.count))
+
+
 def check_start(model: Model, strains: Vector) -> None:
     """Raise SimulationError when the wires are far too long or too short for the beam."""
     worst = float(strains[np.argmax(np.abs(strains))])
@@ -196,16 +207,18 @@ def simulate(
     max_step: float = np.inf,
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
+    begun: Run | None = None,
 ) -> Trajectory:
     """Run `model` under an input and sample it at times (increasing, within the input's), or at a rate [1/s].
 
-    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is.
+    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is. `begun`: the state, of an
+    earlier trajectory, at the input's first time; rest without it.
     Raises UserError for samples outside the input, SimulationError when there is no start.
     """
     times, values, slopes = pieces(source)
     work = new_work(model)
-    run = new_run(model, values[0], work)
-    start_notes = notes_on_start(model, run)
+    run = continued(model, begun) if begun else new_run(model, values[0], work)
+    start_notes = () if begun else notes_on_start(model, run)
     asked = asked_times(source, sample_times)
     samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
     jumps = np.zeros((MAX_JUMPS, 3))
@@ -243,6 +256,7 @@ def trajectory(
         steps=int(run.count[N_STEPS]),
         rejected=int(run.count[N_REJECTED]),
         chattering=int(run.count[N_CHATTER]),
+        state=run,
         notes=notes,
     )
 

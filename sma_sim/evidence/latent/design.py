@@ -15,10 +15,9 @@ from sma_sim.evidence.latent.inference import Products, added
 from sma_sim.evidence.latent.ports import Port
 from sma_sim.evidence.latent.priors import Points
 from sma_sim.evidence.latent.responses import Grid, acting, binned, course_at, grid_of, marked, ready, sensed, submitted
-from sma_sim.evidence.parallel import Parcel
 from sma_sim.evidence.problem import Problem, linearise, residuals_at
 from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.residuals import model_columns, weighted_residuals
+from sma_sim.evidence.residuals import model_columns
 from sma_sim.model.effects.ports import CHANNELS
 
 Vector = NDArray[np.float64]
@@ -50,9 +49,9 @@ class RunDesign:
     columns: Mapping[str, Vector]
 
     def of_ports(self, ports: Sequence[Port]) -> NDArray[np.int64]:
-        """The rows of some ports."""
-        count = np.arange(len(self.grid.knots))
-        return np.concatenate([self.first[port.name] + count for port in ports])
+        """The rows of some ports, if any."""
+        first = np.array([self.first[port.name] for port in ports], dtype=np.int64)
+        return (first[:, None] + np.arange(len(self.grid.knots))).ravel()
 
     @property
     def of_shifts(self) -> NDArray[np.int64]:
@@ -205,10 +204,8 @@ def run_design(place: Place, k: int, ports: Sequence[Port], pool: Executor, stop
     run, grid, config = problem.runs[0], place.grids[k], problem.fitted(z)
     linear = linearise(problem, z, pool)[0]
     begun, plain_run, plain = ready(config, run, problem.nuisance(z))
-    base = binned(weighted_residuals(begun, plain_run, plain), run, grid)
     work = {
-        port: [] if port.hook == 'sensing' else submitted(port, plain_run, grid, Parcel(begun), plain, base, pool)
-        for port in ports
+        port: [] if port.hook == 'sensing' else submitted(port, plain_run, grid, begun, plain, pool) for port in ports
     }
     rows, first, at = [], {}, 0
     for port, futures in work.items():

@@ -17,7 +17,7 @@ from sma_sim.evidence.descent import FIRST, descend, start_point
 from sma_sim.evidence.diagnose import STARTS, Request, bare_fit, some_held_out
 from sma_sim.evidence.latent.design import Design, Place, Stopped, Told, design_of, place_of
 from sma_sim.evidence.latent.hypotheses import Hypothesis, hypotheses_of, reason
-from sma_sim.evidence.latent.inference import without
+from sma_sim.evidence.latent.inference import Prior, without
 from sma_sim.evidence.latent.ports import Port, ports_of
 from sma_sim.evidence.latent.ranking import (
     Weighed,
@@ -212,11 +212,19 @@ def searched(training: Campaign, fitted: Fitted, free: bool, place: Workplace) -
         fitted = softened(fitted, place.pool, place.stop)[0]
     start = place_of(*on_all_samples(training, fitted, chosen))
     try:
+        answer = replace(answer, held_out=error_in_gaps(place_of(problem, z), place))
         design = design_of(start, ports, place.pool, place.stop, place.told)
         gap = discrepancy(training, fitted, chosen, design, place)
         return judged(answer, start, design, ports, gap, place)
     except Stopped:
         return answer
+
+
+def error_in_gaps(start: Place, place: Workplace) -> float:
+    """Error over noise of a fit in gaps that are left out in turn, without any port. Raises Stopped."""
+    design = design_of(start, (), place.pool, place.stop, lambda words: None)
+    nothing = Prior('', np.zeros((0, 0)), 0.0, 0.0)
+    return errors_in_gaps(Weighed(Hypothesis('nothing', ()), design, nothing, 0.0, 0.0, np.zeros(0)), 1.0)[0]
 
 
 def judged(
@@ -237,10 +245,9 @@ def judged(
     nothing = without(design.products(hypotheses[0], widened), design.z)
     findings = [finding(one, simulated.get(one.hypothesis.name), gap, widened, nothing) for one in last]
     findings.sort(key=lambda one: -one.evidence)
-    in_gaps = errors_in_gaps(replace(last[0], design=design), widened)[0]
     best = first_to_name(findings)
     findings.sort(key=lambda one: one is not best)
-    answer = replace(answer, findings=tuple(findings), widened=widened, held_out=in_gaps)
+    answer = replace(answer, findings=tuple(findings), widened=widened)
     if not tried or best.error > (1.0 - LEAST_FALL) * answer.error:
         return answer
     pulls_seen = any(port.name in ('sense_F_1', 'sense_F_2', 'sense_stress') for port in ports)

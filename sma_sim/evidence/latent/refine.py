@@ -30,8 +30,8 @@ PARTS = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
 WIDTHS = 3  # of noise, from what the linear model would leave to what is left
 BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
 FINALISTS = 5  # that get a second step
-BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step,
-FAST = 0.75  # but for those whose error fell to this part in the last step: they may be as far behind as at first
+BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
+FAST = 0.75  # to this part an error must fall in a step for the hypothesis to stay as far behind as at first
 ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
 
 
@@ -103,12 +103,13 @@ def on_one_wire(tried: Sequence[Tried], T_E: float, pool: Executor, stop: Event,
         )
         for one in tried for port in one.weighed.hypothesis.ports if len(one.weighed.hypothesis.ports) > 1
     ]  # fmt: skip
+    if not alone:
+        return []
+    told(f'simulating {", ".join(one.weighed.hypothesis.name for one in alone)}')
     try:
-        told(f'simulating {", ".join(one.weighed.hypothesis.name for one in alone)}')
-        alone = together([partial(begun, one, T_E, pool, stop) for one in alone], stop, workers_of(pool)) if alone else []
+        return together([partial(begun, one, T_E, pool, stop) for one in alone], stop, workers_of(pool))
     except Stopped:
         return []
-    return alone
 
 
 def begun(tried: Tried, T_E: float, pool: Executor, stop: Event) -> Tried:

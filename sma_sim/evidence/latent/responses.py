@@ -19,8 +19,8 @@ from sma_sim.evidence.residuals import Nuisance, Prepared, started, weighted_res
 from sma_sim.model.config import Config
 from sma_sim.model.effects.library import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS
-from sma_sim.solver.inputs import Input
-from sma_sim.solver.simulate import SimulationError
+from sma_sim.solver.inputs import Input, between
+from sma_sim.solver.simulate import Model, SimulationError, simulate
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -111,29 +111,68 @@ def acting(port: Port, grid: Grid, course: Vector) -> ActiveEffect:
 
 
 @dataclass(frozen=True)
-class Knocks:
-    """Some knots of a port at which a run is to be knocked; the base are its binned residuals without."""
+class Part:
+    """What of a run may feel a knock at some `knots`.
 
+    `run` begins in the state that the model has there, `late` (samples,) tells which samples of the whole run it has, and
+    `base` (channels, those) are its weighted residuals without a knock.
+    """
+
+    knots: tuple[int, ...]
     run: Prepared
+    late: NDArray[np.bool_]
+    base: Matrix
+
+
+def parts_of(port: Port, config: Config, run: Prepared, nuisance: Nuisance, grid: Grid) -> list[Part]:
+    """The parts of a (ready) run, each for a few knots; what lies before them is simulated once, not for every knot.
+
+    A course that is zero acts at the port, for its effect may have states.
+    """
+    config = replace(config, effects=(*config.effects, acting(port, grid, np.zeros(len(grid.knots)))))
+    base, source = weighted_residuals(config, run, nuisance), run.source
+    found: list[Part] = []
+    at, state = float(source.times[0]), None
+    for first in range(0, len(grid.knots), KNOTS_AT_ONCE):
+        until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], at)][-1])
+        if until > at:
+            state = simulate(Model(config), between(source, at, until), np.zeros(0), begun=state).state
+            at = until
+        late = (run.time - nuisance.delay >= at) | (state is None)
+        later = replace(
+            run, time=run.time[late], measured=run.measured[:, late], weight=run.weight[:, late],
+            source=between(source, at, float(source.times[-1])), begun=state,
+        )  # fmt: skip
+        knots = tuple(range(first, min(first + KNOTS_AT_ONCE, len(grid.knots))))
+        found.append(Part(knots, later, late, base[:, late]))
+    return found
+
+
+@dataclass(frozen=True)
+class Knocks:
+    """A part of a run that is to be knocked through a port at each of its knots in turn; `whole`: all of that run."""
+
+    part: Part
+    whole: Prepared
     grid: Grid
     parcel: Parcel
     nuisance: Nuisance
     port: Port
-    knots: tuple[int, ...]
-    base: Matrix
 
 
 def knocked(task: Knocks) -> NDArray[np.float32]:
     """Change of the binned residuals per probe, (knots, channels, bins); 0 where the model cannot be run."""
-    found = np.zeros((len(task.knots), *task.base.shape), dtype=np.float32)
-    config = task.parcel.config
-    for k, knot in enumerate(task.knots):
-        active = acting(task.port, task.grid, task.port.probe * (np.arange(len(task.grid.knots)) == knot))
+    part, grid, config = task.part, task.grid, task.parcel.config
+    found = np.zeros((len(part.knots), len(task.whole.channels), grid.bins), dtype=np.float32)
+    for k, knot in enumerate(part.knots):
+        active = acting(task.port, grid, task.port.probe * (np.arange(len(grid.knots)) == knot))
         try:
-            shown = weighted_residuals(replace(config, effects=(*config.effects, active)), task.run, task.nuisance)
+            shown = weighted_residuals(replace(config, effects=(*config.effects, active)), part.run, task.nuisance)
         except SimulationError:
             continue
-        found[k] = binned(shown, task.run, task.grid) - task.base
+        change = np.zeros_like(task.whole.weight)
+        change[:, part.late] = shown - part.base
+        found[k] = binned(change, task.whole, grid)
     return found
 
 
@@ -158,9 +197,8 @@ def sensed(port: Port, run: Prepared, grid: Grid, delay: float) -> NDArray[np.fl
 
 
 def submitted(
-    port: Port, run: Prepared, grid: Grid, parcel: Parcel, nuisance: Nuisance, base: Matrix, pool: Executor
+    port: Port, run: Prepared, grid: Grid, config: Config, nuisance: Nuisance, pool: Executor
 ) -> list[Future[NDArray[np.float32]]]:
     """The work of one port on one (ready) run, dealt out."""
-    count = len(grid.knots)
-    parts = [tuple(range(k, min(k + KNOTS_AT_ONCE, count))) for k in range(0, count, KNOTS_AT_ONCE)]
-    return [pool.submit(knocked, Knocks(run, grid, parcel, nuisance, port, part, base)) for part in parts]
+    parts, parcel = parts_of(port, config, run, nuisance, grid), Parcel(config)
+    return [pool.submit(knocked, Knocks(part, run, grid, parcel, nuisance, port)) for part in parts]
