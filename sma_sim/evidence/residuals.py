@@ -15,6 +15,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
+from sma_sim.solver.stepper import Work
 
 Vector = NDArray[np.float64]
 MOST_SWITCHES = 24  # with more changes of the command than this, all share one fraction
@@ -161,21 +162,30 @@ def most_steps(source: Input, hasty: bool) -> int:
     return most if hasty else CHOSEN * most
 
 
-def start_range(model: Model, first_input: Vector) -> tuple[Vector, Vector]:
-    """Per wire, x_M at rest on sigma_A and on sigma_M, the least and the most that a resting wire can have."""
-    work = new_work(model)
-    least = new_run(model, first_input, work, np.full(model.wires, np.nan)).x_frozen
-    return least, new_run(model, first_input, work, np.full(model.wires, np.inf)).x_frozen
+def within_hysteresis(model: Model, source: Input, start: Sequence[float], work: Work) -> Vector:
+    """x_M (wires,) of a start given as parts of what a resting wire can have, from sigma_A (least) to sigma_M (most)."""
+    first = np.asarray(source.values[0], float)
+    least = new_run(model, first, work, np.full(model.wires, np.nan)).x_frozen
+    most = new_run(model, first, work, np.full(model.wires, np.inf)).x_frozen
+    return np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
 
 
 def started(config: Config, source: Input, start: Sequence[float]) -> Config:
     """The configuration with the x_M of a start given as parts of the hysteresis."""
     if not len(start):
         return config
-    least, most = start_range(Model(config), np.asarray(source.values[0], float))
-    x = np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
+    model = Model(config)
+    x = within_hysteresis(model, source, start, new_work(model))
     initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
     return replace(config, parameters={**config.parameters, **initial})
+
+
+def start_of(model: Model, source: Input, start: Sequence[float]) -> Run | None:
+    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says."""
+    if not len(start):
+        return None
+    work = new_work(model)
+    return new_run(model, np.asarray(source.values[0], float), work, within_hysteresis(model, source, start, work))
 
 
 def predict(config: Config, recording: Recording | Prepared, nuisance: Nuisance | None = None) -> dict[str, Vector]:
@@ -198,8 +208,9 @@ def model_columns(config: Config, recording: Recording | Prepared, nuisance: Nui
     source = covering(with_switches(run, nuisance.switches), float(times[-1]))
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
-    model = Model(started(config, source, nuisance.start))
-    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.hasty), begun=run.begun)
+    model = Model(config)
+    begun = run.begun or start_of(model, source, nuisance.start)
+    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.hasty), begun=begun)
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     index = np.maximum(np.arange(len(times)) - early + 1, 0)

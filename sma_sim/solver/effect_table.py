@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.library import ActiveEffect, FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
@@ -37,42 +39,59 @@ def state_scales(effect: Effect, module: bool) -> list[float]:
     return list(effect.scale) * instances
 
 
-def effect_table(
-    active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
-) -> tuple[EffectTable, list[float]]:
-    """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
-    acting = [a for a in active if SYSTEMS[0 if module else 1] in a.found.effect.systems]
-    ordered = sorted(acting, key=lambda a: a.found.effect.place)
-    effects = [a.found.effect for a in ordered]
+class Layout(NamedTuple):
+    """What of a table does not depend on values: `order` of the effects, the scales of their extra states, the fields."""
+
+    order: tuple[int, ...]
+    scales: tuple[float, ...]
+    fields: Mapping[str, Any]
+
+
+@lru_cache(256)
+def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> Layout:
+    """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only."""
+    acting = [k for k, one in enumerate(found) if SYSTEMS[0 if module else 1] in one.effect.systems]
+    order = tuple(sorted(acting, key=lambda k: found[k].effect.place))
+    effects = [found[k].effect for k in order]
     ports = np.array([effect.place[0] for effect in effects], dtype=np.int64)
-    natives = [native_effect(a.found).addresses for a in ordered]
+    natives = [native_effect(found[k]).addresses for k in order]
     addresses = np.array(natives, dtype=np.int64).reshape(-1, 3).T.copy()
     scales: list[float] = []
     state_start = []
     for effect in effects:
         state_start.append(first_state + len(scales))
         scales += state_scales(effect, module)
-    counts = [len(a.values) for a in ordered]
+    counts = [len(effect.parameters) for effect in effects]
+    return Layout(order, tuple(scales), {
+        'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
+        'value': addresses[0],
+        'rate': addresses[1],
+        'start': addresses[2],
+        'states': np.array([len(effect.states) for effect in effects], dtype=np.int64),
+        'state_start': np.array(state_start, dtype=np.int64),
+        'scale': np.array(scales, dtype=float),
+        'slot': np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
+        'depends_on_x': np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
+        'depends_on_eps': np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
+        'depends_on_dx': np.array([effect.reads('dx') for effect in effects], dtype=np.int64),
+        'parameter_start': np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
+    })  # fmt: skip
+
+
+def effect_table(
+    active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
+) -> tuple[EffectTable, tuple[float, ...]]:
+    """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
+    plan = layout(tuple(one.found for one in active), module, first_state)
     table = EffectTable(
-        port_start=np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
-        value=addresses[0],
-        rate=addresses[1],
-        start=addresses[2],
-        states=np.array([len(effect.states) for effect in effects], dtype=np.int64),
-        state_start=np.array(state_start, dtype=np.int64),
-        scale=np.array(scales, dtype=float),
-        slot=np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
-        depends_on_x=np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
-        depends_on_eps=np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
-        depends_on_dx=np.array([effect.reads('dx') for effect in effects], dtype=np.int64),
-        parameter_start=np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
-        parameters=np.array([v for a in ordered for v in a.values], dtype=float),
+        **plan.fields,
+        parameters=np.array([v for k in plan.order for v in active[k].values], dtype=float),
         s=np.zeros(S_SIZE),
         wire=np.array(wire, dtype=float),
         beam=np.array(beam, dtype=float),
         out=np.zeros(16),
     )
-    return table, scales
+    return table, plan.scales
 
 
 def own_scratch(p: System) -> System:

@@ -129,7 +129,7 @@ class Model:
         wires = [30.0] * self.wires + [0.1] * (self.wires if config.model == 'mas' else 0)
         p = self.compiled
         _, extra = effect_table(config.effects, module, len(pose + rates + wires), p.wire, p.beam)
-        return np.array(pose + rates + wires + extra)
+        return np.array([*pose, *rates, *wires, *extra])
 
 
 STOPPED = 'Ctrl-C'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -69,11 +70,16 @@ class Effect:
 
     def reads(self, *fields: str) -> bool:
         """Whether the kernel or the rate, or a function that they call, reads one of these fields of the state."""
+        return not self._names.isdisjoint(fields)
+
+    @cached_property
+    def _names(self) -> set[str]:
+        """All names in the kernel and the rate; looked for once, for models are made by the thousand."""
         names: set[str] = set()
         for function in (self.kernel, self.rate):
             if function is not None:
                 names |= names_read(function, set())
-        return not names.isdisjoint(fields)
+        return names
 
     @property
     def place(self) -> tuple[int, int]:

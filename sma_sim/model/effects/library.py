@@ -35,6 +35,10 @@ class FoundEffect:
     files: tuple[Path, ...]
     packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
 
+    def __hash__(self) -> int:
+        """Of what tells effects apart nearly always: it is asked for with every model."""
+        return hash((self.effect.name, self.files))
+
 
 @dataclass(frozen=True)
 class ActiveEffect:
