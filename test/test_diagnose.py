@@ -42,7 +42,7 @@ def measured(effect='', rate=10.0, **values):
 @pytest.fixture(scope='module')
 def with_gravity():
     runs = measured('gravity', g_y=-9.81)
-    return runs, diagnose(runs, config())
+    return runs, diagnose(runs, config(), request=Request(options=Options(starts=1)))
 
 
 def test_a_hidden_effect_is_found_with_its_value(with_gravity):
@@ -267,7 +267,7 @@ def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
     runs, first = with_gravity
     dressed = in_foreign_files(runs, tmp_path)
     assert [one.name for one in dressed.recordings] == [one.name for one in runs.recordings[::-1]]
-    found = diagnose(dressed, config(), request=Request('mas', seed=7, options=Options(seed=7, intervals=False)))
+    found = diagnose(dressed, config(), request=Request('mas', seed=7, options=Options(starts=1, seed=7, intervals=False)))
     assert (found.verdict, found.effects, found.held_out) == (first.verdict, first.effects, first.held_out)
     assert found.steps[0].held_out == pytest.approx(first.steps[0].held_out, rel=0.02)
 
@@ -278,7 +278,7 @@ def test_decimation_changes_nothing(with_gravity):
         replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=halved), config(), request=Request('mas'))
+    found = diagnose(replace(runs, recordings=halved), config(), request=Request('mas', options=Options(starts=1)))
     assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.steps[-1].held_out < 1.2
 
 
@@ -302,7 +302,8 @@ def test_what_no_effect_explains_is_unknown():
 
 def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
-    found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=Request('mas'))
+    request = Request('mas', options=Options(starts=1), equation=False)
+    found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=request)
     assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.steps[-1].held_out)
     assert as_data(found)['error'][0]['held_out'] is None
 

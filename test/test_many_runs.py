@@ -59,7 +59,7 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
 
 def test_a_hidden_effect_is_found_in_many_runs():
     robot = with_effect(TRUTH, find_effects()['gravity'], {'g_y': -9.81})
-    runs = campaign(robot, range(1, 7), noise=1.0, rate=2.0)
+    runs = campaign(robot, range(1, 5), noise=1.0, rate=2.0)
     request = Request('mas', options=replace(FEW, free=None), equation=False)
     found = diagnose(runs, config(), request=request)
     assert found.effects == ('gravity',) and found.steps[-1].train < 1.15

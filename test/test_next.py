@@ -31,7 +31,7 @@ from sma_sim.evidence.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.tables import write_columns
 
 POSE = ('U_x', 'U_y', 'alpha')
-SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 24}
+SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}
 
 
 @given(seed=some.integers(0, 2**32 - 1), cells=some.integers(4, 300), power=some.floats(0.01, 40.0))
@@ -120,7 +120,7 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     assert plan.expected[0].designed > plan.expected[0].default > 0.0
     assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
     assert plan.limits.temperature == 325.0 >= max(one.temperature for one in plan.foretold)
-    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 26 and not plan.interrupted
+    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 18 and not plan.interrupted
     assert plan.limits_from == {
         'power': 'the largest command in the recordings', 'temperature': 'given',
         'stress': 'a tenth above what the recordings reached in the model',
@@ -130,11 +130,12 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
 
 
-def test_the_same_seed_and_limits_give_the_same_sequence(rivals):
+def test_the_same_seed_and_limits_give_the_same_sequence():
     """Limits that are given count like those that are found."""
-    runs, plan = rivals
+    runs, names = measured(''), ('wire.lambda', 'beam.E')
+    plan = next_experiment(runs, config(), Wanted((), names, **SHORT))
     given = {'power': plan.grid.power, 'temperature': plan.limits.temperature, 'stress': plan.limits.stress}
-    again = next_experiment(runs, config(), Wanted(BETWEEN, **given, **SHORT))
+    again = next_experiment(runs, config(), Wanted((), names, **given, **SHORT))
     assert np.array_equal(again.levels, plan.levels)
     assert again.limits == Limits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {'given'}
 
@@ -164,7 +165,7 @@ def test_ctrl_c_gives_the_best_so_far():
         if 'sequences tried' in words:
             raise KeyboardInterrupt
 
-    plan = next_experiment(measured(), config(), Wanted(BETWEEN, **SHORT), told=told)
+    plan = next_experiment(measured(), config(), Wanted(BETWEEN, **(SHORT | {'budget': 24})), told=told)
     assert plan.interrupted and plan.tried < 24 and plan.expected[0].designed > 0.0
 
 
@@ -226,7 +227,7 @@ def test_mistakes_that_need_the_fit(rivals):
 def test_without_names_the_leading_explanations_are_told_apart():
     """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
     runs = measured(channels=('alpha',), g_y=-0.3)
-    plan = next_experiment(runs, config(), Wanted(**(SHORT | {'budget': 16})))
+    plan = next_experiment(runs, config(), Wanted(**SHORT))
     names = {one.name for one in plan.hypotheses}
     assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
     assert len(plan.expected) == len(names) * (len(names) - 1)
