@@ -15,7 +15,7 @@ rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
-WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))  # each has domains of its own
+WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw3').removeprefix('gw'))  # each has domains of its own; 3: no worker
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 60.0  # [s]
 
@@ -25,7 +25,7 @@ class Simulation:
 
     def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main'):
         self.environment = os.environ | {
-            'ROS_DOMAIN_ID': str(2 * random.randrange(1, 50) - WORKER % 2),
+            'ROS_DOMAIN_ID': str(4 * random.randrange(1, 25) + WORKER % 4),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         }
         command = [sys.executable, '-m', module, '--ros-args', *arguments]
