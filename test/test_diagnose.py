@@ -76,6 +76,7 @@ def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gr
     assert last.problem.values(last.best.z)['effects.gravity.g_y'] == pytest.approx(-5.0)
 
 
+@pytest.mark.slow
 def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
     first = with_gravity[1].rounds[0]
     others = tuple(one for one in first.tried if one.name != 'gravity')
@@ -163,6 +164,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
 
 
+@pytest.mark.slow
 def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, tmp_path):
     """The robot was turned over between the fitted runs and the held-out one."""
     runs, _ = with_gravity

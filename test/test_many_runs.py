@@ -57,6 +57,7 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
         assert found.values[name] == pytest.approx(value, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_found_in_many_runs():
     robot = with_effect(TRUTH, find_effects()['gravity'], {'g_y': -9.81})
     runs = campaign(robot, range(1, 5), noise=1.0, rate=2.0)

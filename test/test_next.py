@@ -224,6 +224,7 @@ def test_mistakes_that_need_the_fit(rivals):
         next_experiment(runs, config(system='wire'), Wanted(**SHORT))
 
 
+@pytest.mark.slow
 def test_without_names_the_leading_explanations_are_told_apart():
     """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
     runs = measured(channels=('alpha',), seeds=(1,), g_y=-0.3)

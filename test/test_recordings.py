@@ -295,6 +295,7 @@ print(len(recording.time), 1024 * (after - before), *recording.notes, sep='|')
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('shuffled', [False, True])
 def test_memory_of_a_million_rows(tmp_path, shuffled):
     """At most about twice the size of the numbers, in order or not."""
