@@ -73,6 +73,7 @@ def error_of(measured, parameters, folder, column='alpha_rad'):
     return float(np.sqrt(np.mean((again[column] - truth[column][whole]) ** 2)))
 
 
+@pytest.mark.slow
 def test_robot_to_improved_model(tmp_path):
     (tmp_path / 'robot.yaml').write_text(ROBOT)
     bags = drive(tmp_path, tmp_path / 'robot.yaml', 'run', (1, 2, 3))
