@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -18,21 +19,24 @@ ROOT = Path(__file__).resolve().parents[1]
 WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw3').removeprefix('gw'))  # each has domains of its own; 3: no worker
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 60.0  # [s]
+if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+    # LOCALHOST would bring its shared memory back, whatever the profile says; Jazzy (7) knows the older name only
+    library = 'FASTRTPS' if int(metadata.version('rclpy').split('.')[0]) < 8 else 'FASTDDS'
+    os.environ[f'{library}_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'loopback.xml')
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
+else:
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
 class Simulation:
     """A node of ours (`sma_module_sim`) as a subprocess, with a client that collects what it publishes."""
 
     def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main'):
-        self.environment = os.environ | {
-            'ROS_DOMAIN_ID': str(4 * random.randrange(1, 25) + WORKER % 4),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        }
+        self.environment = os.environ | {'ROS_DOMAIN_ID': str(4 * random.randrange(1, 25) + WORKER % 4)}
         command = [sys.executable, '-m', module, '--ros-args', *arguments]
         self.process = subprocess.Popen(
             command, cwd=ROOT, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
         self.node = rclpy.create_node('client', context=self.context, namespace=namespace)
