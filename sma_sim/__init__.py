@@ -1,45 +1,66 @@
-"""Simulation of soft robots driven by shape-memory-alloy (SMA) wires."""
+"""Simulation of soft robots driven by shape-memory-alloy (SMA) wires.
 
-from sma_sim.evidence.calibrate import Calibration, Options, calibrate
-from sma_sim.evidence.diagnose import Diagnosis, diagnose
-from sma_sim.evidence.held_out import held_out
-from sma_sim.evidence.latent.latent import Latent, latent
-from sma_sim.evidence.recording import Campaign, Recording
-from sma_sim.evidence.recordings import read_campaign
-from sma_sim.evidence.residuals import Nuisance, predict
-from sma_sim.model.config import Config, default_parameters, read_config
-from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.library import find_effects
-from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import Parameter
-from sma_sim.solver.inputs import Input, module_input, wire_input
-from sma_sim.solver.simulate import Model, Trajectory, simulate
+A name is imported when it is first asked for, so that a command loads what it needs and no more.
+"""
 
-__all__ = [
-    'Calibration',
-    'Campaign',
-    'Config',
-    'Diagnosis',
-    'Effect',
-    'Input',
-    'Latent',
-    'Model',
-    'Nuisance',
-    'Options',
-    'Parameter',
-    'Recording',
-    'Trajectory',
-    'UserError',
-    'calibrate',
-    'default_parameters',
-    'diagnose',
-    'find_effects',
-    'held_out',
-    'latent',
-    'module_input',
-    'predict',
-    'read_campaign',
-    'read_config',
-    'simulate',
-    'wire_input',
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sma_sim.evidence.calibrate import Calibration as Calibration
+    from sma_sim.evidence.calibrate import Options as Options
+    from sma_sim.evidence.calibrate import calibrate as calibrate
+    from sma_sim.evidence.diagnose import Diagnosis as Diagnosis
+    from sma_sim.evidence.diagnose import diagnose as diagnose
+    from sma_sim.evidence.held_out import held_out as held_out
+    from sma_sim.evidence.latent.latent import Latent as Latent
+    from sma_sim.evidence.latent.latent import latent as latent
+    from sma_sim.evidence.recording import Campaign as Campaign
+    from sma_sim.evidence.recording import Recording as Recording
+    from sma_sim.evidence.recordings import read_campaign as read_campaign
+    from sma_sim.evidence.residuals import Nuisance as Nuisance
+    from sma_sim.evidence.residuals import predict as predict
+    from sma_sim.model.config import Config as Config
+    from sma_sim.model.config import default_parameters as default_parameters
+    from sma_sim.model.config import read_config as read_config
+    from sma_sim.model.effects.effect import Effect as Effect
+    from sma_sim.model.effects.library import find_effects as find_effects
+    from sma_sim.model.errors import UserError as UserError
+    from sma_sim.model.parameters import Parameter as Parameter
+    from sma_sim.solver.inputs import Input as Input
+    from sma_sim.solver.inputs import module_input as module_input
+    from sma_sim.solver.inputs import wire_input as wire_input
+    from sma_sim.solver.simulate import Model as Model
+    from sma_sim.solver.simulate import Trajectory as Trajectory
+    from sma_sim.solver.simulate import simulate as simulate
+
+HOMES = {
+    'evidence.calibrate': ('Calibration', 'Options', 'calibrate'),
+    'evidence.diagnose': ('Diagnosis', 'diagnose'),
+    'evidence.held_out': ('held_out',),
+    'evidence.latent.latent': ('Latent', 'latent'),
+    'evidence.recording': ('Campaign', 'Recording'),
+    'evidence.recordings': ('read_campaign',),
+    'evidence.residuals': ('Nuisance', 'predict'),
+    'model.config': ('Config', 'default_parameters', 'read_config'),
+    'model.effects.effect': ('Effect',),
+    'model.effects.library': ('find_effects',),
+    'model.errors': ('UserError',),
+    'model.parameters': ('Parameter',),
+    'solver.inputs': ('Input', 'module_input', 'wire_input'),
+    'solver.simulate': ('Model', 'Trajectory', 'simulate'),
+}
+__all__ = sorted(name for names in HOMES.values() for name in names)
+
+
+def __getattr__(name: str) -> Any:
+    """The public name `name`, from the module that defines it."""
+    for home, names in HOMES.items():
+        if name in names:
+            return getattr(import_module(f'{__name__}.{home}'), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return [*__all__, *globals()]

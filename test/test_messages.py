@@ -235,3 +235,12 @@ def test_edited_effect_takes_effect(step, tmp_path):
 def test_unknown_effect_to_list(capsys):
     assert main(['effects', 'gravty']) == 2
     assert 'did you mean gravity' in capsys.readouterr().err
+
+
+def test_ctrl_c_while_python_imports(monkeypatch, capsys):
+    def interrupted(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('sma_sim.cli.main.import_module', interrupted)
+    assert main(['effects']) == 130
+    assert capsys.readouterr().err == 'sma-sim: stopped\n'

@@ -1,10 +1,15 @@
 """What is installed beside the Python code, and that ROS is told of every package that is used."""
 
+import ast
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+
+import sma_sim
 
 tomllib = pytest.importorskip('tomllib', reason='Python 3.11 reads TOML')
 
@@ -17,6 +22,24 @@ INSTALLED = {
 PYTHON = {'yaml': 'python3-yaml', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'numba': 'python3-numba',
           'matplotlib': 'python3-matplotlib'}  # fmt: skip
 OF_ROS = ('rclpy', 'rcl_interfaces', 'launch', 'launch_ros', 'ament_index_python')
+
+
+def test_public_names_have_the_types_that_checkers_see():
+    """What is imported when asked for is what `if TYPE_CHECKING` says."""
+    tree = ast.parse(Path(sma_sim.__file__).read_text())
+    seen = {(alias.name, node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+            for alias in node.names if node.module.startswith('sma_sim')}  # fmt: skip
+    assert seen == {(name, f'sma_sim.{home}') for home, names in sma_sim.HOMES.items() for name in names}
+    assert {getattr(sma_sim, name).__name__ for name in sma_sim.__all__} == set(sma_sim.__all__)
+    with pytest.raises(AttributeError, match="module 'sma_sim' has no attribute 'simulat'"):
+        _ = sma_sim.simulat
+
+
+def test_a_verb_loads_nothing_of_others():
+    words = ['-c', 'import sys; from sma_sim.cli.main import main; main(["effects"]); print(*sys.modules)']
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = done.stdout.splitlines()[-1].split()
+    assert 'sma_sim.cli.effects' in loaded and 'sma_sim.evidence' not in loaded and 'numba' not in loaded
 
 
 def test_every_pattern_finds_something():

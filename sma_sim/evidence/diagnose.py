@@ -55,6 +55,7 @@ from sma_sim.model.config import Config
 LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
 STARTS = 2  # of the bare fit
 BARE = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere
+CLEARLY = 1.5  # error over noise above which a fit on all samples makes no other verdict of it
 WORTH_NAMING = 0.1  # part of the held-out error that a partial explanation takes away
 PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 VERDICTS = ('none', 'missing_effect', 'unknown_effect')
@@ -176,30 +177,67 @@ def diagnose(
         bare = bare_fit(training, config, request, place)
         rounds = select(bare, place)
         path, revisions = path_of(bare, rounds, place)
-        last, steps = path[-1], [step_of(training, out, one, request, place) for one in path[:-1]]
-        told('the last fit, on all samples')
-        final = last_step(steps, training, out, last, request, place, begun)
+        end = ending(path, training, out, request, place, begun)
+        steps, last = end.steps, end.last
         ratios = held_out_ratios(rounds[0], steps[0], out, place) if rounds else {}
         likeness = {one.accepted.name: likenesses(one, pool) for one in (*rounds, *revisions) if one.accepted is not None}
-        together = None
-        if out and goes_further(steps[-1]):
-            together = fitted_together(training, out, last, steps[-1].foretold, request.options, place)
-        verdict, proposal = verdict_of(steps[-1], together), None
-        if verdict == 'unknown_effect' and not stop.is_set() and (best := foretells_best(steps)) < len(path) - 1:
-            last = path[best]
-            told('the held-out runs are foretold better with fewer effects: the last fit again')
-            final = last_step(steps, training, out, last, request, place, begun)
-            verdict = verdict_with_fewer(steps[-1])
-        if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
-            proposal = propose([bare, last] if last is not bare else [bare], place)
-        if proposal is not None:
-            final = last_step(steps, training, out, proposal.fitted, request, place, begun)
     return Diagnosis(
-        verdict, last.effects, tuple(steps), rounds, final, ratios, steps[-1].foretold, likeness,
+        end.verdict, last.effects, steps, rounds, end.calibration, ratios, steps[-1].foretold, likeness,
         tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
-        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, proposal, together,
+        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - begun, end.proposal, end.together,
         tuple(name for name in path[-1].effects if name not in last.effects), revisions,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What is made of the models that were found: the verdict, the last of them, and its fit on all samples.
+
+    `steps`, `together` and `proposal` as in Diagnosis.
+    """
+
+    verdict: str
+    last: Fitted
+    steps: tuple[Step, ...]
+    calibration: Calibration
+    together: Together | None
+    proposal: Proposal | None
+
+
+def ending(
+    path: Sequence[Fitted], training: Campaign, out: Campaign | None, request: Request, place: Workplace, begun: float
+) -> Ending:
+    """Look at the held-out runs, take back what does not help there, and look for an equation where much is left.
+
+    Where that is sure to follow, the model of known effects is not fitted on all samples first.
+    """
+    bare, last, stop = path[0], path[-1], place.stop
+    steps = [step_of(training, out, one, request, place) for one in path[:-1]]
+    final, proposal, together = None, None, None
+    sketch = step_of(training, out, last, request, place) if request.equation and last.error > CLEARLY else None
+    if sketch is not None and not sketch.held_out <= CLEARLY:
+        steps.append(sketch)
+    else:
+        final = last_step(steps, training, out, last, request, place, begun)
+    if out and goes_further(steps[-1]):
+        together = fitted_together(training, out, last, steps[-1].foretold, request.options, place)
+    verdict = verdict_of(steps[-1], together)
+    if verdict == 'unknown_effect' and not stop.is_set() and (best := foretells_best(steps)) < len(path) - 1:
+        last = path[best]
+        place.told('the held-out runs are foretold better with fewer effects')
+        if final is None:
+            steps.append(steps[best])
+        else:
+            final = last_step(steps, training, out, last, request, place, begun)
+        verdict = verdict_with_fewer(steps[-1])
+    if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
+        proposal = propose([bare, last] if last is not bare else [bare], place)
+    if proposal is not None:
+        final = last_step(steps, training, out, proposal.fitted, request, place, begun)
+    elif final is None:
+        steps.pop()
+        final = last_step(steps, training, out, last, request, place, begun)
+    return Ending(verdict, last, tuple(steps), final, together, proposal)
 
 
 def bare_fit(training: Campaign, config: Config, request: Request, place: Workplace) -> Fitted:
@@ -229,6 +267,7 @@ def last_step(
     begun: float,
 ) -> Calibration:  # fmt: skip
     """The last model fitted on all samples, with intervals; its errors become a further one of the `steps`."""
+    place.told('the last fit, on all samples')
     options = replace(request.options, free=tuple(p.name for p in last.problem.free))
     found = Found(last.problem, Descent(last.z, last.cost, 0, True), ())
     done = finished(training, found, options, place.pool, place.stop, None)
