@@ -3,13 +3,15 @@
 A plain rclpy node: start from here for a controller of your own. Then: sma-sim plot step.csv
 """
 
-import contextlib
 import csv
 import math
+import signal
 import sys
+import threading
 
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
@@ -23,7 +25,7 @@ class StepResponse(Node):
     def __init__(self):
         """Connect to the topics of the module."""
         super().__init__('step_response')
-        self.rows, self.start, self.temperatures = [], None, [float('nan')] * 2
+        self.rows, self.start, self.done, self.temperatures = [], None, False, [float('nan')] * 2
         self.command = self.create_publisher(Float64, 'J_eq', 10)
         self.create_subscription(JointState, 'joint_states', self.on_joint_state, 100)
         for k, topic in enumerate(('wire_1/temperature', 'wire_2/temperature')):
@@ -42,15 +44,19 @@ class StepResponse(Node):
         self.command.publish(Float64(data=J_eq))
         if not any(math.isnan(temperature) for temperature in self.temperatures):
             self.rows.append([f'{time:.4f}', J_eq, *message.position, *self.temperatures])
-        if time > STOP:
-            raise SystemExit
+        self.done = time > STOP
 
 
-rclpy.init()
+stop = threading.Event()
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *_: stop.set())
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
 node = StepResponse()
 print('waiting for joint_states of sma_module_sim ...')
-with contextlib.suppress(SystemExit, KeyboardInterrupt):
-    rclpy.spin(node)
+while not (stop.is_set() or node.done):
+    rclpy.spin_once(node, timeout_sec=0.1)
+if not node.rows:
+    sys.exit('stopped before a joint state came: nothing is written')
 name = sys.argv[1] if len(sys.argv) > 1 else 'step.csv'
 with open(name, 'w', newline='') as file:
     csv.writer(file).writerows([COLUMNS, *node.rows])

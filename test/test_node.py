@@ -193,6 +193,19 @@ def test_module_yaml_has_every_parameter_at_its_default():
     assert set(given) - set(DEFAULTS) - set(SETTINGS) == {'system', 'model', 'effects.active', 'effects.paths'}
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_step_response_stopped_before_anything_came(tmp_path, number):
+    words = [sys.executable, str(ROOT / 'examples' / 'step_response.py'), 'step.csv']
+    environment = os.environ | {'ROS_DOMAIN_ID': '102', 'PYTHONUNBUFFERED': '1'}
+    with subprocess.Popen(words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True) as example:  # fmt: skip
+        first = example.stdout.readline()
+        example.send_signal(number)
+        log, _ = example.communicate(timeout=60)
+    assert 'waiting' in first and log == 'stopped before a joint state came: nothing is written\n', log
+    assert example.returncode == 1 and not list(tmp_path.iterdir())
+
+
 def test_step_response_example(tmp_path):
     """The README's first five minutes: node, step, file, picture."""
     with ros_client.Simulation(topics=((JointState, 'joint_states'),)) as one:
