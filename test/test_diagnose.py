@@ -17,7 +17,14 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.calibrate import Found, Options, finished
 from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
 from sma_sim.evidence.descent import Descent
-from sma_sim.evidence.diagnose import Request, diagnose, foretells_best, some_held_out, verdict_with_fewer
+from sma_sim.evidence.diagnose import (
+    Request,
+    diagnose,
+    foretells_best,
+    some_held_out,
+    verdict_with_fewer,
+    with_equation,
+)
 from sma_sim.evidence.recordings import read_campaign
 from sma_sim.evidence.refit import further_in, limited
 from sma_sim.evidence.screening import Screened
@@ -369,3 +376,21 @@ def test_wrong_use(tmp_path, capsys):
         assert message in said and 'Traceback' not in said
     with pytest.raises(UserError):
         diagnose(Campaign(()), config())
+
+
+@pytest.mark.parametrize(('effects', 'left', 'foretold', 'with_formula', 'verdict'), [
+    (('slack', 'gravity'), 1.12, 1.30, 1.01, 'unknown_effect'),
+    (('slack', 'gravity'), 1.12, 1.30, 1.28, 'missing_effect'),  # hardly better
+    (('slack', 'gravity'), 1.12, 1.30, None, 'missing_effect'),  # no formula at all
+    (('slack', 'gravity'), 1.02, 1.30, 0.99, 'missing_effect'),  # one run goes beyond the others: nothing is left over
+    (('slack',), 1.12, 1.30, 0.99, 'missing_effect'),
+])  # fmt: skip
+def test_several_effects_that_leave_something_are_held_against_one_formula(
+    monkeypatch, effects, left, foretold, with_formula, verdict
+):
+    """What of the equation search there is to look at here is its error alone."""
+    found = with_formula and SimpleNamespace(fitted=SimpleNamespace(validated=with_formula, error=1.0))
+    monkeypatch.setattr('sma_sim.evidence.diagnose.propose', lambda starts, place: found)
+    last = SimpleNamespace(effects=effects, error=left, validated=foretold)
+    place = Workplace(None, Event(), lambda words: None)
+    assert with_equation('missing_effect', None, last, place) == (verdict, found if verdict == 'unknown_effect' else None)

@@ -3,8 +3,8 @@
 a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
 refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
 a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given; partial
-explanations that hardly help there are taken back. f. Where no known effect explains enough, an equation is proposed
-(`sma_sim.evidence.equation`).
+explanations that hardly help there are taken back. f. Where no known effect explains enough, or several leave more than
+noise, an equation is proposed (`sma_sim.evidence.equation`).
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from sma_sim.evidence.recording import Campaign
 from sma_sim.evidence.refit import EXPLAINED, Fitted, validated
 from sma_sim.evidence.revision import Revision, revised
 from sma_sim.evidence.selection import (
+    LEAST_FALL,
     MOST_EFFECTS,
     UNEXPLAINED,
     Round,
@@ -56,6 +57,7 @@ LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when noth
 STARTS = 2  # of the bare fit
 BARE = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere
 CLEARLY = 1.5  # error over noise above which a fit on all samples makes no other verdict of it
+SEVERAL, LEFT_OVER = 2, 1.05  # effects that leave more than this together are held against one formula
 WORTH_NAMING = 0.1  # part of the held-out error that a partial explanation takes away
 PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 VERDICTS = ('none', 'missing_effect', 'unknown_effect')
@@ -213,7 +215,7 @@ def ending(
     """
     bare, last, stop = path[0], path[-1], place.stop
     steps = [step_of(training, out, one, request, place) for one in path[:-1]]
-    final, proposal, together = None, None, None
+    final, together = None, None
     sketch = step_of(training, out, last, request, place) if request.equation and last.error > CLEARLY else None
     if sketch is not None and not sketch.held_out <= CLEARLY:
         steps.append(sketch)
@@ -230,14 +232,32 @@ def ending(
         else:
             final = last_step(steps, training, out, last, request, place, begun)
         verdict = verdict_with_fewer(steps[-1])
-    if verdict == 'unknown_effect' and request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
-        proposal = propose([bare, last] if last is not bare else [bare], place)
+    proposal = None
+    if request.equation and judged_error(last) > EXPLAINED and not stop.is_set():
+        verdict, proposal = with_equation(verdict, bare, last, place)
     if proposal is not None:
         final = last_step(steps, training, out, proposal.fitted, request, place, begun)
     elif final is None:
         steps.pop()
         final = last_step(steps, training, out, last, request, place, begun)
     return Ending(verdict, last, tuple(steps), final, together, proposal)
+
+
+def with_equation(verdict: str, bare: Fitted, last: Fitted, place: Workplace) -> tuple[str, Proposal | None]:
+    """The verdict and the equation of what no known effect explains, if any is better than nothing.
+
+    Several effects that leave more than noise in the fitted runs may imitate something that none of them is: if one formula
+    foretells better than all of them, it is taken, and they explain a part.
+    """
+    if verdict == 'unknown_effect':
+        return verdict, propose([bare, last] if last is not bare else [bare], place)
+    if len(last.effects) < SEVERAL or last.error <= LEFT_OVER:
+        return verdict, None
+    place.told(f'{" and ".join(last.effects)} leave more than noise: is there one formula that leaves less?')
+    found = propose([bare], place)
+    if found is None or judged_error(found.fitted) > (1.0 - LEAST_FALL) * judged_error(last):
+        return verdict, None
+    return 'unknown_effect', found
 
 
 def bare_fit(training: Campaign, config: Config, request: Request, place: Workplace) -> Fitted:
