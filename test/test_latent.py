@@ -180,7 +180,6 @@ def test_hypotheses_and_reasons():
     ]  # fmt: skip
 
 
-@pytest.mark.slow
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it bends, heat and stress promise more than they keep."""
     case = make_challenge(8, kinds=['supply_limit'], duration=30.0, rate=10.0)

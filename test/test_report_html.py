@@ -58,7 +58,6 @@ def test_page_is_one_file_that_loads_nothing(page):
     assert page.stat().st_size < 10e6
 
 
-@pytest.mark.slow
 def test_page_of_thirty_runs_stays_below_10_MB(tmp_path):
     write_module_runs(tmp_path, truth(), count=30, seconds=100.0)
     path = tmp_path / 'many.html'

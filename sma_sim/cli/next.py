@@ -44,7 +44,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: that of the recordings)')
     parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
-    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='effort of the search (default 200)')
+    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='effort of the search (default 120)')
     add_search_options(parser, 'of the search')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
     add_config_options(parser)

@@ -61,7 +61,7 @@ class Wanted:
     temperature: float | None = None
     stress: float | None = None
     model: str = 'auto'
-    budget: int = 200
+    budget: int = 120
     seed: int = 0
     folders: tuple[Path, ...] = ()
 
