@@ -57,10 +57,11 @@ def __getattr__(name: str) -> Any:
     """The public name `name`, from the module that defines it."""
     for home, names in HOMES.items():
         if name in names:
-            return getattr(import_module(f'{__name__}.{home}'), name)
+            value = globals()[name] = getattr(import_module(f'{__name__}.{home}'), name)
+            return value
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 
 def __dir__() -> list[str]:
     """The public names."""
-    return [*__all__, *globals()]
+    return sorted({*__all__, *globals()})
