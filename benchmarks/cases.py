@@ -62,12 +62,12 @@ def one_case(solve: Solve, case: Case, threads: int) -> Result:
 
 def answer(solve: Solve, case: Case, pool: Executor) -> Result:
     """What solving it gave; a case that the program refuses is a result too."""
-    begun = time.perf_counter()
+    t_start = time.perf_counter()
     try:
         found = solve(*case, pool)
     except UserError as error:
         found = {'failed': str(error)}
-    return {**found, 'seconds': time.perf_counter() - begun}
+    return {**found, 'seconds': time.perf_counter() - t_start}
 
 
 def key(case: Iterable[Any]) -> str:

@@ -19,9 +19,10 @@ from cases import add_options, solved
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
-from sma_sim.evidence.diagnose import Request, diagnose
-from sma_sim.evidence.reconcile import ALL
-from sma_sim.evidence.verdict import as_data
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.pooled_refit import ALL
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 PAIRS = (
@@ -54,7 +55,7 @@ def cases(parts: list[str], channels: list[str], seeds: list[int]) -> Iterator[C
 def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say how that went."""
     made = make_challenge(seed, len(hidden), None, hidden, forces)
-    data = as_data(diagnose(made.campaign, made.nominal, request=Request(equation=False), executor=pool))
+    data = as_data(diagnose(made.campaign, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
     ranked = [one['effect'] for one in data['ranking']]
     return {
         'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim import Config, Input, Model, default_parameters, find_effects
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 
 DURATION = 100.0  # [s]
 STEPS = 10  # changes of the command

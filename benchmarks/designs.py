@@ -25,13 +25,13 @@ from cases import add_options, solved
 from sma_sim import Campaign, Input, Recording
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
-from sma_sim.evidence.calibrate import Options, prepared
-from sma_sim.evidence.descent import FIRST, LIGHTER
-from sma_sim.evidence.design.hypotheses import Hypothesis, bare_fit, hypotheses, named_rivals
-from sma_sim.evidence.design.plan import Plan, Wanted, next_experiment
-from sma_sim.evidence.design.sequences import Grid, as_input, default_sequence
-from sma_sim.evidence.refit import Fitted, refit
-from sma_sim.evidence.selection import Workplace
+from sma_sim.evidence.estimation.calibrate import Options, problem_for
+from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, LIGHTER
+from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
+from sma_sim.evidence.experiment_design.rival_fits import Hypothesis, bare_fit, hypotheses, named_rivals
+from sma_sim.evidence.experiment_design.sequences import Grid, as_input, default_sequence
+from sma_sim.evidence.model_selection.forward_selection import SearchContext
+from sma_sim.evidence.model_selection.refit import FitResult, refit
 from sma_sim.model.config import Config
 
 PAIRS = (
@@ -67,7 +67,7 @@ def with_recording(campaign: Campaign, more: Recording) -> Campaign:
     return replace(campaign, recordings=(*campaign.recordings, more))
 
 
-def achieved(plan: Plan, old: Campaign, new: Recording, place: Workplace) -> tuple[float, float]:
+def achieved(plan: Plan, old: Campaign, new: Recording, place: SearchContext) -> tuple[float, float]:
     """By how much a new recording raises the log evidence of the true hypothesis, and what that leaves over noise."""
     more = with_recording(old, new)
     first, second = hypotheses(more, [(one.name, refitted(one, more, place)) for one in plan.hypotheses], place)
@@ -75,10 +75,10 @@ def achieved(plan: Plan, old: Campaign, new: Recording, place: Workplace) -> tup
     return first.evidence - second.evidence - before, first.fitted.error * first.factor
 
 
-def refitted(one: Hypothesis, more: Campaign, place: Workplace) -> Fitted:
+def refitted(one: Hypothesis, more: Campaign, place: SearchContext) -> FitResult:
     """The best fit to one recording more, from the fit without it and from the middle of the priors."""
     fitted = one.fitted
-    problem = replace(prepared(more, fitted.problem.config, Options(), 1), free=fitted.problem.free)
+    problem = replace(problem_for(more, fitted.problem.config, Options(), 1), free=fitted.problem.free)
     known = np.append(fitted.z, np.zeros(problem.wires))  # the new run's starts in the middle of their priors
     own = [p.name.startswith('effects.') for p in problem.free]
     middle = np.where([*own, *[False] * (len(known) - len(own))], known, 0.0)
@@ -88,7 +88,7 @@ def refitted(one: Hypothesis, more: Campaign, place: Workplace) -> Fitted:
 
 
 def gentle_recordings(
-    robot: Robot, nominal: Config, pair: Sequence[str], random: np.random.Generator, place: Workplace
+    robot: Robot, nominal: Config, pair: Sequence[str], random: np.random.Generator, place: SearchContext
 ) -> tuple[float, Campaign]:
     """The power [W] and two recordings that leave a pair confounded; the gentlest, if none does."""
     noise = {name: NOISE_STD[name] for name in POSE}
@@ -106,9 +106,11 @@ def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[st
     robot, nominal = robot_of(pair, seed)
     T_E = nominal.parameters['environment.T_E']
     random = np.random.default_rng([seed, 77])
-    place = Workplace(pool, Event(), lambda words: None)
+    place = SearchContext(pool, Event(), lambda words: None)
     power, old = gentle_recordings(robot, nominal, pair, random, place)
-    plan = next_experiment(old, nominal, Wanted(tuple(pair), (), LENGTH, HOLD, POWER, 440.0, 5e8, 'mas', tries, seed), pool)
+    plan = next_experiment(
+        old, nominal, DesignRequest(tuple(pair), (), LENGTH, HOLD, POWER, 440.0, 5e8, 'mas', tries, seed), pool
+    )
     grid = plan.grid
     defaults = [default_sequence(grid, random) for _ in range(DEFAULTS)]
     gains = [

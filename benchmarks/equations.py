@@ -18,11 +18,11 @@ from typing import Any
 
 from cases import add_options, solved
 
-import sma_sim.evidence.diagnose as diagnosing
+import sma_sim.evidence.diagnosis.diagnose as diagnosing
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
-from sma_sim.evidence.diagnose import diagnose
-from sma_sim.evidence.verdict import as_data
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.verdict import as_data
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states

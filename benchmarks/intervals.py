@@ -21,8 +21,8 @@ import numpy as np
 from common import random_command, report
 
 from sma_sim import Campaign, Config, Model, Options, Recording, calibrate, default_parameters, held_out, simulate
-from sma_sim.evidence.free_parameters import default_names
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.estimation.free_parameters import default_names
 
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': float(np.radians(0.02)), 'F_1': 0.05, 'F_2': 0.05}
 RATE, DURATION = 50.0, 100.0
@@ -52,9 +52,7 @@ def recorded(truth: Config, seed: int, run: int) -> Recording:
     times = np.arange(int(RATE * DURATION)) / RATE
     exact = replace(truth, parameters={**truth.parameters, 'solver.rtol': 1e-7})
     seen = simulate(Model(exact), source, times)
-    channels = {
-        name: seen[CHANNEL_COLUMNS[name]] + noise * random.normal(size=len(times)) for name, noise in NOISE.items()
-    }
+    channels = {name: seen[CHANNEL_COLUMNS[name]] + noise * random.normal(size=len(times)) for name, noise in NOISE.items()}
     return Recording(f'run{run}', 'module', times, channels, source)
 
 
@@ -62,9 +60,9 @@ def one_seed(seed: int, runs: int, model: str) -> dict[str, Any]:
     """Fit one campaign and compare its intervals with the truth."""
     truth = true_config(seed, model)
     recordings = tuple(recorded(truth, seed, run) for run in range(runs + 1))
-    begun = time.process_time()
+    t_start = time.process_time()
     found = calibrate(Campaign(recordings[:-1], NOISE), Config(), Options(model=model))
-    seconds = time.process_time() - begun
+    seconds = time.process_time() - t_start
     out = held_out(found.config, Campaign(recordings[-1:], NOISE), found.delay)
     assert found.uncertainty is not None
     parameters = {

@@ -25,11 +25,12 @@ from cases import add_options, solved
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.calibrate import Options
-from sma_sim.evidence.diagnose import STARTS, Request, diagnose
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.recordings import read_campaign
-from sma_sim.evidence.verdict import as_data
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.estimation.calibrate import Options
+from sma_sim.evidence.model_selection.nominal_fit import STARTS, DiagnosisRequest
 from sma_sim.model.config import read_config
 
 CASES: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -44,12 +45,12 @@ FOREIGN = {  # column, unit of the contract: column and scale of the foreign fil
     'F_2_N': ('load 2 [kgf]', 9.80665),
 }  # fmt: skip
 REORDERED = (2, 0, 1)  # which run takes each name
-Asked = tuple[Campaign, Request]
+Asked = tuple[Campaign, DiagnosisRequest]
 
 
-def plain_request(seed: int = 0) -> Request:
+def plain_request(seed: int = 0) -> DiagnosisRequest:
     """A request without intervals and equations, which no verdict needs."""
-    return Request(seed=seed, equation=False, options=Options(starts=STARTS, seed=seed, intervals=False))
+    return DiagnosisRequest(seed=seed, equation=False, options=Options(starts=STARTS, seed=seed, intervals=False))
 
 
 def read(folder: Path, mapping: Path | None = None) -> Campaign:

@@ -15,7 +15,7 @@ from typing import Any
 from cases import add_options, solved
 
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.latent.latent import Latent, latent
+from sma_sim.evidence.latent_input.latent_search import Latent, latent
 
 KINDS = (
     'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam',
@@ -50,7 +50,7 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
         'port': right, 'verdict': found.verdict,
-        'alike': list(found.alike), 'error': found.error, 'left': found.findings[0].error, 'p': found.p_value,
+        'alike': list(found.indistinguishable), 'error': found.error, 'left': found.findings[0].error, 'p': found.p_value,
         'hooks': hooks(found),
     }  # fmt: skip
 
@@ -60,7 +60,7 @@ def hooks(found: Latent) -> list[str]:
     if found.verdict == 'none':
         return []
     names = {one.name: one.hypothesis.hook for one in found.findings}
-    return [names[found.verdict], *(names[name] for name in found.alike)]
+    return [names[found.verdict], *(names[name] for name in found.indistinguishable)]
 
 
 def mark(one: dict[str, Any]) -> str:
@@ -76,9 +76,9 @@ def mark(one: dict[str, Any]) -> str:
 
 def row(one: dict[str, Any]) -> str:
     """A line of the table."""
-    alike = ', '.join(one['alike']) or '-'
+    indistinguishable = ', '.join(one['alike']) or '-'
     kind, seed, channels, *_ = one['case']
-    cells = (kind, seed, channels, f'{one["error"]:.2f}', f'{one["left"]:.2f}', one['verdict'], alike)
+    cells = (kind, seed, channels, f'{one["error"]:.2f}', f'{one["left"]:.2f}', one['verdict'], indistinguishable)
     return f'| {" | ".join(map(str, cells))} | {mark(one)} | {one["seconds"]:.0f} |'
 
 

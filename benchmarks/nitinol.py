@@ -18,8 +18,9 @@ from typing import Any
 from cases import add_options, solved
 
 from sma_sim import Campaign, Config, read_config
-from sma_sim.evidence.diagnose import Diagnosis, Request, Step, diagnose
-from sma_sim.evidence.recordings import read_campaign
+from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage, diagnose
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 MAPS = Path(__file__).parent.parent / 'examples' / 'maps'
 ROUGHLY = ('wire.sigma_MW0=4e8', 'wire.dsigma=2e8')  # read off the loops by eye: the paper's wire is another one
@@ -56,7 +57,7 @@ def parts(campaign: Campaign, held: tuple[str, ...]) -> tuple[Campaign, Campaign
     return replace(campaign, recordings=rest), replace(campaign, recordings=out)
 
 
-def shown(step: Step, noise: float) -> dict[str, Any]:
+def shown(step: ModelStage, noise: float) -> dict[str, Any]:
     """One step of the fall: effects, and stress RMSE [MPa] fitted and held out."""
     return {
         'effects': list(step.effects), 'fitted': step.channels['stress'] * noise * 1e-6,
@@ -77,7 +78,7 @@ def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
     campaign = read_campaign(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
     config: Config = read_config(words=['system=wire', *case.words])
     training, held = parts(campaign, case.held)
-    return result(diagnose(training, config, held, Request(model=model, equation=False), executor=pool))
+    return result(diagnose(training, config, held, DiagnosisRequest(model=model, equation=False), executor=pool))
 
 
 def rows(results: list[dict[str, Any]]) -> list[str]:

@@ -1,6 +1,6 @@
 """The node over DDS: time to its first message, achieved rates, lost samples, share of a core.
 
-    python benchmarks/node.py [--seconds 30] [--json FILE]
+python benchmarks/node.py [--seconds 30] [--json FILE]
 """
 
 from __future__ import annotations

@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from scipy.stats import kstest, kstwo
 
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.calibrate import Options, data_error, search
-from sma_sim.evidence.candidates import candidates_for
-from sma_sim.evidence.diagnose import STARTS
-from sma_sim.evidence.screening import screen
+from sma_sim.evidence.estimation.calibrate import Options, data_error, search
+from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.nominal_fit import STARTS
+from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import new_figure, plain, save
 

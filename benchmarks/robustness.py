@@ -1,6 +1,6 @@
 """Random commands (steps and ramps, +-30 W), perturbed parameters, both models, at tolerances from 1e-3 to 1e-7.
 
-    python benchmarks/robustness.py [--runs 1000] [--json FILE]          (runs per tolerance)
+python benchmarks/robustness.py [--runs 1000] [--json FILE]          (runs per tolerance)
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from common import report
 from numpy.typing import NDArray
 
 from sma_sim import Config, Input, Model, default_parameters, find_effects, simulate
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 
 Vector = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def variants(system: str) -> dict[str, ActiveEffect]:
     return made
 
 
-def alike(system: str, channels: tuple[str, ...], closest: int) -> dict[str, Any]:
+def indistinguishable(system: str, channels: tuple[str, ...], closest: int) -> dict[str, Any]:
     """Size of each effect and what it is most like."""
     bare = shown(system, channels, {})
     effects = variants(system)
@@ -94,7 +94,7 @@ def alike(system: str, channels: tuple[str, ...], closest: int) -> dict[str, Any
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All tables."""
-    return {name: alike(*campaign, arguments.closest) for name, campaign in CAMPAIGNS.items()}
+    return {name: indistinguishable(*campaign, arguments.closest) for name, campaign in CAMPAIGNS.items()}
 
 
 if __name__ == '__main__':

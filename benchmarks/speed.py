@@ -1,6 +1,6 @@
 """Time and error of 100 s runs, cost of effects, use of all cores.
 
-    python benchmarks/speed.py [--runs 30] [--parallel 1000] [--json FILE]
+python benchmarks/speed.py [--runs 30] [--parallel 1000] [--json FILE]
 """
 
 from __future__ import annotations

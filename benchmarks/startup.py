@@ -1,6 +1,6 @@
 """Time to the first result: with nothing compiled yet, and on every later start.
 
-    python benchmarks/startup.py [--starts 5] [--json FILE]
+python benchmarks/startup.py [--starts 5] [--json FILE]
 """
 
 from __future__ import annotations

@@ -7,24 +7,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sma_sim.evidence.calibrate import Calibration as Calibration
-    from sma_sim.evidence.calibrate import Options as Options
-    from sma_sim.evidence.calibrate import calibrate as calibrate
-    from sma_sim.evidence.diagnose import Diagnosis as Diagnosis
-    from sma_sim.evidence.diagnose import diagnose as diagnose
-    from sma_sim.evidence.held_out import held_out as held_out
-    from sma_sim.evidence.latent.latent import Latent as Latent
-    from sma_sim.evidence.latent.latent import latent as latent
-    from sma_sim.evidence.recording import Campaign as Campaign
-    from sma_sim.evidence.recording import Recording as Recording
-    from sma_sim.evidence.recordings import read_campaign as read_campaign
-    from sma_sim.evidence.residuals import Nuisance as Nuisance
-    from sma_sim.evidence.residuals import predict as predict
+    from sma_sim.evidence.data.recording import Campaign as Campaign
+    from sma_sim.evidence.data.recording import Recording as Recording
+    from sma_sim.evidence.data.recordings import read_campaign as read_campaign
+    from sma_sim.evidence.diagnosis.diagnose import Diagnosis as Diagnosis
+    from sma_sim.evidence.diagnosis.diagnose import diagnose as diagnose
+    from sma_sim.evidence.estimation.calibrate import Calibration as Calibration
+    from sma_sim.evidence.estimation.calibrate import Options as Options
+    from sma_sim.evidence.estimation.calibrate import calibrate as calibrate
+    from sma_sim.evidence.estimation.cross_validation import held_out as held_out
+    from sma_sim.evidence.estimation.residuals import Nuisance as Nuisance
+    from sma_sim.evidence.estimation.residuals import predict as predict
+    from sma_sim.evidence.latent_input.latent_search import Latent as Latent
+    from sma_sim.evidence.latent_input.latent_search import latent as latent
     from sma_sim.model.config import Config as Config
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
+    from sma_sim.model.effects.discovery import find_effects as find_effects
     from sma_sim.model.effects.effect import Effect as Effect
-    from sma_sim.model.effects.library import find_effects as find_effects
     from sma_sim.model.errors import UserError as UserError
     from sma_sim.model.parameters import Parameter as Parameter
     from sma_sim.solver.inputs import Input as Input
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from sma_sim.solver.simulate import simulate as simulate
 
 HOMES = {
-    'evidence.calibrate': ('Calibration', 'Options', 'calibrate'),
-    'evidence.diagnose': ('Diagnosis', 'diagnose'),
-    'evidence.held_out': ('held_out',),
-    'evidence.latent.latent': ('Latent', 'latent'),
-    'evidence.recording': ('Campaign', 'Recording'),
-    'evidence.recordings': ('read_campaign',),
-    'evidence.residuals': ('Nuisance', 'predict'),
+    'evidence.estimation.calibrate': ('Calibration', 'Options', 'calibrate'),
+    'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
+    'evidence.estimation.cross_validation': ('held_out',),
+    'evidence.latent_input.latent_search': ('Latent', 'latent'),
+    'evidence.data.recording': ('Campaign', 'Recording'),
+    'evidence.data.recordings': ('read_campaign',),
+    'evidence.estimation.residuals': ('Nuisance', 'predict'),
     'model.config': ('Config', 'default_parameters', 'read_config'),
     'model.effects.effect': ('Effect',),
-    'model.effects.library': ('find_effects',),
+    'model.effects.discovery': ('find_effects',),
     'model.errors': ('UserError',),
     'model.parameters': ('Parameter',),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),

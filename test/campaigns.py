@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sma_sim import Campaign, Config, Model, Recording, default_parameters, module_input, simulate
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of
 
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.recordings import read_recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.recordings import read_recording
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.automaton import AUSTENITE, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.layout import O_SIZE, O_X
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.system import flow

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sma_sim import Model, default_parameters, module_input, read_config, simulate, wire_input
-from sma_sim.evidence.tables import write_columns
+from sma_sim.evidence.data.tables import write_columns
 from sma_sim.solver.inputs import inputs_at
 
 NOISE = {'U_x_m': 2e-6, 'U_y_m': 1e-5, 'alpha_rad': 3.5e-4, 'F_1_N': 0.05, 'F_2_N': 0.05, 'stress_Pa': 1e6}

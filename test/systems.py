@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.layout import O_SIZE
 from sma_sim.model.material import fraction_at_stress, sigma_A, sigma_M
 from sma_sim.model.system import flow

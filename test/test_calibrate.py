@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from campaigns import NOISE, campaign, config, scaled
 
-import sma_sim.evidence.calibrate as calibration
+import sma_sim.evidence.estimation.calibrate as calibration
 from sma_sim import (
     Campaign,
     Config,
@@ -22,8 +22,8 @@ from sma_sim import (
     wire_input,
 )  # fmt: skip
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.free_parameters import choose_free
-from sma_sim.evidence.parallel import Parcel, dask_executor, workers_of
+from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
+from sma_sim.evidence.estimation.free_parameters import choose_free
 
 OFF = {
     'wire__sigma_T': 1.08, 'wire__c_V': 0.9, 'wire__lambda': 1.12, 'wire__sigma_MW0': 0.95, 'wire__dsigma': 1.07,
@@ -157,7 +157,7 @@ def test_bounds_are_reported(small):
 @pytest.mark.parametrize('kind', ['threads', 'processes'])
 def test_executors_agree(small, kind):
     expected = calibrate(small, config(), FEW)
-    with (ThreadPoolExecutor(3) if kind == 'threads' else ProcessPoolExecutor(2)) as executor:
+    with ThreadPoolExecutor(3) if kind == 'threads' else ProcessPoolExecutor(2) as executor:
         found = calibrate(small, config(), FEW, executor)
     assert found.values == expected.values
 
@@ -183,7 +183,7 @@ def test_no_scheduler_is_said():
 
 def test_effects_travel_by_name_and_are_fitted():
     given = read_config(effects=['gravity', 'natural_convection:k=2'])
-    parcel = Parcel(given)
+    parcel = PickledConfig(given)
     unpack, arguments = parcel.__reduce__()
     again = unpack(*arguments).config
     assert [active.values for active in again.effects] == [active.values for active in given.effects]

@@ -1,6 +1,5 @@
 """Challenges: what a seed hides, and that truths are true."""
 
-
 import numpy as np
 import pytest
 from bare_module import BareModule
@@ -10,9 +9,9 @@ from sma_sim.challenge.draw import LEAST_OFF, MOST_OFF, OFF, PRESTRAIN_OFF, draw
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.robot import NOISE_STD, REST, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import truths
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.model.config import Config
-from sma_sim.model.effects.library import ActiveEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.inputs import Input, module_input
 from sma_sim.solver.simulate import Model
 

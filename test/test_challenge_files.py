@@ -17,9 +17,9 @@ from sma_sim.challenge.robot import NOISE_STD
 from sma_sim.challenge.score import read_verdict, score, verdict_from
 from sma_sim.challenge.truth import truths
 from sma_sim.cli.main import main
-from sma_sim.evidence.bags import read_bag
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.tables import read_columns
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.config import Config
 
 SHORT = {'duration': 20.0, 'rate': 10.0}

@@ -11,19 +11,19 @@ from measured_runs import CHANNELS, truth, write_isotherm, write_module_runs
 
 from sma_sim import Model, module_input, read_config, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.compare import compare
-from sma_sim.evidence.compare_classes import banded, dimensions, nice_step
-from sma_sim.evidence.compare_findings import findings
-from sma_sim.evidence.compare_pairs import changes
-from sma_sim.evidence.compare_patterns import patterns
-from sma_sim.evidence.compare_scores import ljung_box, score
-from sma_sim.evidence.compare_spectrum import EDGES, bands
-from sma_sim.evidence.compare_splits import splits
-from sma_sim.evidence.compare_states import RESTING, with_derived
-from sma_sim.evidence.notes import grouped_notes
-from sma_sim.evidence.parallel import some_executor
-from sma_sim.evidence.recordings import read_campaign
-from sma_sim.evidence.splitting import split_campaign
+from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.repair_notes import grouped_notes
+from sma_sim.evidence.data.train_test_split import split_campaign
+from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.residual_analysis.compare import compare
+from sma_sim.evidence.residual_analysis.error_by_stratum import splits
+from sma_sim.evidence.residual_analysis.findings import findings
+from sma_sim.evidence.residual_analysis.metrics import ljung_box, score
+from sma_sim.evidence.residual_analysis.paired_comparison import changes
+from sma_sim.evidence.residual_analysis.patterns import patterns
+from sma_sim.evidence.residual_analysis.spectrum import EDGES, bands
+from sma_sim.evidence.residual_analysis.strata import banded, dimensions, nice_step
+from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 

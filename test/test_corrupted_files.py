@@ -10,7 +10,7 @@ from corrupted import (
     write,
 )
 
-from sma_sim.evidence.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.recordings import read_campaign, read_recording
 from sma_sim.model.errors import UserError
 
 

@@ -14,24 +14,19 @@ from campaigns import NOISE, campaign, command, config, recording, scaled
 from sma_sim import Campaign, Config, UserError, find_effects
 from sma_sim.challenge.files import columns_of
 from sma_sim.cli.main import main
-from sma_sim.evidence.calibrate import Found, Options, finished
-from sma_sim.evidence.candidates import candidates_for, is_plausible, with_effect
-from sma_sim.evidence.descent import Descent
-from sma_sim.evidence.diagnose import (
-    Request,
-    diagnose,
-    foretells_best,
-    some_held_out,
-    verdict_with_fewer,
-    with_equation,
-)
-from sma_sim.evidence.recordings import read_campaign
-from sma_sim.evidence.refit import further_in, limited
-from sma_sim.evidence.screening import Screened
-from sma_sim.evidence.selection import Workplace, second_look, with_realistic_values
-from sma_sim.evidence.step_change import step_change
-from sma_sim.evidence.tables import write_columns
-from sma_sim.evidence.verdict import as_data, as_text
+from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
+from sma_sim.evidence.diagnosis.stage_change import step_change
+from sma_sim.evidence.diagnosis.verdict import as_data, as_text
+from sma_sim.evidence.estimation.calibrate import MultistartResult, Options, finished
+from sma_sim.evidence.estimation.levenberg_marquardt import MinimizerResult
+from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible, with_effect
+from sma_sim.evidence.model_selection.forward_selection import SearchContext, retry_from_finite_step, with_realistic_values
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.refit import further_in, limited
+from sma_sim.evidence.model_selection.score_tests import Screened
 from sma_sim.model.config import read_config
 from sma_sim.report.html.diagnosis_page import fall_figure, write_diagnosis_page
 
@@ -49,7 +44,7 @@ def measured(effect='', rate=10.0, **values):
 @pytest.fixture(scope='module')
 def with_gravity():
     runs = measured('gravity', g_y=-9.81)
-    return runs, diagnose(runs, config(), request=Request(options=Options(starts=1)))
+    return runs, diagnose(runs, config(), request=DiagnosisRequest(options=Options(starts=1)))
 
 
 def test_a_hidden_effect_is_found_with_its_value(with_gravity):
@@ -76,10 +71,10 @@ def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gr
     accepted = found.rounds[0].accepted.fitted
     free = tuple(limited(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free)
     problem = replace(accepted.problem, free=free)
-    start = Found(problem, Descent(np.clip(accepted.z, *problem.limits()), accepted.cost, 0, True), ())
+    start = MultistartResult(problem, MinimizerResult(np.clip(accepted.z, *problem.limits()), accepted.cost, 0, True), ())
     options = Options(free=tuple(p.name for p in free))
     with ThreadPoolExecutor(1) as pool:
-        last = finished(some_held_out(runs, None)[0], start, options, pool, Event(), None)
+        last = finished(hold_out_last(runs, None)[0], start, options, pool, Event(), None)
     assert last.problem.values(last.best.z)['effects.gravity.g_y'] == pytest.approx(-5.0)
 
 
@@ -91,16 +86,16 @@ def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
         first, tried=others, accepted=None, screened=tuple(one for one in first.screened if one.candidate.name != 'gravity')
     )
     with ThreadPoolExecutor(2) as pool:
-        place = Workplace(pool, Event(), lambda words: None)
-        found = second_look(blind, place)
+        place = SearchContext(pool, Event(), lambda words: None)
+        found = retry_from_finite_step(blind, place)
         near = replace(blind, base=first.accepted.fitted)
-        assert second_look(near, place) is near  # what leaves but noise is not looked at again
+        assert retry_from_finite_step(near, place) is near  # what leaves but noise is not looked at again
     assert found.accepted.name == 'gravity' and found.accepted.family_p == 1.0 and found.base is first.base
     assert found.accepted.fitted.error < 1.1 and {one.name for one in others} < {one.name for one in found.tried}
     stopped = Event()
     stopped.set()
     with ThreadPoolExecutor(1) as pool:
-        assert second_look(blind, Workplace(pool, stopped, lambda words: None)).stopped
+        assert retry_from_finite_step(blind, SearchContext(pool, stopped, lambda words: None)).stopped
 
 
 def test_a_second_look_begins_some_way_from_nothing():
@@ -125,7 +120,7 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
 def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):
     runs, found = with_gravity
     bare, last = found.steps
-    campaigns = some_held_out(runs, None)
+    campaigns = hold_out_last(runs, None)
     broken = replace(bare, held_out=np.inf)
     assert step_change(bare, last, *campaigns).held_out and not step_change(broken, last, *campaigns).held_out
     assert np.isfinite(fall_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
@@ -143,7 +138,7 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
 )  # fmt: skip
 def test_partial_explanations_that_are_worth_naming(errors, counts, kept):
     steps = [SimpleNamespace(held_out=error, effects=('a', 'b')[:n]) for error, n in zip(errors, counts, strict=True)]
-    assert foretells_best(steps) == kept
+    assert predicts_best(steps) == kept
 
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
@@ -153,7 +148,7 @@ def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     assert not first.accepted.hopeless and len(first.tried) > 1
     for one in first.tried:
         assert one.hopeless == np.isnan(one.fitted.validated)
-        assert not one.hopeless or (one.fitted.error > 1.01 * best and one.name not in first.accepted.alike)
+        assert not one.hopeless or (one.fitted.error > 1.01 * best and one.name not in first.accepted.indistinguishable)
     told = {one['effect']: one['cross_validated_error_ratio'] for one in as_data(found)['ranking']}
     assert {name for name, ratio in told.items() if ratio is None} == {one.name for one in first.tried if one.hopeless}
     assert None in told.values()
@@ -164,7 +159,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     runs = measured()
     other = campaign(scaled(config('mas'), beam__E=1.4), SEEDS, noise=1.0, rate=10.0).recordings[-1]
     changed = replace(runs, recordings=(*runs.recordings[:-1], other))
-    found = diagnose(changed, config(), request=Request('mas', options=Options(starts=1, intervals=False)))
+    found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=Options(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
     assert found.together is not None and not found.together.explained
@@ -175,7 +170,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     """The robot was turned over between the fitted runs and the held-out one."""
     runs, _ = with_gravity
     turned = replace(runs, recordings=(*runs.recordings[:-1], measured('gravity', g_y=9.81).recordings[-1]))
-    quick = Request('mas', options=Options(starts=1, intervals=False), equation=False)
+    quick = DiagnosisRequest('mas', options=Options(starts=1, intervals=False), equation=False)
     found = diagnose(turned, config(), request=quick)
     assert found.rounds[0].accepted.name == 'gravity'
     assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
@@ -184,7 +179,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
     assert any(line.startswith('taken back: gravity') and f'({worse.held_out:.2f} with' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', found, *some_held_out(turned, None), '')
+    write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(turned, None), '')
     labels = ('bare model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
     assert (tmp_path / 'why.html').exists() and fall_figure(found).data[0].x == labels
 
@@ -194,14 +189,14 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)
     powers = {1: 0.75, 2: 0.75, 3: 15.0}
     runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
-    request = Request('mas', options=Options(starts=1, intervals=False))
+    request = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
     campaign_ = Campaign(tuple(runs), dict(NOISE))
     found = diagnose(campaign_, config(), request=request)
     assert found.verdict == 'none' and found.effects == () and found.steps[-1].held_out > 1.3
     assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
     assert any(line.startswith('the held-out runs go where the fitted ones do not tell') for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', found, *some_held_out(campaign_, None), '')
+    write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(campaign_, None), '')
     assert 'but for runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 
@@ -231,7 +226,7 @@ def test_a_value_is_realistic_where_the_data_do_not_insist_on_another(with_gravi
     found = replace(first.accepted.found, effect=replace(effect, parameters=ranged))
     refused = replace(first.accepted, found=found, plausible=False)
     with ThreadPoolExecutor(2) as pool:
-        (one,) = with_realistic_values(first.base, [refused], Workplace(pool, Event(), lambda words: None))
+        (one,) = with_realistic_values(first.base, [refused], SearchContext(pool, Event(), lambda words: None))
     assert one.acceptable == accepted
     assert (0.0 <= one.fitted.values_of('gravity')[name] * away <= 1e-4) == accepted
     assert one.fitted.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.03)
@@ -275,7 +270,9 @@ def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
     runs, first = with_gravity
     dressed = in_foreign_files(runs, tmp_path)
     assert [one.name for one in dressed.recordings] == [one.name for one in runs.recordings[::-1]]
-    found = diagnose(dressed, config(), request=Request('mas', seed=7, options=Options(starts=1, seed=7, intervals=False)))
+    found = diagnose(
+        dressed, config(), request=DiagnosisRequest('mas', seed=7, options=Options(starts=1, seed=7, intervals=False))
+    )
     assert (found.verdict, found.effects, found.held_out) == (first.verdict, first.effects, first.held_out)
     assert found.steps[0].held_out == pytest.approx(first.steps[0].held_out, rel=0.02)
 
@@ -286,7 +283,7 @@ def test_decimation_changes_nothing(with_gravity):
         replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=halved), config(), request=Request('mas', options=Options(starts=1)))
+    found = diagnose(replace(runs, recordings=halved), config(), request=DiagnosisRequest('mas', options=Options(starts=1)))
     assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.steps[-1].held_out < 1.2
 
 
@@ -303,14 +300,14 @@ def test_what_no_effect_explains_is_unknown():
         replace(one, channels={**one.channels, 'alpha': one.channels['alpha'] + 2e-3 * np.sin(7.0 * one.time**1.2)})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=shaken), config(), request=Request('mas', equation=False))
+    found = diagnose(replace(runs, recordings=shaken), config(), request=DiagnosisRequest('mas', equation=False))
     assert found.verdict == 'unknown_effect' and found.steps[-1].held_out > 1.3
     assert any('in alpha' in line for line in as_text(found))
 
 
 def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
-    request = Request('mas', options=Options(starts=1), equation=False)
+    request = DiagnosisRequest('mas', options=Options(starts=1), equation=False)
     found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=request)
     assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.steps[-1].held_out)
     assert as_data(found)['error'][0]['held_out'] is None
@@ -323,11 +320,11 @@ def test_held_out_by_default_and_by_wish():
     renamed = tuple(replace(one, name=name) for one, name in zip(runs.recordings, names, strict=True))
     named = replace(runs, recordings=renamed)
     for order in permutations(named.recordings):
-        training, held = some_held_out(replace(named, recordings=order), None)
+        training, held = hold_out_last(replace(named, recordings=order), None)
         assert [one.name for one in (*training.recordings, *held.recordings)] == ['run2', 'run9', 'run10']
     chosen = replace(runs, recordings=runs.recordings[:1])
-    assert some_held_out(training, chosen) == (training, chosen)
-    assert some_held_out(training, None) == (training, None)
+    assert hold_out_last(training, chosen) == (training, chosen)
+    assert hold_out_last(training, None) == (training, None)
 
 
 def test_candidates():
@@ -377,7 +374,7 @@ def test_wrong_use(tmp_path, capsys):
         diagnose(Campaign(()), config())
 
 
-@pytest.mark.parametrize(('effects', 'left', 'foretold', 'with_formula', 'verdict'), [
+@pytest.mark.parametrize(('effects', 'left', 'predicted', 'with_formula', 'verdict'), [
     (('slack', 'gravity'), 1.12, 1.30, 1.01, 'unknown_effect'),
     (('slack', 'gravity'), 1.12, 1.30, 1.28, 'missing_effect'),  # hardly better
     (('slack', 'gravity'), 1.12, 1.30, None, 'missing_effect'),  # no formula at all
@@ -385,11 +382,11 @@ def test_wrong_use(tmp_path, capsys):
     (('slack',), 1.12, 1.30, 0.99, 'missing_effect'),
 ])  # fmt: skip
 def test_several_effects_that_leave_something_are_held_against_one_formula(
-    monkeypatch, effects, left, foretold, with_formula, verdict
+    monkeypatch, effects, left, predicted, with_formula, verdict
 ):
     """What of the equation search there is to look at here is its error alone."""
     found = with_formula and SimpleNamespace(fitted=SimpleNamespace(validated=with_formula, error=1.0))
-    monkeypatch.setattr('sma_sim.evidence.diagnose.propose', lambda starts, place: found)
-    last = SimpleNamespace(effects=effects, error=left, validated=foretold)
-    place = Workplace(None, Event(), lambda words: None)
+    monkeypatch.setattr('sma_sim.evidence.diagnosis.diagnose.propose', lambda starts, place: found)
+    last = SimpleNamespace(effects=effects, error=left, validated=predicted)
+    place = SearchContext(None, Event(), lambda words: None)
     assert with_equation('missing_effect', None, last, place) == (verdict, found if verdict == 'unknown_effect' else None)

@@ -12,16 +12,17 @@ from sma_sim import Campaign, Config, Recording, module_input
 from sma_sim.challenge.files import columns_of, write_challenge
 from sma_sim.challenge.make import make_challenge
 from sma_sim.cli import diagnose as diagnose_command
-from sma_sim.cli.data import read_data
+from sma_sim.cli.common.data import read_data
 from sma_sim.cli.main import main
-from sma_sim.evidence.bag_runs import messages_of
-from sma_sim.evidence.bag_writer import BagWriter, typestore
-from sma_sim.evidence.calibrate import Options
-from sma_sim.evidence.diagnose import Request, diagnose
-from sma_sim.evidence.verdict import as_text
+from sma_sim.evidence.data.rosbag.run_writer import messages_of
+from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.verdict import as_text
+from sma_sim.evidence.estimation.calibrate import Options
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
-QUICK = Request('mas', options=Options(starts=1, intervals=False))
+QUICK = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
 
 
 @pytest.fixture(scope='module')

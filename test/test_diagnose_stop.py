@@ -12,7 +12,7 @@ import pytest
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.stopping import stoppable
+from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.model.config import read_config
 
 PATIENCE = 300.0  # [s]

@@ -9,7 +9,7 @@ from flows import MODES, Point, active, admitted, make_model, neutral
 
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.library import FoundEffect
+from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.material import stress

@@ -16,7 +16,7 @@ import sma_sim.challenge.truths  # noqa: E402
 from sma_sim.challenge.files import write_challenge  # noqa: E402
 from sma_sim.challenge.make import make_challenge  # noqa: E402
 from sma_sim.cli.main import main  # noqa: E402
-from sma_sim.evidence.bags import read_bag  # noqa: E402
+from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEED = 20.0

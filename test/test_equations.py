@@ -10,18 +10,19 @@ from campaigns import command, config
 
 from sma_sim import Effect, Parameter, find_effects, simulate
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.candidates import with_effect
-from sma_sim.evidence.diagnose import Request, bare_fit, some_held_out
-from sma_sim.evidence.equation.any_term import any_term
-from sma_sim.evidence.equation.formula import Formula
-from sma_sim.evidence.equation.grids import Scope, grid_of
-from sma_sim.evidence.equation.places import places_for
-from sma_sim.evidence.equation.propose import propose
-from sma_sim.evidence.equation.stability import stabilities
-from sma_sim.evidence.equation.states import Course, along, fields_of
-from sma_sim.evidence.equation.terms import factor, per_unit, product_unit
-from sma_sim.evidence.equation.trying import Guess
-from sma_sim.evidence.selection import Workplace
+from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.forward_selection import SearchContext
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.symbolic_regression.formula import Formula
+from sma_sim.evidence.symbolic_regression.locations import places_for
+from sma_sim.evidence.symbolic_regression.propose import propose
+from sma_sim.evidence.symbolic_regression.shape_grids import Scope, grid_of
+from sma_sim.evidence.symbolic_regression.stability import stabilities
+from sma_sim.evidence.symbolic_regression.term_fits import TermFit
+from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
+from sma_sim.evidence.symbolic_regression.universal_term import any_term
+from sma_sim.evidence.symbolic_regression.visited_states import Course, along, fields_of
 from sma_sim.model.config import read_config
 from sma_sim.solver.simulate import Model
 
@@ -35,7 +36,7 @@ def guess(place, term, amount):
     """A term with some shapes; thresholds of temperature lie above the ambient one."""
     chosen = next(one for one in PLACES[place].terms if one.name == term)
     shapes = tuple(SHAPES[s.grid] * (1.0 if s.of != 'T' else 400.0 if s.grid == 'width' else 16000.0) for s in chosen.shapes)
-    return Guess(PLACES[place], chosen, shapes, amount, 0.0, tuple((0.5 * s, 2.0 * s) for s in shapes))
+    return TermFit(PLACES[place], chosen, shapes, amount, 0.0, tuple((0.5 * s, 2.0 * s) for s in shapes))
 
 
 def shown(model):
@@ -71,7 +72,7 @@ def test_a_formula_in_a_file_is_the_term_that_was_tried(place, term, amount):
 def test_every_term_makes_a_file_that_loads():
     for place in places_for('module', (*CHANNELS, 'F_1')):
         for term in place.terms:
-            one = Guess(place, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes))
+            one = TermFit(place, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes))
             formula = Formula((one,))
             effect = formula.found().effect
             assert isinstance(effect, Effect) and effect.port == place.hook and effect.equation == formula.equation
@@ -102,7 +103,7 @@ def test_terms_along_a_run_are_those_of_the_simulator():
     hot |= {f'{kind}_{k}{unit}': np.full(201, value) for k in (1, 2)
             for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))}  # fmt: skip
     fields = fields_of(time, hot, config().parameters, 0, 1)
-    from sma_sim.evidence.equation.states import Course
+    from sma_sim.evidence.symbolic_regression.visited_states import Course
 
     assert along(term, (4.0,), Course('run', 0, fields)) == pytest.approx(10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1)
 
@@ -124,11 +125,11 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
 def ripple():
     """A moment that is periodic in the angle, on short runs, and what is proposed for it."""
     case = make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0)
-    training, held = some_held_out(case.campaign, None)
+    training, held = hold_out_last(case.campaign, None)
     with ThreadPoolExecutor(2) as pool:
-        place = Workplace(pool, Event(), lambda words: None)
-        request = Request('mas')
-        bare = bare_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), place)
+        place = SearchContext(pool, Event(), lambda words: None)
+        request = DiagnosisRequest('mas')
+        bare = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), place)
         return case, bare, propose([bare], place)
 
 

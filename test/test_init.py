@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sma_sim.cli.common.units import in_unit, to_si, units_of
 from sma_sim.cli.main import main
-from sma_sim.cli.units import in_unit, to_si, units_of
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import number, parameter_file

@@ -7,8 +7,8 @@ import pytest
 from campaigns import command, config, recording
 
 from sma_sim import Model, Recording, simulate, wire_input
-from sma_sim.evidence.jitter import corners, straightened
-from sma_sim.evidence.residuals import predict, prepare
+from sma_sim.evidence.data.input_simplification import corners, straightened
+from sma_sim.evidence.estimation.residuals import fit_data, predict
 
 NOISE = {'stress': 1e6}
 RAMP = (np.array([0.0, 800.0, 1600.0]), np.array([0.0, 0.04, 0.0]))
@@ -25,7 +25,7 @@ def wire_recording(jitter, seed=0):
 
 def test_jitter_costs_no_stretches_and_changes_no_stress():
     run = wire_recording(1e-5)
-    prepared = prepare(run, NOISE)
+    prepared = fit_data(run, NOISE)
     assert len(prepared.source.times) < 0.3 * len(run.source.times)
     whole = replace(prepared, source=run.source)
     model = config(system='wire')

@@ -10,14 +10,24 @@ from campaigns import NOISE, campaign, config
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import make_challenge
 from sma_sim.cli.main import main
-from sma_sim.evidence.latent.hypotheses import hypotheses_of, reason
-from sma_sim.evidence.latent.inference import Prior, Products, best_prior, estimated, foretold, projected, root_of
-from sma_sim.evidence.latent.latent import LatentRequest, latent
-from sma_sim.evidence.latent.ports import PORTS, ports_of
-from sma_sim.evidence.latent.responses import Knocks, acting, binned, course_at, grid_of, knocked, marked, parts_of, ready
-from sma_sim.evidence.latent.words import as_data, rows, sentences
-from sma_sim.evidence.parallel import Parcel
-from sma_sim.evidence.residuals import Nuisance, prepare, weighted_residuals
+from sma_sim.evidence.estimation.executors import PickledConfig
+from sma_sim.evidence.estimation.injection_points import PORTS, ports_of
+from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
+from sma_sim.evidence.latent_input.hypotheses import hypotheses_of, reason
+from sma_sim.evidence.latent_input.inference import Prior, Products, best_prior, estimated, predicted, projected, root_of
+from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
+from sma_sim.evidence.latent_input.sensitivities import (
+    KnotResponses,
+    acting,
+    binned,
+    course_at,
+    grid_of,
+    knot_response,
+    marked,
+    parts_of,
+    ready,
+)
+from sma_sim.evidence.latent_input.summary import as_data, rows, sentences
 
 BY_NAME = {port.name: port for port in PORTS}
 
@@ -43,13 +53,13 @@ def test_a_force_that_shakes_the_plate_is_found_with_its_course(shaken):
 def test_with_nothing_missing_no_port_is_named():
     case = make_challenge(8, effects=0, forces=True, duration=30.0, rate=10.0)
     found = latent(case.campaign, case.nominal)
-    assert found.verdict == 'none' and found.alike == {} and found.p_value > 0.01
+    assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(sentences(found))).startswith('none')
 
 
 def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
     _, found = shaken
-    stopped = replace(found, verdict='none', alike={}, findings=(), interrupted=True)
+    stopped = replace(found, verdict='none', indistinguishable={}, findings=(), interrupted=True)
     assert list(sentences(stopped)) == ['stopped early, before any port could be judged']
     assert list(sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
 
@@ -69,7 +79,7 @@ def test_what_is_told(shaken):
 def test_responses_add_up(name, model):
     """The response to a course is about the sum of those to its knots: what the linear model rests on."""
     start = config(model, solver__rtol=1e-9)
-    run = prepare(campaign(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(campaign(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = grid_of(run, 10), BY_NAME[name]
     begun, plain, nuisance = ready(start, replace(run, source=marked(run.source, grid.knots)), Nuisance(start=(0.3, 0.3)))
 
@@ -88,7 +98,7 @@ def test_responses_add_up(name, model):
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
 def test_what_a_knock_cannot_reach_is_not_simulated_again(name, model):
     """From the state of the model at an earlier knot a response is what it is from the beginning of the run."""
-    run = prepare(campaign(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(campaign(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = grid_of(run, 30), BY_NAME[name]
     begun, plain, nuisance = ready(
         config(model), replace(run, source=marked(run.source, grid.knots)), Nuisance(delay=0.03, start=(0.3, 0.3))
@@ -96,7 +106,7 @@ def test_what_a_knock_cannot_reach_is_not_simulated_again(name, model):
     parts = parts_of(port, begun, plain, nuisance, grid)
     part = parts[3]
     assert part.late.sum() < 0.7 * len(run.time) and parts[0].late.all()
-    shown = knocked(Knocks(part, plain, grid, Parcel(begun), nuisance, port))
+    shown = knot_response(KnotResponses(part, plain, grid, PickledConfig(begun), nuisance, port))
 
     def from_the_beginning(course):
         return weighted_residuals(replace(begun, effects=(acting(port, grid, port.probe * course),)), plain, nuisance)
@@ -109,7 +119,7 @@ def test_what_a_knock_cannot_reach_is_not_simulated_again(name, model):
 
 
 def test_a_course_goes_through_its_values():
-    run = prepare(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid = grid_of(run, 10)
     values = np.random.default_rng(1).normal(size=len(grid.knots))
     assert course_at(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
@@ -142,7 +152,7 @@ def test_inference_recovers_a_course_and_prefers_the_smooth_prior():
     assert np.mean(np.abs(found.u - u) < 2.0 * found.std) > 0.8
     assert found.squares < 1.2 * 400
     gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
-    without, with_it = foretold(whole, gaps, prior)
+    without, with_it = predicted(whole, gaps, prior)
     assert with_it < 1.3 * 400 < without
 
 
@@ -164,7 +174,7 @@ def test_the_evidence_is_that_of_the_gaussian():
 def test_gaps_of_noise_are_not_foretold_by_a_course():
     rows, r, _, smooth = linear_case(np.random.default_rng(4), 0.0)
     gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
-    without, with_it = foretold(products(rows, r), gaps, Prior('rough', 3.0 * root_of(smooth), 0.0, 0.0))
+    without, with_it = predicted(products(rows, r), gaps, Prior('rough', 3.0 * root_of(smooth), 0.0, 0.0))
     assert with_it > without
 
 

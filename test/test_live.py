@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sma_sim import Config, Input, Model
-from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS, T_E, Change, Departure, LiveModel, RunningError
+from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS, T_E, Change, Departure, LiveModel, RunningError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
 from sma_sim.solver.integrate import Y_SENSED
 

@@ -7,11 +7,12 @@ import pytest
 from campaigns import campaign, config, scaled
 
 from sma_sim import Options, calibrate, find_effects
-from sma_sim.evidence import fewer_runs
-from sma_sim.evidence.calibrate import SAME, prepared
-from sma_sim.evidence.candidates import with_effect
-from sma_sim.evidence.diagnose import Request, diagnose
-from sma_sim.evidence.fewer_runs import of_all, of_part, part_of
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.estimation import run_subset
+from sma_sim.evidence.estimation.calibrate import SAME, problem_for
+from sma_sim.evidence.estimation.run_subset import of_all, of_part, part_of
+from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 FEW = Options(free=('wire.lambda', 'beam.E'), model='mas', starts=1, intervals=False)
 TRUTH = scaled(config('mas'), wire__lambda=1.1, beam__E=0.95)
@@ -26,11 +27,11 @@ def many():
 @pytest.fixture(autouse=True)
 def some_are_many(monkeypatch):
     """A part of three."""
-    monkeypatch.setattr(fewer_runs, 'MOST', 3)
+    monkeypatch.setattr(run_subset, 'MOST', 3)
 
 
 def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
-    problem = prepared(many, config(), FEW, 1)
+    problem = problem_for(many, config(), FEW, 1)
     part, z = part_of(problem), np.random.default_rng(1).normal(size=len(problem.unknowns))
     names = [run.name for run in part.runs]
     assert len(names) == 3 and names[0] == problem.runs[0].name and names[-1] == problem.runs[-1].name
@@ -44,13 +45,13 @@ def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
 
 
 def test_few_runs_are_searched_all():
-    problem = prepared(campaign(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
+    problem = problem_for(campaign(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
     assert [run.name for run in part_of(problem).runs] == [run.name for run in problem.runs]
 
 
 def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, monkeypatch):
     found = calibrate(many, config(), FEW)
-    monkeypatch.setattr(fewer_runs, 'MOST', 100)
+    monkeypatch.setattr(run_subset, 'MOST', 100)
     at_once = calibrate(many, config(), FEW)
     assert abs(found.cost - at_once.cost) < 0.1 * SAME  # descents end where the next step is foretold to gain less
     for name, value in at_once.values.items():
@@ -61,7 +62,7 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
 def test_a_hidden_effect_is_found_in_many_runs():
     robot = with_effect(TRUTH, find_effects()['gravity'], {'g_y': -9.81})
     runs = campaign(robot, range(1, 5), noise=1.0, rate=2.0)
-    request = Request('mas', options=replace(FEW, free=None), equation=False)
+    request = DiagnosisRequest('mas', options=replace(FEW, free=None), equation=False)
     found = diagnose(runs, config(), request=request)
     assert found.effects == ('gravity',) and found.steps[-1].train < 1.15
     assert found.rounds[0].tried[0].fitted.problem.runs == found.rounds[0].base.problem.runs

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from sma_sim import default_parameters
 from sma_sim.model.automaton import EDGES, GUARD_NAMES, frozen_fraction, observed_mode
-from sma_sim.model.beam import beam_forces, wire_length
 from sma_sim.model.kinetics import transition_rates
 from sma_sim.model.material import (
     fraction_at_stress,
@@ -24,6 +23,7 @@ from sma_sim.model.material import (
     stress,
 )
 from sma_sim.model.parameters import K_B, beam_constants, wire_constants
+from sma_sim.model.structures.beam import beam_forces, wire_length
 
 W = wire_constants(default_parameters())
 B = beam_constants(default_parameters())

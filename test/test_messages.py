@@ -159,7 +159,7 @@ def test_wrong_paths(complaint, tmp_path):
 
 def test_full_disk(complaint, step):
     """Nothing half-written stays; /dev/full has no room for a single byte."""
-    import sma_sim.evidence.tables as tables
+    import sma_sim.evidence.data.tables as tables
 
     with pytest.raises(tables.UserError, match='cannot write .*full'):
         tables.write_whole(step.parent / 'full', lambda file: (_ for _ in ()).throw(OSError(28, 'No space left on device')))

@@ -18,7 +18,7 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
-from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS  # noqa: E402
+from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS  # noqa: E402
 from sma_sim.ros.check_intake import Intake, Sample  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 from sma_sim.solver.integrate import Y_SENSED  # noqa: E402

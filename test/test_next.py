@@ -18,17 +18,26 @@ from sma_sim import UserError, find_effects
 from sma_sim.cli import diagnose, next
 from sma_sim.cli.main import main
 from sma_sim.cli.simulate import read_module_input
-from sma_sim.evidence.candidates import with_effect
-from sma_sim.evidence.design import criteria
-from sma_sim.evidence.design.criteria import follower, gain, known, ratios, weak_directions, worth_of_ratios
-from sma_sim.evidence.design.offer import confounded
-from sma_sim.evidence.design.plan import Wanted, grid_for, limits_for, next_experiment
-from sma_sim.evidence.design.sequences import SHAPES, Grid, as_input, as_rows, changed, default_sequence, some_sequence, tidy
-from sma_sim.evidence.design.trial import Foretold, Limits
-from sma_sim.evidence.design.words import as_data, inseparable_words
-from sma_sim.evidence.diagnose import Diagnosis
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.tables import write_columns
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.follow_up import confounded
+from sma_sim.evidence.experiment_design import utilities
+from sma_sim.evidence.experiment_design.design import DesignRequest, grid_for, limits_for, next_experiment
+from sma_sim.evidence.experiment_design.forecast import Foretold, Limits
+from sma_sim.evidence.experiment_design.sequences import (
+    SHAPES,
+    Grid,
+    as_input,
+    as_rows,
+    changed,
+    default_sequence,
+    some_sequence,
+    tidy,
+)
+from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
+from sma_sim.evidence.experiment_design.utilities import follower, gain, known, ratios, weak_directions, worth_of_ratios
+from sma_sim.evidence.model_selection.candidates import with_effect
 
 POSE = ('U_x', 'U_y', 'alpha')
 SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}
@@ -58,7 +67,7 @@ def linear_model(seed, m=4, N=30):
 
 
 def test_ratio_is_the_divergence_of_the_predictive_distributions(monkeypatch):
-    monkeypatch.setattr(criteria, 'DRAWS', 40_000)
+    monkeypatch.setattr(utilities, 'DRAWS', 40_000)
     a, b = linear_model(1), linear_model(2)
     (found,) = ratios([a, b], [(0, 1)])
     S_a, S_b = (np.eye(30) + one.jacobians[0].T @ one.jacobians[0] for one in (a, b))
@@ -111,7 +120,7 @@ BETWEEN = ('gravity', 'sensor_bias')
 @pytest.fixture(scope='module')
 def rivals():
     runs = measured()
-    return runs, next_experiment(runs, config(), Wanted(BETWEEN, temperature=325.0, **SHORT))
+    return runs, next_experiment(runs, config(), DesignRequest(BETWEEN, temperature=325.0, **SHORT))
 
 
 def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
@@ -119,8 +128,8 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     assert {(one.true, one.rival) for one in plan.expected} == set(permutations(BETWEEN))
     assert plan.expected[0].designed > plan.expected[0].default > 0.0
     assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
-    assert plan.limits.temperature == 325.0 >= max(one.temperature for one in plan.foretold)
-    assert all(one.within(plan.limits) for one in plan.foretold) and plan.tried == 18 and not plan.interrupted
+    assert plan.limits.temperature == 325.0 >= max(one.temperature for one in plan.predicted)
+    assert all(one.within(plan.limits) for one in plan.predicted) and plan.tried == 18 and not plan.interrupted
     assert plan.limits_from == {
         'power': 'the largest command in the recordings', 'temperature': 'given',
         'stress': 'a tenth above what the recordings reached in the model',
@@ -133,16 +142,16 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
 def test_the_same_seed_and_limits_give_the_same_sequence():
     """Limits that are given count like those that are found."""
     runs, names = measured(''), ('wire.lambda', 'beam.E')
-    plan = next_experiment(runs, config(), Wanted((), names, **SHORT))
+    plan = next_experiment(runs, config(), DesignRequest((), names, **SHORT))
     given = {'power': plan.grid.power, 'temperature': plan.limits.temperature, 'stress': plan.limits.stress}
-    again = next_experiment(runs, config(), Wanted((), names, **given, **SHORT))
+    again = next_experiment(runs, config(), DesignRequest((), names, **given, **SHORT))
     assert np.array_equal(again.levels, plan.levels)
     assert again.limits == Limits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {'given'}
 
 
 def test_limits_that_are_given_take_the_place_of_those_found(rivals):
     runs, plan = rivals
-    wanted = Wanted(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
+    wanted = DesignRequest(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
     with ThreadPoolExecutor(1) as pool:
         assert limits_for(plan.hypotheses, wanted, pool)[0] == Limits(330.0, 3e8) != plan.limits
     assert grid_for(runs, wanted)[0].power == 20.0 > plan.grid.power
@@ -151,7 +160,7 @@ def test_limits_that_are_given_take_the_place_of_those_found(rivals):
 def test_what_the_equations_make_alike_is_said():
     """A spring in series is an equal shift of 1/E_A and 1/E_M, which every fit is free to make."""
     runs = measured('')
-    plan = next_experiment(runs, config(), Wanted(('nothing', 'attachment_compliance'), **SHORT))
+    plan = next_experiment(runs, config(), DesignRequest(('nothing', 'attachment_compliance'), **SHORT))
     assert plan.inseparable == (('attachment_compliance', 'nothing'),)
     (words,) = inseparable_words(plan)
     assert words.startswith('no experiment on these channels tells attachment_compliance from nothing apart')
@@ -165,7 +174,7 @@ def test_ctrl_c_gives_the_best_so_far():
         if 'sequences tried' in words:
             raise KeyboardInterrupt
 
-    plan = next_experiment(measured(), config(), Wanted(BETWEEN, **(SHORT | {'budget': 24})), told=told)
+    plan = next_experiment(measured(), config(), DesignRequest(BETWEEN, **(SHORT | {'budget': 24})), told=told)
     assert plan.interrupted and plan.tried < 24 and plan.expected[0].designed > 0.0
 
 
@@ -214,21 +223,21 @@ def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
 def test_mistakes_that_need_the_fit(rivals):
     runs, _ = rivals
     for wanted, message in (
-        (Wanted(('gravitation', 'sensor_bias'), **SHORT), 'gravity'),
-        (Wanted((), ('beam.X',), **SHORT), 'beam.E'),
-        (Wanted((), ('beam.E',), temperature=290.0, **SHORT), '--max-temperature'),
+        (DesignRequest(('gravitation', 'sensor_bias'), **SHORT), 'gravity'),
+        (DesignRequest((), ('beam.X',), **SHORT), 'beam.E'),
+        (DesignRequest((), ('beam.E',), temperature=290.0, **SHORT), '--max-temperature'),
     ):
         with pytest.raises(UserError, match=message):
             next_experiment(runs, config(), wanted)
     with pytest.raises(UserError, match='wire'):
-        next_experiment(runs, config(system='wire'), Wanted(**SHORT))
+        next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
 
 
 @pytest.mark.slow
 def test_without_names_the_leading_explanations_are_told_apart():
     """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
     runs = measured(channels=('alpha',), seeds=(1,), g_y=-0.3)
-    plan = next_experiment(runs, config(), Wanted(**SHORT))
+    plan = next_experiment(runs, config(), DesignRequest(**SHORT))
     names = {one.name for one in plan.hypotheses}
     assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
     assert len(plan.expected) == len(names) * (len(names) - 1)
@@ -237,7 +246,8 @@ def test_without_names_the_leading_explanations_are_told_apart():
 def diagnosis(*rounds, effects, given=(), system='module'):
     """What is read of a diagnosis: by round the effects before it, the accepted one and what explains alike."""
     made = [
-        Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, alike=alike)) for before, name, alike in rounds
+        Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, indistinguishable=indistinguishable))
+        for before, name, indistinguishable in rounds
     ]
     found = Some(calibration=Some(config=Some(system=system)), rounds=made, revisions=(), effects=effects)
     return Some(**vars(found), judged=Diagnosis.judged.fget(found))

@@ -8,9 +8,9 @@ import pytest
 from made_recordings import NOISE, module_columns, write_recording
 
 from sma_sim import module_input, simulate
-from sma_sim.evidence.noise import estimate_noise
-from sma_sim.evidence.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.noise import estimate_noise
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.data.recordings import read_campaign, read_recording
 from sma_sim.solver.simulate import Model
 
 MEASURED = Path(__file__).resolve().parents[2] / 'shared' / 'measured' / 'module'

@@ -9,7 +9,7 @@ from sma_sim.solver import rosenbrock
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.rosenbrock import RosenbrockMethod
 from sma_sim.solver.simulate import new_work
-from sma_sim.solver.stepper import ORDER, Segment, dense, linearise, prepare_dense, rosenbrock_step
+from sma_sim.solver.stepper import ORDER, Segment, dense, linearize, prepare_dense, rosenbrock_step
 
 METHODS = [value for value in vars(rosenbrock).values() if isinstance(value, RosenbrockMethod)]
 HALVINGS = np.array([1, 2, 4, 8])
@@ -74,7 +74,7 @@ def fixed_steps(model, start, duration, count, theta=None):
     work, y, h = new_work(model), start.y.copy(), duration / count
     segment = Segment(0.0, start.u, start.du, bool((start.du != 0).any()))
     compiled = package_compiler().function
-    look, step, prepare, output = (compiled(f) for f in (linearise, rosenbrock_step, prepare_dense, dense))
+    look, step, prepare, output = (compiled(f) for f in (linearize, rosenbrock_step, prepare_dense, dense))
     for k in range(count):
         look(k * h, y, segment, start.mode, start.x_frozen, model.compiled, work)
         step(k * h, h, y, segment, start.mode, start.x_frozen, model.compiled, work)

@@ -48,7 +48,7 @@ def test_page_links_to_its_figures(paper):
 def test_models_differ_a_little(paper):
     page = (paper / 'paper.md').read_text()
     for name, least, most in [(r'alpha \[deg\]', 0.005, 0.1), (r'U_y \[um\]', 1, 100), ('T of wire 1', 1e-4, 0.1)]:
-        (mean, rms, largest), = [row[-3:] for row in rows(page, name)]
+        ((mean, rms, largest),) = [row[-3:] for row in rows(page, name)]
         assert mean <= rms <= largest and least < largest < most
 
 

@@ -7,8 +7,8 @@ import pytest
 from campaigns import config, scaled
 
 from sma_sim import Campaign, Model, Recording, UserError, simulate, wire_input
-from sma_sim.evidence.paper_calibration import calibrate_as_the_paper
-from sma_sim.evidence.tables import read_columns
+from sma_sim.evidence.data.tables import read_columns
+from sma_sim.evidence.estimation.paper_calibration import calibrate_as_the_paper
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
 NOISE = {'stress': 5e5}

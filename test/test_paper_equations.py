@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from systems import make_model, random_state
 
 from sma_sim import default_parameters
-from sma_sim.model.beam import wire_length
 from sma_sim.model.kinetics import mas_rate, transition_rates
 from sma_sim.model.layout import O_DX
 from sma_sim.model.material import (
@@ -25,6 +24,7 @@ from sma_sim.model.material import (
     stress,
 )
 from sma_sim.model.parameters import beam_constants, wire_constants
+from sma_sim.model.structures.beam import wire_length
 
 W, B = wire_constants(default_parameters()), beam_constants(default_parameters())
 fractions = st.floats(0.0, 1.0)

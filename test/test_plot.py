@@ -5,8 +5,8 @@ import pytest
 
 from sma_sim import Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.tables import read_columns
-from sma_sim.model.geometry import shape_of
+from sma_sim.evidence.data.tables import read_columns
+from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.module_figure import draw_module
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 from sma_sim.report.run_figure import draw_run

@@ -16,9 +16,9 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim.cli.main import main  # noqa: E402
-from sma_sim.evidence.bag_files import open_bag, repair  # noqa: E402
-from sma_sim.evidence.bags import read_bag  # noqa: E402
-from sma_sim.evidence.tables import read_columns  # noqa: E402
+from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair  # noqa: E402
+from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
+from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 
 JOINTS = ((JointState, 'joint_states'),)
 KILLS = 5

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of, write_recording
 
-from sma_sim.evidence.bag_files import open_bag
-from sma_sim.evidence.bag_runs import write_mcap
-from sma_sim.evidence.bag_writer import BagWriter
-from sma_sim.evidence.recordings import read_campaign, read_recording
-from sma_sim.evidence.repair import outliers
-from sma_sim.evidence.residuals import sampled_changes
+from sma_sim.evidence.data.cleaning import outliers
+from sma_sim.evidence.data.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.rosbag.raw_messages import open_bag
+from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.rosbag.writer import BagWriter
+from sma_sim.evidence.estimation.residuals import sampled_changes
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 
@@ -284,10 +284,10 @@ def test_the_electric_runs_of_a_real_wire():
 MEMORY = """
 import resource, sys
 from pathlib import Path
-from sma_sim.evidence.bag_files import open_bag
-from sma_sim.evidence.bag_runs import write_mcap
-from sma_sim.evidence.bag_writer import BagWriter
-from sma_sim.evidence.recordings import read_recording
+from sma_sim.evidence.data.rosbag.raw_messages import open_bag
+from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.rosbag.writer import BagWriter
+from sma_sim.evidence.data.recordings import read_recording
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 (recording,) = read_recording(Path(sys.argv[1]), 'module', 298.0)
 after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

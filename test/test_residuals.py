@@ -8,8 +8,8 @@ import pytest
 from campaigns import NOISE, command, config, recording, scaled
 
 from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
-from sma_sim.evidence.residuals import error_over_noise, most_steps, prepare, weighted_residuals
-from sma_sim.evidence.tables import read_columns
+from sma_sim.evidence.data.tables import read_columns
+from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, most_steps, weighted_residuals
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
 from sma_sim.solver.simulate import SimulationError
@@ -59,7 +59,7 @@ def test_missing_samples_do_not_count():
     run = recording(truth, command(4), noise=1.0)
     holes = {name: np.where(np.arange(len(v)) % 3 == 0, np.nan, v) for name, v in run.channels.items()}
     del holes['F_2']
-    prepared = prepare(replace(run, channels=holes), NOISE)
+    prepared = fit_data(replace(run, channels=holes), NOISE)
     residuals = weighted_residuals(truth, prepared)
     assert prepared.channels == ('U_x', 'U_y', 'alpha', 'F_1')
     assert prepared.samples == sum(int(np.isfinite(v).sum()) for v in holes.values())
@@ -95,7 +95,7 @@ def test_changes_that_are_known_stay_beside_those_that_were_only_sampled(told):
     made = recording(given, module_input([0.0, *exact, 20.0], [*levels, levels[-1]]))
     source = module_input([0.0, *np.sort([*(instants - 0.1), *instants]), 20.0], [*np.repeat(levels, 2)[:-1], levels[-1]])
     run = replace(made, source=source, exact_commands=False, known_changes=(instants[told],))
-    assert prepare(run, NOISE).groups == 2
+    assert fit_data(run, NOISE).groups == 2
     shown = predict(given, run, Nuisance(switches=(fraction,) * 2))
     for name, measured in made.channels.items():
         np.testing.assert_allclose(shown[name], measured, rtol=1e-6, atol=1e-4 * NOISE[name])
@@ -115,18 +115,18 @@ def test_strain_stays_where_it_was_when_sampled_heating_moves():
 def test_many_sampled_changes_share_one_fraction():
     rows = np.arange(101) / 10.0
     run = recording(config(), module_input(rows, np.sin(rows)))
-    assert prepare(replace(run, exact_commands=False), NOISE).groups == 1
-    assert prepare(run, NOISE).groups == 0
+    assert fit_data(replace(run, exact_commands=False), NOISE).groups == 1
+    assert fit_data(run, NOISE).groups == 0
 
 
 def test_what_is_missing_is_said():
     run = recording(config(), command(5))
     with pytest.raises(UserError, match='channel F_2.*noise_std'):
-        prepare(run, {name: noise for name, noise in NOISE.items() if name != 'F_2'})
+        fit_data(run, {name: noise for name, noise in NOISE.items() if name != 'F_2'})
     with pytest.raises(UserError, match='no channel'):
-        prepare(replace(run, channels={}), NOISE)
+        fit_data(replace(run, channels={}), NOISE)
     with pytest.raises(UserError, match='no channel stress'):
-        weighted_residuals(config(), prepare(replace(run, channels={'stress': run.channels['F_1']}), {'stress': 1.0}))
+        weighted_residuals(config(), fit_data(replace(run, channels={'stress': run.channels['F_1']}), {'stress': 1.0}))
 
 
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason='the reference trajectories are not here')
@@ -139,7 +139,7 @@ def test_reference_is_predicted(model):
     inside = seen['time_s'] <= source.times[-1]
     run = Recording('random_a', 'module', seen['time_s'][inside], {k: seen[c][inside] for k, c in columns.items()}, source)
     start = config(model, initial__x_M_1=0.561235873, initial__x_M_2=0.561235873)
-    prepared = prepare(run, NOISE)
+    prepared = fit_data(run, NOISE)
     errors = error_over_noise(weighted_residuals(start, prepared), prepared)
     assert max(errors.values()) < 0.1
 
@@ -150,5 +150,7 @@ def test_parameters_that_take_no_end_of_steps_are_given_up():
     for rtol in (1e-4, 1e-6, 1e-9):
         assert np.isfinite(predict(config(solver__rtol=rtol), run)['U_y']).all()
     with pytest.raises(SimulationError, match='step limit reached'):
-        predict(scaled(config(), wire__E_A=0.18, wire__eps_T=0.46), prepare(run, NOISE, hasty=True))
-    assert most_steps(run.source, hasty=False) > 10 * most_steps(run.source, hasty=True)  # a model that was chosen may ring
+        predict(scaled(config(), wire__E_A=0.18, wire__eps_T=0.46), fit_data(run, NOISE, step_limited=True))
+    assert most_steps(run.source, step_limited=False) > 10 * most_steps(
+        run.source, step_limited=True
+    )  # a model that was chosen may ring

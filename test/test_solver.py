@@ -156,7 +156,7 @@ def test_a_run_is_continued_where_it_ended(kind, effects):
     once = simulate(model, whole, times)
     first = simulate(model, between(whole, 0.0, 5.0), times[times < 5.0])
     kept = first.state.y.copy()
-    second = simulate(model, between(whole, 5.0, 15.0), times[times >= 5.0], begun=first.state)
+    second = simulate(model, between(whole, 5.0, 15.0), times[times >= 5.0], initial_state=first.state)
     assert (first.state.y == kept).all()
     assert len(first.jumps) + len(second.jumps) == len(once.jumps)
     for name, column in once.columns.items():
@@ -166,8 +166,8 @@ def test_a_run_is_continued_where_it_ended(kind, effects):
 
 def test_a_state_of_another_model_is_refused():
     first = simulate(make_model(), module_input([0.0, 1.0], [12.0, 0.0]), 10)
-    with pytest.raises(UserError, match='begun: expected a state of 1 value.s., as this model has; got 8'):
-        simulate(make_model('wire', 'hybrid'), wire_input([0.0, 1.0], 0.04), 10, begun=first.state)
+    with pytest.raises(UserError, match='initial_state: expected a state of 1 value.s., as this model has; got 8'):
+        simulate(make_model('wire', 'hybrid'), wire_input([0.0, 1.0], 0.04), 10, initial_state=first.state)
 
 
 def test_step_limit_is_a_reason():

@@ -9,22 +9,29 @@ import pytest
 from campaigns import campaign, config, scaled
 
 from sma_sim import find_effects
-from sma_sim.evidence.calibrate import Options
-from sma_sim.evidence.candidates import with_effect
-from sma_sim.evidence.diagnose import Request, bare_fit
-from sma_sim.evidence.refit import EXPLAINED
-from sma_sim.evidence.revision import best_in_place, revised
-from sma_sim.evidence.selection import SURE_FALL, Workplace, choice, judged_error, one_round, with_another
+from sma_sim.evidence.estimation.calibrate import Options
+from sma_sim.evidence.model_selection.backward_elimination import best_in_place, eliminate_backward
+from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.forward_selection import (
+    SURE_REDUCTION,
+    SearchContext,
+    best_acceptable,
+    one_step,
+    prediction_error,
+    with_another,
+)
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.refit import EXPLAINED
 from sma_sim.report.html.tried import revision_section
 
-QUICK = Request('mas', options=Options(starts=1))
+QUICK = DiagnosisRequest('mas', options=Options(starts=1))
 
 
 @pytest.fixture(scope='module')
 def place():
     """Where the work is done."""
     with ThreadPoolExecutor(2) as pool:
-        yield Workplace(pool, Event(), lambda words: None)
+        yield SearchContext(pool, Event(), lambda words: None)
 
 
 def one_that_accepts_nothing(place, **hidden):
@@ -32,7 +39,7 @@ def one_that_accepts_nothing(place, **hidden):
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=0.96)
     for name, values in hidden.items():
         truth = with_effect(truth, find_effects()[name], values)
-    first = one_round(bare_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
+    first = one_step(nominal_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
     assert first.tried
     return replace(first, accepted=None)
 
@@ -47,7 +54,7 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     lead, second = with_another(first, place)
     assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fitted
     assert second.accepted.name == 'driver_lag' and second.base is lead.after
-    assert judged_error(second.accepted.fitted) < (1.0 - SURE_FALL) * judged_error(first.base)
+    assert prediction_error(second.accepted.fitted) < (1.0 - SURE_REDUCTION) * prediction_error(first.base)
     known = [replace(one, plausible=False) for one in first.tried]
     assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
 
@@ -56,16 +63,16 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     by_name = {one.name: one for one in first.tried}
     wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fitted)
     right = by_name['gravity'].fitted
-    second = one_round(wrong.after, place)
+    second = one_step(wrong.after, place)
     assert second.accepted.name == 'driver_lag'
-    last, (again,) = revised(second.accepted.fitted, (wrong, second), place)
+    last, (again,) = eliminate_backward(second.accepted.fitted, (wrong, second), place)
     assert last.effects == ('gravity', 'driver_lag') and last.error < 0.9 * second.accepted.fitted.error
     assert again.effect == 'sensor_bias' and again.base.effects == ('driver_lag',)
     assert again.accepted.name == 'gravity' and again.after is last
     assert last.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.1)
     names = [p.name for p in last.problem.free]
     assert len(last.z) - len(names) == len(right.z) - len(right.problem.free) and len(set(names)) == len(names)
-    section = revision_section(again, SimpleNamespace(likeness={}))
+    section = revision_section(again, SimpleNamespace(confounding={}))
     assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
     others = [one for one in again.tried if one.name != 'gravity']
     assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse
@@ -96,9 +103,9 @@ def test_what_leaves_but_noise_in_all_fitted_runs_is_accepted_though_one_left_ou
     far = replace(gravity, ratio=3.0, fall=-2.0, family_p=0.2, fitted=replace(gravity.fitted, validated=12.0))
     better = [replace(one, plausible=True, family_p=0.01, fall=0.5, ratio=0.5) for one in others]
     assert better and all(one.acceptable and one.fitted.error > EXPLAINED for one in better)
-    assert not far.enough and choice([*better, far]) is far
+    assert not far.enough and best_acceptable([*better, far]) is far
     rival = replace(far, fitted=replace(far.fitted, cost=1.05 * far.fitted.cost, validated=11.9))  # 2 % more
-    assert choice([rival, far]) is far
-    assert choice([foretells := replace(rival, fitted=replace(rival.fitted, validated=6.0)), far]) is foretells
+    assert best_acceptable([rival, far]) is far
+    assert best_acceptable([foretells := replace(rival, fitted=replace(rival.fitted, validated=6.0)), far]) is foretells
     half = replace(far, part=0.2)  # little was left without it: then the runs left out decide
-    assert not half.acceptable and choice([*better, half]) in better
+    assert not half.acceptable and best_acceptable([*better, half]) in better

@@ -7,9 +7,9 @@ import pytest
 from campaigns import NOISE, campaign, command, config, recording, scaled
 
 from sma_sim import Campaign, Options, calibrate, module_input, predict
-from sma_sim.evidence.free_parameters import FreeParameter, choose_free
-from sma_sim.evidence.problem import Linear
-from sma_sim.evidence.uncertainty import autocorrelation_time, interval, long_run, sentences
+from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
+from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.estimation.uncertainty import autocorrelation_time, interval, long_run, sentences
 
 S = 1.1  # how far an equivalence is followed
 STRESS = dict.fromkeys(
@@ -156,7 +156,7 @@ def test_autocorrelation_time_of_an_autoregressive_series(memory):
 def test_long_run_covariance_of_scores(memory):
     """A constant sensitivity and AR(1) residuals: the variance of their sum."""
     series = autoregressive(memory, 40_000)
-    linear = Linear(np.array([0]), series[None, :], np.ones((1, 1, len(series))))
+    linear = LinearizedRun(np.array([0]), series[None, :], np.ones((1, 1, len(series))))
     expected = len(series) * (1.0 + memory) / (1.0 - memory)
     assert long_run(linear, autocorrelation_time(series), robust=False)[0, 0] == pytest.approx(expected, rel=0.25)
 

@@ -12,7 +12,7 @@ from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.draw import OFF, draw_command, draw_parameters, draw_truths
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import Truth, Vector
-from sma_sim.evidence.recording import Campaign, Recording
+from sma_sim.evidence.data.recording import Campaign, Recording
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input

@@ -106,9 +106,7 @@ def score(answer: Answer, verdict: Verdict) -> Score:
     errors show not to be missed (at most DETECTABLE times the noise) need not be named.
     """
     outcome, why = judged(answer, verdict)
-    ranks = {
-        name: verdict.ranking.index(name) + 1 if name in verdict.ranking else None for name in answer.library_names
-    }
+    ranks = {name: verdict.ranking.index(name) + 1 if name in verdict.ranking else None for name in answer.library_names}
     return Score(outcome, why, verdict.kind, answer.verdict, ranks, verdict.bare_error, verdict.final_error)
 
 

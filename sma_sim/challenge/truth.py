@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sma_sim.challenge.truths as package
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.library import ActiveEffect, FoundEffect
 from sma_sim.model.parameters import Parameter
 
 Vector = NDArray[np.float64]

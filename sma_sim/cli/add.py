@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.options import folders_beside
-from sma_sim.evidence.tables import check_writable, write_whole
+from sma_sim.cli.common.options import folders_beside
+from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file

@@ -7,11 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.options import add_namespace_option
-from sma_sim.evidence.bag_files import open_bag, repair
-from sma_sim.evidence.bag_runs import write_mcap
-from sma_sim.evidence.bags import ORDER, read_bag
-from sma_sim.evidence.tables import check_writable, read_columns, read_header, write_columns
+from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
+from sma_sim.evidence.data.rosbag.reader import ORDER, read_bag
+from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.tables import check_writable, read_columns, read_header, write_columns
 from sma_sim.model.errors import UserError
 
 

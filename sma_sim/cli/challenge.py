@@ -12,7 +12,7 @@ from sma_sim.challenge.answer import Answer
 from sma_sim.challenge.files import NOMINAL, WRITERS, check_new, open_answer, write_challenge
 from sma_sim.challenge.make import DURATION, FEWEST_RUNS, RATE, make_challenge
 from sma_sim.challenge.score import Score, read_verdict, score
-from sma_sim.cli.options import announce_compilation
+from sma_sim.cli.common.options import announce_compilation
 
 
 def add_parser(verbs: Any) -> None:

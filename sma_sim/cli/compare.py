@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import (
+from sma_sim.cli.common.data import (
     add_data_options,
     check_outputs,
     chosen_executor,
@@ -17,12 +17,12 @@ from sma_sim.cli.data import (
     tell_written,
     write_json,
 )
-from sma_sim.cli.options import add_overriding_options, announce_compilation
-from sma_sim.evidence.compare import compare
-from sma_sim.evidence.compare_pairs import Change, changes
-from sma_sim.evidence.compare_scores import Score, total_error
-from sma_sim.evidence.compare_summary import Summary, as_data, summarise
-from sma_sim.evidence.shown_units import shown
+from sma_sim.cli.common.options import add_overriding_options, announce_compilation
+from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.residual_analysis.compare import compare
+from sma_sim.evidence.residual_analysis.metrics import Score, total_error
+from sma_sim.evidence.residual_analysis.paired_comparison import Change, changes
+from sma_sim.evidence.residual_analysis.summary import Summary, as_data, summarise
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import (
+from sma_sim.cli.common.data import (
     add_data_options,
     add_search_options,
     check_outputs,
@@ -19,15 +19,17 @@ from sma_sim.cli.data import (
     tell_written,
     write_json,
 )
+from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.cli.fit import STOPPED
-from sma_sim.cli.options import add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.evidence.design.offer import confounded
-from sma_sim.evidence.diagnose import Diagnosis, Request, diagnose, some_held_out
-from sma_sim.evidence.proposed import values_of
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.stopping import stoppable
-from sma_sim.evidence.tables import write_whole
-from sma_sim.evidence.verdict import as_data, as_text
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
+from sma_sim.evidence.diagnosis.follow_up import confounded
+from sma_sim.evidence.diagnosis.proposed_equation import values_of
+from sma_sim.evidence.diagnosis.verdict import as_data, as_text
+from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.config import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
@@ -55,19 +57,17 @@ def run(arguments: argparse.Namespace) -> int:
     training, held = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_compilation()
-    request = Request(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
+    request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
     with stoppable() as stop:  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held, request, executor, tell, stop)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        written = write_outputs(arguments, found, *some_held_out(training, held))
+        written = write_outputs(arguments, found, *hold_out_last(training, held))
     tell_written(arguments.out, written, arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0
 
 
-def write_outputs(
-    arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None
-) -> Path | None:
+def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None) -> Path | None:
     """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
     written = write_improved(arguments, found) if arguments.out else None
     rivals = confounded(found)

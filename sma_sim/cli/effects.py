@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.model.config import effect_folders_of, suggestion
+from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.library import find_effects
 from sma_sim.model.errors import UserError
 
 WIDTH = 100

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import (
+from sma_sim.cli.common.data import (
     add_data_options,
     add_search_options,
     check_outputs,
@@ -20,15 +20,15 @@ from sma_sim.cli.data import (
     tell_written,
     write_json,
 )
-from sma_sim.cli.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.evidence.calibrate import Calibration, Options, calibrate
-from sma_sim.evidence.compare import compared_calibration
-from sma_sim.evidence.compare_summary import as_data, summarise
-from sma_sim.evidence.free_parameters import values_of
-from sma_sim.evidence.held_out import RunFit, held_out
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.run_by_run import Agreement, agreement
-from sma_sim.evidence.tables import write_whole
+from sma_sim.cli.common.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
+from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
+from sma_sim.evidence.estimation.free_parameters import values_of
+from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
+from sma_sim.evidence.residual_analysis.compare import compared_calibration
+from sma_sim.evidence.residual_analysis.summary import as_data, summarise
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
 
@@ -66,16 +66,16 @@ def run(arguments: argparse.Namespace) -> int:
             progress.close()
         if arguments.out:
             write_fitted(arguments, found)
-        foretold = foretell(found, held, executor)
+        predicted = foretell(found, held, executor)
         runs = runs_of_wire(found, fitted, held, executor)
-    print(fit_text(found, foretold))
+    print(fit_text(found, predicted))
     if runs:
         print('', *runs.sentences, sep='\n')
     if arguments.json or arguments.report:
-        summary = summarise(compared_calibration(found, fitted, held, foretold, 'fitted'))
+        summary = summarise(compared_calibration(found, fitted, held, predicted, 'fitted'))
     if arguments.json:
         further = {'run_by_run': asdict(runs) if runs else None, 'comparison': as_data(summary)}
-        write_json(arguments.json, fit_data(found, foretold, fitted) | further)
+        write_json(arguments.json, fit_data(found, predicted, fitted) | further)
     if arguments.report:
         write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held), runs)
     tell_written(arguments.out, arguments.report, arguments.json)
@@ -116,13 +116,13 @@ def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:
     write_whole(arguments.out, lambda file: file.write(text))
 
 
-def fit_text(found: Calibration, foretold: Sequence[RunFit]) -> str:
+def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
     """The result for the terminal."""
     lines = [
         f'{found.config.model} model, {found.iterations} steps in {found.seconds:.1f} s'
         + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else ''),
         '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
-        table_text(('error over noise', *found.channels, 'all'), error_rows(found, foretold)),
+        table_text(('error over noise', *found.channels, 'all'), error_rows(found, predicted)),
     ]  # fmt: skip
     remarks = remarks_on(found)
     return '\n'.join([*lines, *([''] if remarks else []), *remarks])
@@ -139,7 +139,7 @@ def parameter_rows(found: Calibration) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def error_rows(found: Calibration, foretold: Sequence[RunFit]) -> list[tuple[str, ...]]:
+def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[str, ...]]:
     """Errors of every run by channel, those held out last."""
 
     def row(name: str, channels: Mapping[str, float], error: float) -> tuple[str, ...]:
@@ -147,7 +147,7 @@ def error_rows(found: Calibration, foretold: Sequence[RunFit]) -> list[tuple[str
 
     rows = [row(fit.name, fit.channels, fit.error) for fit in found.runs]
     rows.append(row('fitted runs', found.channels, found.error))
-    return rows + [row(f'{fit.name} (held out)', fit.channels, fit.error) for fit in foretold]
+    return rows + [row(f'{fit.name} (held out)', fit.channels, fit.error) for fit in predicted]
 
 
 def remarks_on(found: Calibration) -> list[str]:
@@ -165,7 +165,7 @@ def remarks_on(found: Calibration) -> list[str]:
     return remarks
 
 
-def fit_data(found: Calibration, foretold: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
+def fit_data(found: Calibration, predicted: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
     """The result for programs; SI units."""
     sure = found.uncertainty
     intervals = {one.name: one for one in sure.intervals} if sure else {}
@@ -178,9 +178,9 @@ def fit_data(found: Calibration, foretold: Sequence[RunFit], campaign: Campaign)
         'delay': found.delay,
         'delay_std': sure.delay_std if sure else None,
         'error': {
-            'train': found.error, 'held_out': mean_error_of(foretold), 'channels': found.channels,
+            'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channels,
             'runs': {fit.name: run_data(fit, held=False) for fit in found.runs}
-            | {fit.name: run_data(fit, held=True) for fit in foretold},
+            | {fit.name: run_data(fit, held=True) for fit in predicted},
         },
         'cross_validation': found.cross_validation,
         'unseen': sure.unseen if sure else None,

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sma_sim.cli.options import add_config_options, announce_compilation, folders_beside
-from sma_sim.cli.robot_check import at_rest, when_heated
-from sma_sim.cli.units import in_unit, to_si, typed_units
-from sma_sim.evidence.tables import check_writable, write_whole
+from sma_sim.cli.common.options import add_config_options, announce_compilation, folders_beside
+from sma_sim.cli.common.robot_check import at_rest, when_heated
+from sma_sim.cli.common.units import in_unit, to_si, typed_units
+from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import number, parameter_file

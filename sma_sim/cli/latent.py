@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import (
+from sma_sim.cli.common.data import (
     add_data_options,
     add_search_options,
     check_outputs,
@@ -18,11 +18,11 @@ from sma_sim.cli.data import (
     tell_written,
     write_json,
 )
+from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
 from sma_sim.cli.fit import STOPPED
-from sma_sim.cli.options import add_config_options, announce_compilation, config_from
-from sma_sim.evidence.diagnose import some_held_out
-from sma_sim.evidence.latent.latent import LatentRequest, latent
-from sma_sim.evidence.latent.words import HEADER, as_data, rows, sentences
+from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
+from sma_sim.evidence.latent_input.summary import HEADER, as_data, rows, sentences
 from sma_sim.report.html.latent_page import write_latent_page
 
 
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, as_data(found))
     if arguments.report:
-        write_latent_page(arguments.report, found, *some_held_out(training, held))
+        write_latent_page(arguments.report, found, *hold_out_last(training, held))
     print(*sentences(found), sep='\n')
     if found.findings:
         print(table_text(HEADER, rows(found)))

@@ -44,9 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def parser_for(words: list[str]) -> argparse.ArgumentParser:
     """The parser, with the verb that is asked for alone if it is one: others need not be imported."""
-    parser = argparse.ArgumentParser(
-        prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.'
-    )
+    parser = argparse.ArgumentParser(prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.')
     verbs = parser.add_subparsers(dest='verb', required=True)
     for verb in [words[0]] if words and words[0] in VERBS else VERBS:
         import_module(f'sma_sim.cli.{verb}').add_parser(verbs)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.data import (
+from sma_sim.cli.common.data import (
     add_data_options,
     add_search_options,
     check_outputs,
@@ -19,12 +19,12 @@ from sma_sim.cli.data import (
     tell_written,
     write_json,
 )
+from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
 from sma_sim.cli.fit import STOPPED
-from sma_sim.cli.options import add_config_options, announce_compilation, config_from
-from sma_sim.evidence.design.plan import Plan, Wanted, next_experiment
-from sma_sim.evidence.design.sequences import as_rows
-from sma_sim.evidence.design.words import as_data, inseparable_words
-from sma_sim.evidence.tables import write_columns
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
+from sma_sim.evidence.experiment_design.sequences import as_rows
+from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
 from sma_sim.model.config import effect_folders_of
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.design_page import write_design_page
@@ -39,12 +39,18 @@ def add_parser(verbs: Any) -> None:
         help='explanations to tell apart: effects, a+b for two together, `nothing` (default: those that rival the best)',
     )  # fmt: skip
     parser.add_argument('--parameters', nargs='+', default=[], metavar='NAME', help='parameters to know better, instead')
-    parser.add_argument('--length', type=float, default=Wanted.length, metavar='S', help='of the experiment (default 100 s)')
-    parser.add_argument('--hold', type=float, default=Wanted.hold, metavar='S', help='least time of a level (default 0.5 s)')
+    parser.add_argument(
+        '--length', type=float, default=DesignRequest.length, metavar='S', help='of the experiment (default 100 s)'
+    )
+    parser.add_argument(
+        '--hold', type=float, default=DesignRequest.hold, metavar='S', help='least time of a level (default 0.5 s)'
+    )
     parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: that of the recordings)')
     parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
-    parser.add_argument('--tries', type=int, default=Wanted.budget, metavar='N', help='effort of the search (default 120)')
+    parser.add_argument(
+        '--tries', type=int, default=DesignRequest.budget, metavar='N', help='effort of the search (default 120)'
+    )
     add_search_options(parser, 'of the search')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
     add_config_options(parser)
@@ -73,9 +79,9 @@ def run(arguments: argparse.Namespace) -> int:
     return STOPPED if plan.interrupted else 0
 
 
-def wanted_from(arguments: argparse.Namespace) -> Wanted:
+def wanted_from(arguments: argparse.Namespace) -> DesignRequest:
     """The options."""
-    return Wanted(
+    return DesignRequest(
         tuple(arguments.between), tuple(arguments.parameters), arguments.length, arguments.hold, arguments.max_power,
         arguments.max_temperature, arguments.max_stress, arguments.model, arguments.tries, arguments.seed,
         tuple(effect_folders_of(arguments.config, arguments.words)),
@@ -97,8 +103,8 @@ def plan_text(plan: Plan) -> Iterator[str]:
     yield ''
     reached = {
         'power': (max(abs(plan.levels)), plan.grid.power, 'W'),
-        'temperature': (max(one.temperature for one in plan.foretold), plan.limits.temperature, 'K'),
-        'stress': (1e-6 * max(one.stress for one in plan.foretold), 1e-6 * plan.limits.stress, 'MPa'),
+        'temperature': (max(one.temperature for one in plan.predicted), plan.limits.temperature, 'K'),
+        'stress': (1e-6 * max(one.stress for one in plan.predicted), 1e-6 * plan.limits.stress, 'MPa'),
     }
     yield table_text(
         ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'),
@@ -139,9 +145,6 @@ def knowledge_text(plan: Plan) -> Iterator[str]:
     """How well parameters will be known."""
     yield table_text(
         ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
-        [
-            (one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit)
-            for one in plan.knowledge
-        ],
+        [(one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit) for one in plan.knowledge],
     )
     yield f'information on what was asked for: {plan.gains[0]:.2f} nat, {plan.gains[1]:.2f} by a default sequence'

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.options import announce_compilation
+from sma_sim.cli.common.options import announce_compilation
 from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
 

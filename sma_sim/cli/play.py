@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.options import Progress, add_namespace_option
+from sma_sim.cli.common.options import Progress, add_namespace_option
 from sma_sim.cli.simulate import read_module_input
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
@@ -39,9 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(NO_ROS.format(reason=error)) from error
     progress = Progress(f'playing {arguments.file.name}')
     try:
-        sent = play(
-            times[keep], J_eq[keep], arguments.topic, arguments.namespace or '', arguments.speed, progress
-        )
+        sent = play(times[keep], J_eq[keep], arguments.topic, arguments.namespace or '', arguments.speed, progress)
     finally:
         progress.close()
     print(f'{arguments.file}: {times[-1] - times[0]:g} s played, {sent} messages; heating off')

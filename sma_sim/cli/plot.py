@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.options import add_namespace_option
-from sma_sim.evidence.bag_files import is_bag
-from sma_sim.evidence.bags import read_bag
-from sma_sim.evidence.tables import Vector, check_writable, read_columns, read_header
+from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.evidence.data.rosbag.raw_messages import is_bag
+from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_figure import HELD, KNOWN, draw_run
 from sma_sim.report.style import save

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.options import Progress, add_config_options, add_namespace_option, announce_compilation, config_from
-from sma_sim.evidence.bag_files import is_bag, open_bag
-from sma_sim.evidence.bag_runs import write_mcap
-from sma_sim.evidence.bags import read_bag
-from sma_sim.evidence.tables import Vector, check_writable, read_columns, write_columns, write_rows
+from sma_sim.cli.common.options import Progress, add_config_options, add_namespace_option, announce_compilation, config_from
+from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
+from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, write_columns, write_rows
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample

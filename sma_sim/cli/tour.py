@@ -11,7 +11,7 @@ from typing import Any
 
 from sma_sim.cli import challenge, compare, diagnose, fit
 from sma_sim.model.errors import UserError
-from sma_sim.report.fall_figure import draw_fall
+from sma_sim.report.error_reduction_figure import draw_fall
 from sma_sim.report.style import save
 
 DATA = Path(__file__).parent / 'tour_data'

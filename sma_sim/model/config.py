@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from sma_sim.model.effects.library import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 

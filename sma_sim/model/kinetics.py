@@ -11,9 +11,7 @@ import math
 from sma_sim.model.parameters import K_B, WireConstants
 
 
-def transition_rates(
-    sigma: float, T: float, s_A: float, s_M: float, w: WireConstants
-) -> tuple[float, float]:
+def transition_rates(sigma: float, T: float, s_A: float, s_M: float, w: WireConstants) -> tuple[float, float]:
     """(p_AM, p_MA) [1/s] at stress `sigma` with transformation stresses `s_A` > `s_M` [Pa]."""
     inverse_E_I = (w.eps_T + s_M / w.E_M - s_A / w.E_A) / (s_A - s_M)
     below_A = max(s_A - sigma, 0.0)

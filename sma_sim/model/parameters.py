@@ -74,9 +74,7 @@ INITIAL_PARAMETERS = tuple(
     )
     for i in (1, 2)
 )
-SOLVER_PARAMETERS = (
-    Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/solver.md'),
-)
+SOLVER_PARAMETERS = (Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/solver.md'),)
 
 NODE_PARAMETERS = (
     Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second',

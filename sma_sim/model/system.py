@@ -8,7 +8,6 @@ slope of u. `mode` and `x_frozen` are the discrete states of the hybrid model, o
 from __future__ import annotations
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.beam import beam_forces, wire_length
 from sma_sim.model.effects.calls import add_rates, focus, share_state, true_channel
 from sma_sim.model.effects.ports import (
     ACTUATION,
@@ -45,6 +44,7 @@ from sma_sim.model.layout import (
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
+from sma_sim.model.structures.beam import beam_forces, wire_length
 from sma_sim.model.transformation import fraction_rate, phase_and_stress
 
 

@@ -163,9 +163,7 @@ def fraction_rate(
     return -(drawn + by_T * heat / capacity + drift) / (by_x + by_T * latent / capacity)
 
 
-def added(
-    i: int, T: float, x: float, strain: float, shift: float, by_eps: float, mode: int, y: Vector, p: System
-) -> float:
+def added(i: int, T: float, x: float, strain: float, shift: float, by_eps: float, mode: int, y: Vector, p: System) -> float:
     """Change of sigma - sigma_A - s_A (or M) through what effects add at (T, x) beyond `strain` and `shift` [Pa]."""
     new_strain, shift_A, shift_M = offsets(i, T, x, y, p)
     new_shift = shift_A if mode == TO_MARTENSITE else shift_M

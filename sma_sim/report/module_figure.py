@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sma_sim.model.geometry import shape_of
 from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import BLUE, GREY, MODE_COLOURS, ORANGE
 from sma_sim.report.style import mode_legend, new_figure, plain
 

@@ -21,13 +21,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
-from sma_sim.evidence.live import J_EQ, T_E, Change
+from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, Change
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.messages import FREEZING, JOINTS, WIRES
-from sma_sim.ros.outlets import LATEST
+from sma_sim.ros.publishers import LATEST
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]

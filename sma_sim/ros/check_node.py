@@ -15,13 +15,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from sma_sim.evidence.live import J_EQ, MODULE_CHANNELS, T_E, Departure, LiveModel, RunningError
+from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS, T_E, Departure, LiveModel, RunningError
 from sma_sim.model.config import Config
 from sma_sim.ros import messages
 from sma_sim.ros.check_intake import INPUTS, Intake, Sample
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.entry import model_words
-from sma_sim.ros.neighbours import Neighbours
+from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import Y_RATE, Y_SENSED, Y_TAU
@@ -58,7 +58,7 @@ class ModelCheck:
         self._forget_verdict()
         self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUTS.items()}
         self._diagnostics = Diagnostics(node)
-        self._neighbours = Neighbours(node, ['joint_states', *OUTPUTS], INPUTS)
+        self._neighbours = GraphCheck(node, ['joint_states', *OUTPUTS], INPUTS)
         self._intake = Intake(node, config)
         follow_live_parameters(node, self._intake.tell_T_E, use_sim_time)
         node.create_service(Trigger, '~/reset', self._reset)

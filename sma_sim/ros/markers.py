@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sma_sim.model.geometry import shape_of
 from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import MODE_COLOURS
 from sma_sim.solver.integrate import Y_POSE
 

@@ -21,9 +21,9 @@ from sma_sim.ros import messages
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_words
-from sma_sim.ros.neighbours import Neighbours
-from sma_sim.ros.outlets import Outlets
+from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
+from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.recorder import Recorder
 from sma_sim.ros.schedule import ClockSchedule, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
@@ -61,12 +61,12 @@ class ModuleSimulation:
         self._speed = Speed()
         senses = any(one.found.effect.port == 'sensing' for one in config.effects)
         beam = beam_constants(config.parameters)
-        self._outlets = Outlets(node, beam, config.parameters['beam.h'], senses, self._is_clock)
+        self._outlets = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
         self._control, self._diagnostics = Control(node), Diagnostics(node)
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUTS.items(), receivers, strict=True):
             node.create_subscription(kind, topic, receive, 10)
-        self._neighbours = Neighbours(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUTS)
+        self._neighbours = GraphCheck(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUTS)
         follow_live_parameters(node, self._ambient.set, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:

@@ -12,7 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.node import Node
 
 from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
-from sma_sim.model.effects.library import find_effects
+from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 
 LIVE = ('environment.T_E',)

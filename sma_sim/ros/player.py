@@ -53,9 +53,7 @@ def wait_for_listener(publisher: Any) -> None:
         time.sleep(0.02)
 
 
-def send_all(
-    times: Vector, J_eq: Vector, speed: float, send: Callable[[float], None], told: Callable[[float], None]
-) -> int:
+def send_all(times: Vector, J_eq: Vector, speed: float, send: Callable[[float], None], told: Callable[[float], None]) -> int:
     """Send each value at its time, and again while it holds; the number of messages."""
     start, sent = time.monotonic() - times[0] / speed, 0
     for value, until in zip(J_eq[:-1], times[1:], strict=True):

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.bag_writer import BagWriter
+from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.model.errors import UserError
 
 FLUSH_PERIOD = 0.6  # [s]; what is older survives a kill; each flush adds to the bag's index

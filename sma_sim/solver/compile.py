@@ -28,7 +28,15 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
 # The large functions; all others are small and are inlined where they are called.
 OUT_OF_LINE = (
-    'flow', 'flow_at', 'linearise', 'rosenbrock_step', 'observe', 'crossing', 'run_segment', 'integrate', 'integrate_held',
+    'flow',
+    'flow_at',
+    'linearise',
+    'rosenbrock_step',
+    'observe',
+    'crossing',
+    'run_segment',
+    'integrate',
+    'integrate_held',
     'start',
 )
 
@@ -42,9 +50,7 @@ def _native_call(typingctx, address, s, w, p, m, out):  # type: ignore[no-untype
 
         word = context.get_value_type(types.intp)
         kind = ir.FunctionType(ir.VoidType(), [word] * 5)
-        values = [
-            context.cast(builder, a, t, types.intp) for a, t in zip(args, signature.args, strict=True)
-        ]
+        values = [context.cast(builder, a, t, types.intp) for a, t in zip(args, signature.args, strict=True)]
         builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
         return context.get_dummy_value()
 
@@ -146,5 +152,3 @@ class Compiler:
 def package_compiler() -> Compiler:
     """The compiler of the package's own model and solver."""
     return Compiler(content_key())
-
-

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.library import ActiveEffect, FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants

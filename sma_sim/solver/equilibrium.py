@@ -15,9 +15,7 @@ NEWTON_STEPS = 50
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
-def settle(
-    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> bool:
+def settle(y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work) -> bool:
     """Move the pose in `y` to static equilibrium in the given modes (Newton); False if it was not found.
 
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
@@ -50,9 +48,7 @@ def settle(
     return False
 
 
-def start(
-    y: Vector, u: Vector, still: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> bool:
+def start(y: Vector, u: Vector, still: Vector, wanted: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work) -> bool:
     """Fill `y`, `mode` and `x_frozen` with a start at rest; False when no equilibrium was found.
 
     `still` is an input slope of zero. `wanted` is x_M per wire; NaN asks for sigma = sigma_A, inf for sigma = sigma_M.
@@ -94,9 +90,7 @@ def towards_admitted(
             mode[i] = TO_AUSTENITE
 
 
-def equilibrium(
-    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> bool:
+def equilibrium(y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work) -> bool:
     """Static equilibrium of the module; the wire has its strain from the input."""
     if p.module:
         return settle(y, u, still, mode, x_frozen, p, w)
@@ -104,9 +98,7 @@ def equilibrium(
     return True
 
 
-def balance(
-    y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work, f: Vector
-) -> None:
+def balance(y: Vector, u: Vector, still: Vector, mode: Integers, x_frozen: Vector, p: System, w: Work, f: Vector) -> None:
     """The flow at rest, with the extra states of effects at their first values for this pose."""
     share_state(0.0, y, u[-1], p)
     start_states(y, p, w.obs)

@@ -19,7 +19,7 @@ from sma_sim.solver.stepper import (
     Work,
     dense,
     flow_at,
-    linearise,
+    linearize,
     prepare_dense,
     rosenbrock_step,
 )  # fmt: skip
@@ -150,7 +150,7 @@ def run_segment(
     run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     jump_now(t, run, segment, p, w, jumps)
     while t < t_end:
-        linearise(t, run.y, segment, run.mode, run.x_frozen, p, w)
+        linearize(t, run.y, segment, run.mode, run.x_frozen, p, w)
         h = min(run.control[C_H], limits.max_step)
         status, h = accepted_step(t, t_end, h, run, segment, p, w, limits)
         if status != COMPLETED:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numba
 
+from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.library import EffectError, FoundEffect
 from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.compile import Compiler, content_key
@@ -65,9 +65,7 @@ def constants_of(effect: Effect) -> type[BeamConstants] | type[WireConstants]:
     return BeamConstants if effect.port == 'structure_force' else WireConstants
 
 
-def _native(
-    effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool, compiler: Compiler
-) -> Any:
+def _native(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool, compiler: Compiler) -> Any:
     """A C function of five addresses around one kernel."""
     text = wrapper_text(effect, role, outputs, memory, returns_tuple(effect, role, kernel, outputs, memory))
     file = compiler.folder / f'effect_{effect.name}_{role}.py'

@@ -66,7 +66,7 @@ class Jump:
 class Trajectory:
     """Samples of a run: `time` (k,) and the named columns of the file contract, each (k,).
 
-    `state` is where the run ended, from which `simulate(begun=...)` goes on.
+    `state` is where the run ended, from which `simulate(initial_state=...)` goes on.
     """
 
     time: Vector
@@ -183,11 +183,19 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
-def continued(model: Model, begun: Run) -> Run:
+def continued(model: Model, initial_state: Run) -> Run:
     """A copy of a state to go on from, its counters at zero. Raises UserError where it is of another model."""
-    if len(begun.y) != len(model.scales):
-        raise UserError(f'begun: expected a state of {len(model.scales)} value(s), as this model has; got {len(begun.y)}')
-    return Run(begun.y.copy(), begun.mode.copy(), begun.x_frozen.copy(), begun.control.copy(), np.zeros_like(begun.count))
+    if len(initial_state.y) != len(model.scales):
+        raise UserError(
+            f'initial_state: expected a state of {len(model.scales)} value(s), as this model has; got {len(initial_state.y)}'
+        )
+    return Run(
+        initial_state.y.copy(),
+        initial_state.mode.copy(),
+        initial_state.x_frozen.copy(),
+        initial_state.control.copy(),
+        np.zeros_like(initial_state.count),
+    )
 
 
 def check_start(model: Model, strains: Vector) -> None:
@@ -207,18 +215,18 @@ def simulate(
     max_step: float = np.inf,
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
-    begun: Run | None = None,
+    initial_state: Run | None = None,
 ) -> Trajectory:
     """Run `model` under an input and sample it at times (increasing, within the input's), or at a rate [1/s].
 
-    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is. `begun`: the state, of an
-    earlier trajectory, at the input's first time; rest without it.
+    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is. `initial_state`:
+    the state, of an earlier trajectory, at the input's first time; rest without it.
     Raises UserError for samples outside the input, SimulationError when there is no start.
     """
     times, values, slopes = pieces(source)
     work = new_work(model)
-    run = continued(model, begun) if begun else new_run(model, values[0], work)
-    start_notes = () if begun else notes_on_start(model, run)
+    run = continued(model, initial_state) if initial_state else new_run(model, values[0], work)
+    start_notes = () if initial_state else notes_on_start(model, run)
     asked = asked_times(source, sample_times)
     samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
     jumps = np.zeros((MAX_JUMPS, 3))

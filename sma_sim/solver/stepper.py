@@ -65,9 +65,7 @@ def flow_at(
     flow(t, y, w.u, segment.du, mode, x_frozen, p, dy, obs)
 
 
-def linearise(
-    t: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> None:
+def linearize(t: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work) -> None:
     """The flow, its Jacobian (forward differences) and its time derivative at (t, y)."""
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
     flow_at(t, y, segment, mode, x_frozen, p, w, w.f, w.obs)

@@ -23,9 +23,7 @@ EFFECT = Effect(
     port='wire_strain',
     equation='e = g (eps - eps_T x_M)/(x_M/E_M + (1 - x_M)/E_A + g), g = n A/(k_c l0)',
     source='springs in series',
-    parameters=(
-        ranged('k_c', 'N/m', 4e4, 6e5, 'stiffness of the clamps of one bundle'),
-    ),
+    parameters=(ranged('k_c', 'N/m', 4e4, 6e5, 'stiffness of the clamps of one bundle'),),
     kernel=clamp_strain,
     depends_on_x=True,
     energy='the work that the clamps store and give back does not enter',

@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='transformation_stress',
     equation='shift of sigma_A = excess sigma_T (T - 310); of sigma_M 0',
     source='forward and reverse slopes of NiTi differ by up to 25 %',
-    parameters=(
-        ranged('excess', '-', 0.05, 0.25, 'slope of sigma_A over sigma_T, less one'),
-    ),
+    parameters=(ranged('excess', '-', 0.05, 0.25, 'slope of sigma_A over sigma_T, less one'),),
     kernel=lambda s, w, p: (p.excess * w.sigma_T * (s.T - 310.0), 0.0),
     energy='latent heat stays that of sigma_MW',
 )

@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='actuation',
     equation='P = max(n J - P_q, 0)/n',
     source='idle power of a power stage',
-    parameters=(
-        ranged('P_q', 'W', 0.1, 1.5, 'power of the bundle that is lost'),
-    ),
+    parameters=(ranged('P_q', 'W', 0.1, 1.5, 'power of the bundle that is lost'),),
     stage='deadband',
     kernel=lambda s, w, p: max(w.n * s.J - p.P_q, 0.0) / w.n,
 )

@@ -15,9 +15,7 @@ EFFECT = Effect(
     port='actuation',
     equation='dP/dt = ln 9/t_r (J - P)',
     source='rise time of a first-order stage',
-    parameters=(
-        ranged('t_r', 's', 0.05, 1.5, 'rise time'),
-    ),
+    parameters=(ranged('t_r', 's', 0.05, 1.5, 'rise time'),),
     stage='lag',
     states=('P',),
     scale=(0.5,),

@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = -h A_s x_M (T - T_E)',
     source='contact with a heat sink that depends on the phase',
-    parameters=(
-        ranged('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),
-    ),
+    parameters=(ranged('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),),
     kernel=lambda s, w, p: -p.h * w.area * s.x * (s.T - s.T_E),
 )
 TRUTHS = (acting(EFFECT, variables=('x', 'T'), file=__file__),)

@@ -14,9 +14,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = f Om T sigma_T (eps_T + d sigma_MW) (x_M - z)/tau; dz/dt = (x_M - z)/tau',
     source='calorimetry against the Clausius-Clapeyron slope',
-    parameters=(
-        ranged('f', '-', 0.05, 0.5, 'heat in excess over the heat of the model'),
-    ),
+    parameters=(ranged('f', '-', 0.05, 0.5, 'heat in excess over the heat of the model'),),
     states=('z',),
     scale=(0.1,),
     start=lambda s, w, p: s.x,

@@ -17,7 +17,9 @@ EFFECT = Effect(
         ranged('alpha_0', 'rad', -0.08, 0.08, 'angle to which it draws'),
     ),
     kernel=lambda s, b, p: (
-        0.0, 0.0, -p.M_0 * ((s.alpha - p.alpha_0) / p.w) / (1.0 + ((s.alpha - p.alpha_0) / p.w) ** 2) ** 2,
+        0.0,
+        0.0,
+        -p.M_0 * ((s.alpha - p.alpha_0) / p.w) / (1.0 + ((s.alpha - p.alpha_0) / p.w) ** 2) ** 2,
     ),  # fmt: skip
 )
 TRUTHS = (acting(EFFECT, variables=('alpha',), file=__file__),)

@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='actuation',
     equation='P_1 = J_1; P_2 = J_2/(1 + r)',
     source='voltage divider, driven by power',
-    parameters=(
-        ranged('r', '-', 0.01, 0.15, 'excess resistance of the leads over that of the wires'),
-    ),
+    parameters=(ranged('r', '-', 0.01, 0.15, 'excess resistance of the leads over that of the wires'),),
     stage='gain',
     kernel=lambda s, w, p: s.J / (1.0 + p.r * s.wire),
 )

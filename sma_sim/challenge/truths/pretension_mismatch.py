@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='wire_strain',
     equation='e = eps + 1 - l/(l0 -+ d)',
     source='geometry',
-    parameters=(
-        ranged('d', 'm', 1e-4, 9e-4, 'half the difference in length'),
-    ),
+    parameters=(ranged('d', 'm', 1e-4, 9e-4, 'half the difference in length'),),
     kernel=lambda s, w, p: s.eps + 1.0 - s.length / (w.l0 - (1.0 - 2.0 * s.wire) * p.d),
     energy='does not enter',
 )

@@ -13,11 +13,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = -(1 - reflectivity) sigma_SB (T^2 + T_E^2)(T + T_E) A_s (T - T_E)',
     source="Kirchhoff's and Stefan and Boltzmann's laws",
-    parameters=(
-        ranged('reflectivity', '-', 0.1, 0.8, 'of the surface in the infrared'),
-    ),
-    kernel=lambda s, w, p: (
-        -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.area * (s.T - s.T_E)
-    ),
+    parameters=(ranged('reflectivity', '-', 0.1, 0.8, 'of the surface in the infrared'),),
+    kernel=lambda s, w, p: -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.area * (s.T - s.T_E),
 )
 TRUTHS = (acting(EFFECT, library='radiation', variables=('T',), file=__file__),)

@@ -26,9 +26,7 @@ EFFECT = Effect(
     port='wire_force',
     equation='F_passed = mean of max(0, F + F_s u) over -1 < u < 1',
     source='geometry of a bundle',
-    parameters=(
-        ranged('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),
-    ),
+    parameters=(ranged('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),),
     kernel=added_force,
 )
 TRUTHS = (acting(EFFECT, library='slack', variables=('F',), file=__file__, T_E=266.0),)

@@ -11,9 +11,7 @@ EFFECT = Effect(
     port='actuation',
     equation='P = J/(1 + (n J/P_max)^4)^(1/4)',
     source='soft current limit',
-    parameters=(
-        ranged('P_max', 'W', 8.0, 16.0, 'power of a bundle that is never exceeded'),
-    ),
+    parameters=(ranged('P_max', 'W', 8.0, 16.0, 'power of a bundle that is never exceeded'),),
     stage='saturation',
     kernel=lambda s, w, p: s.J / (1.0 + (w.n * s.J / p.P_max) ** 4) ** 0.25,
 )

@@ -27,9 +27,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = 2 pi k l0/acosh(D^2/(2 r_b^2) - 1) (T_other - T)/n',
     source='conduction shape factor of two cylinders (Incropera, table 4.1), r_b = 1.5 sqrt(n) r0, D = 10 mm',
-    parameters=(
-        ranged('k', 'W/(m K)', 0.06, 0.8, 'effective conductivity of what lies between the bundles'),
-    ),
+    parameters=(ranged('k', 'W/(m K)', 0.06, 0.8, 'effective conductivity of what lies between the bundles'),),
     kernel=conducted,
 )
 TRUTHS = (acting(EFFECT, library='thermal_crosstalk', variables=('T_other', 'T'), file=__file__),)

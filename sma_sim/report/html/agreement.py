@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sma_sim.evidence.run_by_run import Agreement, RunStress
+from sma_sim.evidence.estimation.homogeneity import Agreement, RunStress
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sma_sim.evidence.compare_pairs import Change
-from sma_sim.evidence.compare_scores import total_error
-from sma_sim.evidence.compare_summary import Summary
+from sma_sim.evidence.residual_analysis.metrics import total_error
+from sma_sim.evidence.residual_analysis.paired_comparison import Change
+from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY

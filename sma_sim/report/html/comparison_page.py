@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.calibrate import Calibration
-from sma_sim.evidence.compare_pairs import Change
-from sma_sim.evidence.compare_summary import Summary
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.run_by_run import Agreement
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.homogeneity import Agreement
+from sma_sim.evidence.residual_analysis.paired_comparison import Change
+from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.agreement import agreement_section
 from sma_sim.report.html.changes import changes_section
 from sma_sim.report.html.data import data_section

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sma_sim.evidence.notes import grouped_notes
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.shown_units import shown
+from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
 
 

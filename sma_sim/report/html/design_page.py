@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.design.criteria import follower
-from sma_sim.evidence.design.plan import Plan
-from sma_sim.evidence.design.sequences import as_rows
-from sma_sim.evidence.design.trial import Foretold
-from sma_sim.evidence.design.words import inseparable_words
-from sma_sim.evidence.shown_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.experiment_design.design import Plan
+from sma_sim.evidence.experiment_design.forecast import Foretold
+from sma_sim.evidence.experiment_design.sequences import as_rows
+from sma_sim.evidence.experiment_design.summary import inseparable_words
+from sma_sim.evidence.experiment_design.utilities import follower
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
@@ -58,16 +58,15 @@ def rival_table(plan: Plan) -> Block:
 def knowledge_table(plan: Plan) -> Block:
     """Standard deviations of the parameters."""
     rows = [
-        (one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit)
-        for one in plan.knowledge
+        (one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit) for one in plan.knowledge
     ]
     return Table(('standard deviation of', 'now', 'after a default', 'after the design', 'unit'), rows)
 
 
 def limits_table(plan: Plan) -> Block:
     """What was reached under any hypothesis and draw of its posterior."""
-    hottest = max(one.temperature for one in plan.foretold)
-    tightest = 1e-6 * max(one.stress for one in plan.foretold)
+    hottest = max(one.temperature for one in plan.predicted)
+    tightest = 1e-6 * max(one.stress for one in plan.predicted)
     rows = [
         ('power', f'{np.abs(plan.levels).max():.4g} W', f'{plan.grid.power:.4g} W', plan.limits_from['power']),
         ('temperature', f'{hottest:.1f} K', f'{plan.limits.temperature:.1f} K', plan.limits_from['temperature']),
@@ -84,7 +83,7 @@ def foretold_plot(plan: Plan) -> Plot:
     draw_command(figure, plan)
     for k, one in enumerate(plan.hypotheses):
         for row in range(len(channels)):
-            draw_channel(figure, plan, plan.foretold[k], row, one.name, COLOURS[k % len(COLOURS)])
+            draw_channel(figure, plan, plan.predicted[k], row, one.name, COLOURS[k % len(COLOURS)])
     for row, channel in enumerate(channels):
         figure.update_yaxes(title_text=f'{channel} [{UNITS[channel][0]}]', row=row + 2, col=1)
     finish(figure, plan, len(heights))
@@ -133,8 +132,8 @@ def left_blocks(plan: Plan) -> Sequence[Block]:
     for k, one in enumerate(plan.hypotheses):
         if k == best:
             continue
-        rival = follower(plan.foretold[k])
-        left = rival.residual(plan.foretold[best].centres[0] - rival.centre).reshape(shape) / every
+        rival = follower(plan.predicted[k])
+        left = rival.residual(plan.predicted[best].centres[0] - rival.centre).reshape(shape) / every
         for row, values in enumerate(left):
             figure.add_scatter(
                 x=small(plan.run.time), y=small(values), mode='lines', name=one.name, legendgroup=one.name,

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.compare import compared_calibration
-from sma_sim.evidence.compare_summary import summarise
-from sma_sim.evidence.diagnose import Diagnosis, Step
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.selection import UNEXPLAINED
-from sma_sim.evidence.verdict import headline, remarks
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.verdict import headline, remarks
+from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED
+from sma_sim.evidence.residual_analysis.compare import compared_calibration
+from sma_sim.evidence.residual_analysis.summary import summarise
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -30,7 +30,7 @@ def write_diagnosis_page(
     before = {name: parameter.default for name, parameter in DEFAULTS.items()} | found.steps[0].values
     for one in found.calibration.free:
         before.setdefault(one.name, one.center)
-    rest = summarise(compared_calibration(found.calibration, training, held, found.foretold, 'last step'))
+    rest = summarise(compared_calibration(found.calibration, training, held, found.predicted, 'last step'))
     steps = [round_section(number, one, found, training, held) for number, one in enumerate(found.rounds, start=1)]
     steps += [revision_section(one, found) for one in found.revisions]
     if found.proposal is not None:
@@ -72,7 +72,7 @@ def fall_figure(found: Diagnosis) -> object:
     return figure
 
 
-def step_name(step: Step, before: Sequence[str]) -> str:
+def step_name(step: ModelStage, before: Sequence[str]) -> str:
     """What a step added to the effects `before` it, or took away, in lines that a phone has room for."""
     changes = [f'+ {name}' for name in step.effects if name not in before]
     changes += [f'- {name}' for name in before if name not in step.effects]

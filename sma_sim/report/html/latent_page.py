@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.latent.latent import Finding, Latent
-from sma_sim.evidence.latent.words import HEADER, rows, sentences
-from sma_sim.evidence.recording import Campaign
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.latent_input.latent_search import Finding, Latent
+from sma_sim.evidence.latent_input.summary import HEADER, rows, sentences
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import SHOWN, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, Tabs, write_page

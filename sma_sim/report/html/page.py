@@ -14,7 +14,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.tables import write_whole
+from sma_sim.evidence.data.tables import write_whole
 from sma_sim.model.errors import UserError
 
 TEMPLATES = Path(__file__).parents[1] / 'templates'

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sma_sim.evidence.calibrate import Calibration
-from sma_sim.evidence.uncertainty import Interval, Uncertainty
+from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sma_sim.evidence.diagnose import Diagnosis
-from sma_sim.evidence.equation.portrait import Portrait
-from sma_sim.evidence.equation.propose import Proposal
-from sma_sim.evidence.proposed import coefficients, number, ranked, stability_words
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.proposed_equation import coefficients, number, ranked, stability_words
+from sma_sim.evidence.symbolic_regression.partial_residuals import Portrait
+from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.html.step_figures import channel_plot
@@ -55,9 +55,9 @@ def listed(values: Mapping[str, float]) -> str:
 
 def alike_words(proposal: Proposal) -> str:
     """What cannot be told from it."""
-    if not proposal.alike:
+    if not proposal.indistinguishable:
         return 'The other formulas that were refitted foretell worse.'
-    return f'These data cannot tell it from {", ".join(proposal.alike)}.'
+    return f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
 
 
 def portrait_figure(portrait: Portrait) -> object:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.compare import ComparedRun, Comparison
-from sma_sim.evidence.compare_scores import scores, total_error
-from sma_sim.evidence.compare_states import RESTING, wires_of
-from sma_sim.evidence.shown_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.evidence.residual_analysis.metrics import scores, total_error
+from sma_sim.evidence.residual_analysis.wire_states import RESTING, wires_of
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.compare import Comparison
-from sma_sim.evidence.compare_splits import Samples, samples_of
-from sma_sim.evidence.compare_states import wires_of
+from sma_sim.evidence.residual_analysis.compare import Comparison
+from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
+from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Grid, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import RED

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from sma_sim.evidence.compare import ComparedRun
-from sma_sim.evidence.diagnose import Step
-from sma_sim.evidence.selection import Round, Tried
-from sma_sim.evidence.shown_units import SHOWN as UNITS
-from sma_sim.evidence.step_change import StepChange
-from sma_sim.evidence.uncertainty import GAUSS_95
+from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.diagnosis.diagnose import ModelStage
+from sma_sim.evidence.diagnosis.stage_change import StepChange
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95
+from sma_sim.evidence.model_selection.forward_selection import CandidateFit, SelectionStep
+from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.model.parameters import Parameter
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small
 from sma_sim.report.html.page import Plot
@@ -55,7 +55,7 @@ def over_noise(run: ComparedRun, channel: str, at: object) -> object:
     return small(run.residual(channel)[at] / run.noise[channel])  # type: ignore[call-overload]
 
 
-def range_plots(one: Tried) -> list[Plot]:
+def range_plots(one: CandidateFit) -> list[Plot]:
     """A figure per fitted parameter of an effect: value and 95 % interval beside what is realistic."""
     fitted = one.fitted.values_of(one.name)
     return [
@@ -92,7 +92,7 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
     return Plot(figure, f'{parameter.name} = {value:.4g}{unit}{interval}{range_}', 150)
 
 
-def channel_plot(before: Step, after: Step) -> Plot:
+def channel_plot(before: ModelStage, after: ModelStage) -> Plot:
     """Errors by channel, held out where there is a held-out run; the channel that changed most first."""
     first = before.held_out_channels or before.channels
     then = after.held_out_channels or after.channels
@@ -105,7 +105,7 @@ def channel_plot(before: Step, after: Step) -> Plot:
     return Plot(figure, 'Error over noise by channel before and after; dotted: the noise.', 280)
 
 
-def screen_plot(one: Round) -> Plot:
+def screen_plot(one: SelectionStep) -> Plot:
     """Screened effects by what they could explain."""
     best = list(reversed(one.screened[:MOST_SCREENED]))
     accepted = one.accepted.name if one.accepted else ''

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sma_sim.evidence.compare_scores import Score, total_error
-from sma_sim.evidence.compare_summary import Summary
-from sma_sim.evidence.shown_units import shown
+from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.residual_analysis.metrics import Score, total_error
+from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY

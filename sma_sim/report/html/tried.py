@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sma_sim.evidence.diagnose import Diagnosis
-from sma_sim.evidence.recording import Campaign
-from sma_sim.evidence.revision import Revision
-from sma_sim.evidence.selection import LEAST_FALL, Round, Tried
-from sma_sim.evidence.step_change import step_change
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.stage_change import step_change
+from sma_sim.evidence.model_selection.backward_elimination import EliminationStep
+from sma_sim.evidence.model_selection.forward_selection import LEAST_REDUCTION, CandidateFit, SelectionStep
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Section, Table
 from sma_sim.report.html.step_figures import change_plot, channel_plot, range_plots, screen_plot
 
@@ -21,7 +21,7 @@ CAPTION = (
 )
 
 
-def round_section(number: int, one: Round, found: Diagnosis, training: Campaign, held: Campaign | None) -> Section:
+def round_section(number: int, one: SelectionStep, found: Diagnosis, training: Campaign, held: Campaign | None) -> Section:
     """A round with its figures and tables."""
     blocks: list[Block] = [Paragraph(words_on(one), 'lead')]
     if one.accepted is not None and number < len(found.steps):
@@ -39,7 +39,7 @@ def round_section(number: int, one: Round, found: Diagnosis, training: Campaign,
     return Section(f'Step {number}', blocks)
 
 
-def revision_section(one: Revision, found: Diagnosis) -> Section:
+def revision_section(one: EliminationStep, found: Diagnosis) -> Section:
     """An effect looked at again beside those that came after it."""
     beside, best = ' and '.join(one.base.effects), one.accepted
     words = f'{best.name} takes its place.' if best and best.name != one.effect else 'It stays.'
@@ -50,7 +50,7 @@ def revision_section(one: Revision, found: Diagnosis) -> Section:
     return Section(f'Again: {one.effect}', blocks)
 
 
-def tried_blocks(one: Round, ratios: dict[str, float]) -> list[Block]:
+def tried_blocks(one: SelectionStep, ratios: dict[str, float]) -> list[Block]:
     """What was tried, and why it was taken or not; `ratios` of held-out errors by effect."""
     return [
         Table(TRIED, [row(tried, ratios) for tried in one.tried], CAPTION),
@@ -58,7 +58,7 @@ def tried_blocks(one: Round, ratios: dict[str, float]) -> list[Block]:
     ]
 
 
-def words_on(one: Round) -> str:
+def words_on(one: SelectionStep) -> str:
     """What happened in a round."""
     if one.accepted is not None and one.only_together:
         return f'{one.accepted.name} explains little by itself, but much beside what the next step accepts: both are taken.'
@@ -73,24 +73,24 @@ def words_on(one: Round) -> str:
     return f'Nothing more is accepted. The best, {best.name}: {"; ".join(reasons(best))}.'
 
 
-def reasons(one: Tried) -> list[str]:
+def reasons(one: CandidateFit) -> list[str]:
     """Why a candidate cannot be accepted."""
     wrong = (
-        (one.fall < LEAST_FALL, f'the cross-validated error falls by less than {100 * LEAST_FALL:.0f} %'),
+        (one.fall < LEAST_REDUCTION, f'the cross-validated error falls by less than {100 * LEAST_REDUCTION:.0f} %'),
         (not one.not_chance, f'chance alone would do as well in {100 * one.family_p:.0f} % of cases'),
         (not one.plausible, f'not realistic: {values_of(one)}'),
     )
     return [words for holds, words in wrong if holds]
 
 
-def values_of(one: Tried) -> str:
+def values_of(one: CandidateFit) -> str:
     """The fitted values of an effect with their units."""
     units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
     fitted = one.fitted.values_of(one.name).items()
     return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in fitted)
 
 
-def row(one: Tried, held: dict[str, float]) -> tuple[str, ...]:
+def row(one: CandidateFit, held: dict[str, float]) -> tuple[str, ...]:
     """A candidate."""
     ratio = held.get(one.name)
     return (
@@ -100,23 +100,23 @@ def row(one: Tried, held: dict[str, float]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def why(one: Tried, accepted: Tried | None) -> str:
+def why(one: CandidateFit, accepted: CandidateFit | None) -> str:
     """Why a candidate was taken or not, in a few words."""
     if one is accepted:
         return f'accepted, {values_of(one)}'
     against = '; '.join(reasons(one))
     if against or accepted is None:
         return against
-    much = 'as well as' if one.name in accepted.alike else 'less than'
+    much = 'as well as' if one.name in accepted.indistinguishable else 'less than'
     return f'explains {much} {accepted.name}, {values_of(one)}'
 
 
-def not_told_apart(one: Tried, found: Diagnosis) -> Iterator[Block]:
+def not_told_apart(one: CandidateFit, found: Diagnosis) -> Iterator[Block]:
     """Who explains as well, and why they cannot be told apart; which parameters are known to hide the effect."""
-    why_alike = [str(other) for other in found.likeness.get(one.name, ())]
+    why_alike = [str(other) for other in found.confounding.get(one.name, ())]
     hidden_by = [name for name in one.found.effect.confused_with if '.' in name or name == 'delay']
     if why_alike:
-        yield Paragraph(f'These data cannot tell {one.name} from {", ".join(one.alike)}. Why:')
+        yield Paragraph(f'These data cannot tell {one.name} from {", ".join(one.indistinguishable)}. Why:')
         yield Bullets(why_alike)
     if one.found.effect.same_as:
         yield Paragraph(f'The equations make it the same as {one.found.effect.same_as}: no data can tell them apart.')

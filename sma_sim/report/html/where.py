@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sma_sim.evidence.compare_spectrum import Band
-from sma_sim.evidence.compare_splits import Split, splits_of
-from sma_sim.evidence.compare_summary import Summary
-from sma_sim.evidence.shown_units import shown
+from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits_of
+from sma_sim.evidence.residual_analysis.spectrum import Band
+from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import SHOWN, new_figure
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import GREY

@@ -1,0 +1,126 @@
+"""Options of the commands that put the model beside measurements, and the data that they stand for."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.evidence.data.json_values import finite
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.repair_notes import grouped_notes
+from sma_sim.evidence.data.tables import check_writable, write_whole
+from sma_sim.evidence.data.train_test_split import files_held_out, split_campaign
+from sma_sim.evidence.estimation.executors import dask_executor, some_executor
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+
+
+def add_data_options(parser: argparse.ArgumentParser) -> None:
+    """``DATA...`` and what is to be known of them, ``--report``, ``--json``, ``--scheduler``."""
+    parser.add_argument('data', nargs='+', type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
+    parser.add_argument(
+        '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
+        help='recordings that are not fitted, only foretold: a file, a folder, or the name of one in DATA',
+    )  # fmt: skip
+    parser.add_argument('--system', choices=('module', 'wire'), help='what was measured (default: as --config says)')
+    parser.add_argument('--map', type=Path, metavar='FILE', help='YAML that names foreign columns and units')
+    parser.add_argument(
+        '--noise', action='append', default=[], metavar='CHANNEL=STD',
+        help='standard deviation of the noise of a channel, SI (default: meta.json, else estimated)',
+    )  # fmt: skip
+    add_namespace_option(parser)
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='page to write, with figures')
+    parser.add_argument('--json', type=Path, metavar='FILE.json', help='file to write, for programs')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
+
+
+def system_words(arguments: argparse.Namespace) -> list[str]:
+    """``--system`` as a word of the configuration."""
+    return [f'system={arguments.system}'] if arguments.system else []
+
+
+def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
+    """``--model`` and ``--seed`` of what searches."""
+    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
+
+
+def tell(words: str) -> None:
+    """Say what is being done."""
+    print(f'  {words}', file=sys.stderr, flush=True)
+
+
+def tell_written(*files: Path | None) -> None:
+    """Name the files that were written."""
+    for file in files:
+        if file:
+            print(file)
+
+
+def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
+    """Raise UserError, before any long work, where an output cannot be written or has an unexpected name."""
+    for path, suffixes in ((arguments.report, ('.html', '.htm')), (arguments.json, ('.json',))):
+        if path is not None and path.suffix not in suffixes:
+            raise UserError(f'{path}: expected a name that ends in {suffixes[0]}')
+    for path in (arguments.report, arguments.json, *more):
+        if path is not None:
+            check_writable(path)
+
+
+def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, Campaign | None]:
+    """The recordings to fit and those held out; what was repaired is said on stderr. Raises UserError."""
+    known = {path.resolve() for path in arguments.data}
+    inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
+    further = [file for file in files_held_out(arguments.hold_out) if file.resolve() not in known | inside]
+    campaign = read_campaign(
+        [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
+        noise_from(arguments.noise), namespace=arguments.namespace,
+    )  # fmt: skip
+    for note in grouped_notes([campaign]):
+        print(f'note: {note}', file=sys.stderr)
+    return split_campaign(campaign, arguments.hold_out)
+
+
+def noise_from(words: Sequence[str]) -> dict[str, float]:
+    """Noise by channel [SI] from ``channel=std`` words. Raises UserError."""
+    noise = {}
+    for word in words:
+        name, equals, text = word.partition('=')
+        try:
+            noise[name.strip()] = float(text)
+        except ValueError as error:
+            raise UserError(f'--noise {word}: expected CHANNEL=STD in SI units, such as alpha=0.00035') from error
+        if not equals:
+            raise UserError(f'--noise {word}: expected CHANNEL=STD in SI units, such as alpha=0.00035')
+    return noise
+
+
+@contextmanager
+def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
+    """The cluster of ``--scheduler``, or all cores of this machine. Raises UserError."""
+    with dask_executor(arguments.scheduler) if arguments.scheduler else some_executor(None) as executor:
+        yield executor
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON, whole or not at all; what is no finite number becomes null. Raises UserError."""
+    write_whole(path, lambda file: file.write(json.dumps(finite(content), indent=2) + '\n'))
+
+
+def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table for the terminal: the first column to the left, the others to the right."""
+    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
+
+    def line(row: Sequence[str]) -> str:
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        return '  '.join([row[0].ljust(widths[0]), *cells[1:]]).rstrip()
+
+    return '\n'.join(line(row) for row in [header, *rows])

@@ -1,0 +1,111 @@
+"""Foreign column names, scales and offsets: the file of `--map`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from sma_sim.evidence.data.cells import Vector
+from sma_sim.model.errors import UserError
+
+KEYS = ('column', 'value', 'scale', 'offset')
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a column of the contract comes from: ``scale * column + offset``, or the constant `value` (SI units)."""
+
+    column: str | None
+    value: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Origins by the names of the contract, and the `system` that the map was written for, if it says so."""
+
+    origins: Mapping[str, Origin] = field(default_factory=dict)
+    system: str | None = None
+    path: Path | None = None
+
+
+def read_mapping(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
+    """A map from YAML; `known` holds the columns of each system. Raises UserError."""
+    try:
+        given = yaml.safe_load(path.read_text(encoding='utf-8-sig'))
+    except OSError as error:
+        raise UserError(f'cannot read the map {path}: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise UserError(f'the map {path} is not YAML: {" ".join(str(error).split())}') from error
+    if not isinstance(given, dict):
+        raise UserError(f'the map {path}: expected lines such as "stress_Pa: {{column: stress_MPa, scale: 1e6}}"')
+    system = given.pop('system', None)
+    if system is not None and system not in known:
+        raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
+    names = known[system] if system else [name for columns in known.values() for name in columns]
+    return ColumnMap({str(name): origin(path, str(name), entry, names) for name, entry in given.items()}, system, path)
+
+
+def origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
+    """One line of a map. Raises UserError."""
+    if name not in names:
+        close = get_close_matches(name, names, n=1)
+        hint = f' (meant {close[0]}?)' if close else ''
+        raise UserError(f'the map {path}: unknown column {name}{hint}; expected some of {", ".join(dict.fromkeys(names))}')
+    if isinstance(entry, str):
+        return Origin(entry)
+    where = f'the map {path}, {name}'
+    if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
+        raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
+    wrong = [key for key in entry if key not in KEYS]
+    if wrong:
+        raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(KEYS)}')
+    numbers = {key: number(where, key, entry[key]) for key in KEYS[1:] if key in entry}
+    if numbers.get('scale') == 0.0:
+        raise UserError(f'{where}, scale: expected a number other than 0')
+    if 'value' in entry and len(entry) > 1:
+        raise UserError(f'{where}: a value is in SI units already; remove scale and offset')
+    return Origin(str(entry['column']) if 'column' in entry else None, **numbers)
+
+
+def number(where: str, key: str, given: Any) -> float:
+    """A finite number; also 1e6 without a point, which YAML reads as text. Raises UserError."""
+    try:
+        value = float('x' if isinstance(given, bool) else given)
+    except (TypeError, ValueError):
+        value = float('nan')
+    if not np.isfinite(value):
+        raise UserError(f'{where}, {key}: expected a number, got {given!r}')
+    return value
+
+
+def columns_of(path: Path, mapping: ColumnMap, names: Sequence[str], present: Sequence[str]) -> dict[str, Origin]:
+    """The origin of every column among `names` that the file (with the columns `present`) or the map has."""
+    found = {name: Origin(name) for name in names if name in present} | dict(mapping.origins)
+    for name, entry in found.items():
+        if entry.column is not None and entry.column not in present:
+            close = get_close_matches(entry.column, present, n=1)
+            hint = f' (meant {close[0]}?)' if close else ''
+            raise UserError(
+                f'{path} has no column {entry.column}{hint}, which the map {mapping.path} wants for {name}; '
+                f'its columns are {", ".join(present)}'
+            )
+    return found
+
+
+def converted(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vector:
+    """The column (rows,) of the contract, in SI units."""
+    if entry.column is None:
+        return np.full(rows, entry.value)
+    values = columns[entry.column]
+    if entry.scale == 1.0 and entry.offset == 0.0:
+        return values
+    with np.errstate(over='ignore', invalid='ignore'):  # infinite numbers are dealt with, and said, by the reader
+        return entry.scale * values + entry.offset

@@ -1,0 +1,56 @@
+"""A measured strain as an input: fewer straight stretches, where the rows between them say no more than its noise.
+
+The solver must stop at every kink of its input. A gauge's noise makes one at each row, and steps by the thousand that no
+measured stress can tell from a straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.noise import estimate_noise
+from sma_sim.evidence.data.recording import Recording
+from sma_sim.solver.inputs import Input
+
+Vector = NDArray[np.float64]
+STIFF = 6e10  # [Pa] as stiff as a wire is along a strain: what a change of strain does to the stress, at the most
+WIDTH = 4.0  # of the jitter, in its standard deviations
+VISIBLE = 2.0  # of the stress, in standard deviations of its noise
+
+
+def straightened(recording: Recording, noise_std: Mapping[str, float]) -> Input:
+    """The recording's input without rows whose strain is within its jitter, and the stress's noise, of a straight line.
+
+    Rows at which another input changes stay. `noise_std` [SI] by channel; an input without strain stays as it is.
+    """
+    source = recording.source
+    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
+    strain, others = values[:, 0], values[:, 1:]
+    jitter = estimate_noise(times, strain) if recording.system == 'wire' else None
+    if jitter is None:
+        return source
+    width = min(WIDTH * jitter.std, VISIBLE * noise_std.get('stress', np.inf) / STIFF)
+    keep = corners(times, strain, width)
+    keep[1:] |= (np.diff(others, axis=0) != 0.0).any(axis=1)
+    return Input(times[keep], values[keep], source.linear)
+
+
+def corners(times: Vector, values: Vector, width: float) -> NDArray[np.bool_]:
+    """Which of the points (k,) a polyline needs that passes all others within `width` (Douglas and Peucker 1973)."""
+    keep = np.zeros(len(times), dtype=bool)
+    keep[[0, -1]] = True
+    stretches = [(0, len(times) - 1)]
+    while stretches:
+        first, last = stretches.pop()
+        slope = (values[last] - values[first]) / (times[last] - times[first])
+        inside = slice(first + 1, last)
+        apart = np.abs(values[inside] - values[first] - slope * (times[inside] - times[first]))
+        if not len(apart) or apart.max() <= width:
+            continue
+        corner = first + 1 + int(apart.argmax())
+        keep[corner] = True
+        stretches += [(first, corner), (corner, last)]
+    return keep

@@ -1,0 +1,151 @@
+"""How noisy a channel is, from the channel itself.
+
+Differences of order m take away whatever moves like a polynomial of degree m - 1 within m + 1 samples and leave the
+noise: for white noise of standard deviation s they have the variance s^2 binom(2 m, m) (von Neumann's successive
+differences for m = 1). Their scale is taken from the smaller 80 % of them, so that kinks, steps and outliers do not
+count, and corrected by what a normal distribution has in that part; then again without those beyond five of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb, sqrt
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import Recording
+
+Vector = NDArray[np.float64]
+ORDER = 3
+PART = 0.8  # of the differences: the smaller ones
+FAR = 5.0  # standard deviations: what is beyond is no noise
+FEWEST = 20  # samples
+BLOCK, BLOCKS = 20_000, 10  # a longer record is looked at in so many places of so many samples
+HELD_PART = 0.3  # more equal neighbours than this: held samples or a coarse step
+COMMON = 0.98  # of the samples show the resolution
+COARSE = 0.5  # below this many steps of the resolution the differences do not see the noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The standard deviation `std` of the noise of one channel, the smallest `step` of its numbers, the samples behind it.
+
+    SI units; `step` is 0 where the numbers have no visible resolution. `held` says that each value is repeated: the
+    sensor is slower than the recording.
+    """
+
+    std: float
+    step: float
+    samples: int
+    held: bool = False
+
+    @property
+    def quantised(self) -> bool:
+        """Whether the resolution dominates the noise."""
+        return self.step > 0.0 and self.std < self.step
+
+
+def estimate_noise(time: Vector, values: Vector) -> Noise | None:
+    """The noise of one channel `values` (k,), NaN where missing, at `time` (k,) [s]; None for too few samples.
+
+    Quantised numbers never have less than their rounding error, step / sqrt(12).
+    """
+    known = np.isfinite(values)
+    time, values = representative(time[known], values[known])
+    if len(values) < FEWEST:
+        return None
+    step = resolution(values)
+    keep = values[1:] != values[:-1]
+    held = bool(1.0 - keep.mean() > HELD_PART and is_held(values))
+    if held:
+        kept = np.concatenate([[True], keep])
+        time, values = time[kept], values[kept]
+    rough = difference_scale(time, values)
+    if rough is None:
+        return None
+    rounding = step / sqrt(12.0)
+    std = rough if rough > COARSE * step else max(rough, rounding)
+    return Noise(std, step, len(values), held)
+
+
+def representative(time: Vector, values: Vector) -> tuple[Vector, Vector]:
+    """All of a short record, blocks evenly over a long one."""
+    if len(values) <= BLOCK * BLOCKS:
+        return time, values
+    starts = np.linspace(0, len(values) - BLOCK, BLOCKS).astype(int)
+    chosen = np.concatenate([np.arange(start, start + BLOCK) for start in starts])
+    return time[chosen], values[chosen]
+
+
+def resolution(values: Vector) -> float:
+    """The step on whose multiples all values lie, 0 where they have none that could matter.
+
+    A step matters when the values take few different numbers: less than one new number for every four samples. Numbers
+    that are seldom taken may lie off the grid (some loggers interpolate).
+    """
+    distinct, counts = np.unique(values, return_counts=True)
+    order = np.argsort(counts)[::-1]
+    common = np.cumsum(counts[order]) - counts[order] < COMMON * len(values)
+    steps = np.diff(np.sort(distinct[order[common]]) if common.sum() > 1 else distinct[counts > 1])
+    steps = steps[steps > 1e-12 * np.abs(distinct).max()]  # two spellings of one number
+    if len(steps) == 0 or 4 * len(steps) > len(values):
+        return 0.0
+    return float(np.quantile(steps, 0.1))
+
+
+def is_held(values: Vector) -> bool:
+    """Whether equal neighbours come from a sensor that is slower than the recording, not from a coarse resolution."""
+    changes = np.flatnonzero(values[1:] != values[:-1])
+    if len(changes) < FEWEST:
+        return False
+    runs = np.diff(changes)
+    even = np.mean(np.abs(runs - np.median(runs)) <= 1) > 0.9
+    return bool(even and np.median(runs) > 1)
+
+
+def difference_scale(time: Vector, values: Vector) -> float | None:
+    """Robust standard deviation of white noise on `values` (k,), all finite; None for too few differences.
+
+    Only stretches without a gap in `time` count.
+    """
+    differences = np.diff(values, n=ORDER)
+    steps = np.diff(time)
+    if len(steps):
+        gap = steps > 1.5 * np.median(steps)
+        near = np.convolve(gap, np.ones(ORDER), 'valid') > 0.5
+        differences = differences[~near]
+    if len(differences) < FEWEST - ORDER:
+        return None
+    sizes = np.abs(differences)
+    rough = scale_of_smaller(sizes)
+    return scale_of_smaller(sizes[sizes <= FAR * rough]) / sqrt(comb(2 * ORDER, ORDER))
+
+
+def scale_of_smaller(sizes: Vector) -> float:
+    """Standard deviation of a normal variable from the smaller ones of its absolute values (k,)."""
+    count = max(int(PART * len(sizes)), 1)
+    smaller = np.partition(sizes, count - 1)[:count]
+    limit = NormalDist().inv_cdf(0.5 + 0.5 * PART)
+    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / PART  # variance within +-limit
+    return float(sqrt(np.mean(smaller**2) / share))
+
+
+def noise_of(recordings: Sequence[Recording]) -> dict[str, Noise]:
+    """The noise of every channel over several recordings, each weighted by its samples."""
+    found: dict[str, list[Noise]] = {}
+    for recording in recordings:
+        for name, values in recording.channels.items():
+            noise = estimate_noise(recording.time, values)
+            if noise is not None:
+                found.setdefault(name, []).append(noise)
+    return {name: pooled(parts) for name, parts in found.items()}
+
+
+def pooled(parts: Sequence[Noise]) -> Noise:
+    """One estimate from several."""
+    samples = sum(part.samples for part in parts)
+    variance = sum(part.samples * part.std**2 for part in parts) / samples
+    return Noise(sqrt(variance), max(part.step for part in parts), samples, any(part.held for part in parts))

@@ -1,0 +1,193 @@
+"""Raw messages of rosbag2 bags (mcap, sqlite3), also of bags that break off: a killed recorder, a full disk."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+from zstandard import ZstdError
+
+from sma_sim.evidence.data.rosbag.writer import ABOUT_US, METADATA, BagWriter
+from sma_sim.model.errors import UserError
+
+STORAGES = ('.mcap', '.db3')
+# What a broken mcap file makes its parser stumble over.
+BROKEN = (McapError, ValueError, EOFError, MemoryError, RuntimeError, LookupError, struct.error, ZstdError)
+
+
+class RawMessage(NamedTuple):
+    """A serialized message and its log time [ns]; `definition` of its type where the file tells it."""
+
+    topic: str
+    kind: str
+    log_time: int
+    cdr: bytes
+    definition: str = ''
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag: where it is, whether it was ended as it should, how it came about (of bags that sma_sim wrote)."""
+
+    path: Path
+    whole: bool
+    about: dict[str, str] = field(default_factory=dict)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """All messages (of these topics), file by file; as far as they can be read."""
+        return whole_messages(self.path, topics) if self.whole else scan(self.path, topics)
+
+    def topics(self) -> dict[str, tuple[str, int]]:
+        """Message type and count by topic."""
+        if self.whole:
+            with Reader(self.path) as reader:
+                return {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
+        found: dict[str, tuple[str, int]] = {}
+        for message in self.messages():
+            found[message.topic] = (message.kind, found.get(message.topic, ('', 0))[1] + 1)
+        return found
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: a storage file, or a folder with metadata or with storage files named after it."""
+    if path.is_dir():
+        return (path / METADATA).is_file() or any(own_number(path, file) for file in storage_files(path))
+    return path.suffix in STORAGES
+
+
+def own_number(folder: Path, file: Path) -> bool:
+    """Whether a file is named as a recorder names the files of a bag: `name_0.mcap`, or `name.mcap`."""
+    name, _, number = file.stem.rpartition('_')
+    return file.stem == folder.name or name == folder.name and number.isdigit()
+
+
+def open_bag(path: Path) -> Bag:
+    """A bag by its folder or one of its files. Raises UserError when it is none, or nothing in it can be read."""
+    if not path.exists():
+        raise UserError(f'cannot read {path}: there is no such bag')
+    if not is_bag(path):
+        raise UserError(f'{path} is not a bag: expected a folder with {METADATA}, or a file *.mcap or *.db3')
+    if not storage_files(path):
+        raise UserError(f'{path} has no file *.mcap or *.db3 in it')
+    try:
+        with Reader(path):
+            whole = True
+    except PermissionError as error:
+        raise UserError(f'cannot read {path}: {error.strerror}') from error
+    except Exception:  # rosbags meets a broken file with whatever its parsing stumbles over
+        whole = False
+    return Bag(path, whole, about_of(path))
+
+
+def storage_files(path: Path) -> list[Path]:
+    """The files that hold a bag's messages, in the order of their numbers."""
+    if path.is_file():
+        return [path]
+    found = [file for file in path.iterdir() if file.suffix in STORAGES]
+    return sorted(found, key=lambda file: (len(file.name), file.name))
+
+
+def whole_messages(path: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:
+    """Messages of a bag that was ended as it should."""
+    with Reader(path) as reader:
+        wanted = [c for c in reader.connections if topics is None or c.topic in topics]
+        if not wanted:
+            return
+        for connection, log_time, cdr in reader.messages(wanted):
+            yield RawMessage(connection.topic, connection.msgtype, log_time, bytes(cdr))
+
+
+def scan(path: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:
+    """Messages of the files of a bag, each up to where it cannot be read any more."""
+    for file in storage_files(path):
+        source = scan_mcap(file) if file.suffix == '.mcap' else scan_sqlite(file)
+        yield from (message for message in source if topics is None or message.topic in topics)
+
+
+def mcap_records(file: Path) -> Iterator[Any]:
+    """Records of an mcap file up to where it breaks off."""
+    with file.open('rb') as stream:
+        try:
+            yield from StreamReader(stream, validate_crcs=True).records
+        except BROKEN:
+            return
+
+
+def scan_mcap(file: Path) -> Iterator[RawMessage]:
+    """Messages of an mcap file up to where it breaks off."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[str, str, str]] = {}
+    for record in mcap_records(file):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel) and record.schema_id in schemas:
+            schema = schemas[record.schema_id]
+            channels[record.id] = record.topic, schema.name, schema.data.decode()
+        elif isinstance(record, Message) and record.channel_id in channels:
+            topic, kind, definition = channels[record.channel_id]
+            yield RawMessage(topic, kind, record.log_time, record.data, definition)
+
+
+def scan_sqlite(file: Path) -> Iterator[RawMessage]:
+    """Messages of a sqlite3 storage whose metadata are missing, or whose end is."""
+    connection = sqlite3.connect(f'file:{file}?mode=ro', uri=True)
+    try:
+        rows = connection.execute(
+            'SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages '
+            'JOIN topics ON messages.topic_id = topics.id ORDER BY messages.timestamp'
+        )
+        for name, kind, log_time, cdr in rows:
+            yield RawMessage(name, kind, log_time, bytes(cdr))
+    except sqlite3.Error:
+        return
+    finally:
+        connection.close()
+
+
+def about_of(path: Path) -> dict[str, str]:
+    """How a bag came about, if sma_sim wrote it."""
+    try:
+        text = (path / METADATA).read_text() if path.is_dir() else ''
+        custom = (yaml.safe_load(text) or {}).get('rosbag2_bagfile_information', {}).get('custom_data')
+        if isinstance(custom, dict):
+            return {str(key): str(value) for key, value in custom.items()}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError):
+        pass
+    for file in storage_files(path)[:1]:
+        if file.suffix == '.mcap':
+            for record in mcap_records(file):
+                if isinstance(record, Metadata) and record.name == ABOUT_US:
+                    return dict(record.metadata)
+                if isinstance(record, Message):
+                    break
+    return {}
+
+
+def repair(path: Path, out: Path) -> int:
+    """Write what can be read of a bag as a whole new one; the number of its messages. Raises UserError."""
+    bag = open_bag(path)
+    messages = scan(path, None)
+    first = next(messages, None)
+    if first is None:
+        raise UserError(f'{path}: no message can be read, there is nothing to repair')
+    writer = BagWriter(out, bag.about)
+    numbers: dict[str, int] = {}
+    try:
+        for message in chain((first,), messages):
+            if message.topic not in numbers:
+                numbers[message.topic] = writer.add(message.topic, message.kind, message.definition)
+            writer.write(numbers[message.topic], message.log_time, message.cdr)
+        writer.close()
+    except OSError as error:
+        raise UserError(f'cannot write {out}: {error.strerror}') from error
+    return writer.bag.count

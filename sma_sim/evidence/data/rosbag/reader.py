@@ -1,0 +1,213 @@
+"""Runs of a module from bags: the topics of a module as the columns of the file contract.
+
+A bag that the node wrote has simulated time as its log time. In any other bag stamped messages count by their stamps; the
+rest (commands, forces) by log time, shifted to the clock of the stamps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
+from sma_sim.evidence.data.rosbag.writer import typestore
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+FREEZING = 273.15  # 0 deg C [K]
+SNAP = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
+JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
+NUMBER, NUMBERS, BYTES = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/UInt8MultiArray'
+JOINTS = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}
+WIRES = ('wire_1', 'wire_2')
+
+Decode = Callable[[Any], Mapping[str, float]]
+
+
+def of_names(columns: Mapping[str, str], values: str) -> Decode:
+    """Values of a JointState by the names in it."""
+
+    def decode(message: Any) -> dict[str, float]:
+        read = zip(message.name, getattr(message, values), strict=False)
+        return {columns[name]: float(value) for name, value in read if name in columns}
+
+    return decode
+
+
+def of_pair(*columns: str) -> Decode:
+    """Two numbers, one per wire."""
+
+    def decode(message: Any) -> dict[str, float]:
+        return dict(zip(columns, map(float, message.data), strict=False))
+
+    return decode
+
+
+def of_number(column: str) -> Decode:
+    """One number."""
+    return lambda message: {column: float(message.data)}
+
+
+def of_temperature(column: str) -> Decode:
+    """A temperature, in deg C in the message (REP 103)."""
+    return lambda message: {column: float(message.temperature) + FREEZING}
+
+
+# Topic: message type, and what it says. Of two that say the same the first that is there counts.
+COMMANDS: Mapping[str, tuple[str, Decode]] = {
+    'J_eq_applied': (NUMBER, of_number('J_eq_W')),
+    'J_eq': (NUMBER, of_number('J_eq_W')),
+    'T_E_applied': (NUMBER, of_number('T_E_K')),
+    'ambient_temperature': (TEMPERATURE, of_temperature('T_E_K')),
+}
+MEASURED: Mapping[str, tuple[str, Decode]] = {
+    'joint_states': (JOINT_STATE, of_names(JOINTS, 'position')),
+    'wire_forces': (NUMBERS, of_pair('F_1_N', 'F_2_N')),
+    'wire_states': (JOINT_STATE, of_names({wire: f'F_{i}_N' for i, wire in enumerate(WIRES, 1)}, 'effort')),
+    'wire_1/temperature': (TEMPERATURE, of_temperature('T_1_K')),
+    'wire_2/temperature': (TEMPERATURE, of_temperature('T_2_K')),
+    'phase_fractions': (NUMBERS, of_pair('x_M_1', 'x_M_2')),
+    'wire_modes': (BYTES, of_pair('mode_1', 'mode_2')),
+}
+LABELS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
+ORDER = (
+    'time_s', 'J_eq_W', 'T_E_K', *JOINTS.values(), 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K', 'x_M_1', 'x_M_2', 'mode_1', 'mode_2',
+)  # fmt: skip
+
+
+@dataclass
+class Series:
+    """What one topic said: times [ns] and values by column."""
+
+    log: list[int] = field(default_factory=list)
+    stamp: list[int] = field(default_factory=list)
+    values: dict[str, list[float]] = field(default_factory=dict)
+
+
+def namespaces(bag: Bag) -> list[str]:
+    """Namespaces of the modules in a bag ('' is the root)."""
+    found = set()
+    for topic in bag.topics():
+        for name in ('joint_states', 'J_eq', 'J_eq_applied'):
+            if topic == name or topic.endswith(f'/{name}'):
+                found.add(topic.removesuffix(name).strip('/'))
+    return sorted(found)
+
+
+def read_bag(path: Path, namespace: str | None = None) -> dict[str, Vector]:
+    """Columns of the file contract, (k,) each, from a bag of a module; NaN where a topic had no message at that time.
+
+    The command and the ambient temperature are held from message to message. Raises UserError when there is no bag, no
+    command in it, or several modules and no `namespace`.
+    """
+    bag = open_bag(path)
+    prefix = prefix_of(bag, namespace)
+    wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**COMMANDS, **MEASURED}.items()}
+    series = read_series(bag, wanted)
+    if not any(name in series for name in ('J_eq', 'J_eq_applied')):
+        raise UserError(f'{path} has no command: expected messages on {prefix}J_eq or {prefix}J_eq_applied')
+    times = times_of(series, 'epoch' in bag.about)
+    zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
+    return columns_of(series, times, zero)
+
+
+def prefix_of(bag: Bag, namespace: str | None) -> str:
+    """What stands before the topics' names. Raises UserError when that is not clear."""
+    found = namespaces(bag)
+    if not found:
+        topics = ', '.join(sorted(bag.topics())) or 'none'
+        raise UserError(f'{bag.path} holds no module: expected a topic joint_states, J_eq or J_eq_applied, got {topics}')
+    if namespace is None:
+        if len(found) > 1:
+            named = ', '.join(f'/{name}' for name in found)
+            raise UserError(f'{bag.path} holds several modules: choose one of the namespaces {named} with --namespace')
+        namespace = found[0]
+    namespace = namespace.strip('/')
+    if namespace not in found:
+        named = ', '.join(f'/{name}' for name in found)
+        raise UserError(f'{bag.path} has no module in namespace /{namespace}; there is {named}')
+    return f'/{namespace}/' if namespace else '/'
+
+
+def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict[str, Series]:
+    """What the wanted topics said. Raises UserError for one with another message type."""
+    found: dict[str, Series] = {}
+    decode_cdr = typestore().deserialize_cdr
+    for topic, kind, log_time, cdr, _ in bag.messages(wanted):
+        name, expected, decode = wanted[topic]
+        if kind != expected:
+            raise UserError(f'{bag.path}, topic {topic}: expected messages of {expected}, got {kind}')
+        try:
+            message = decode_cdr(cdr, kind)
+        except Exception as error:
+            raise UserError(f'{bag.path}, topic {topic}: a message of {len(cdr)} bytes is not a {kind}') from error
+        series = found.setdefault(name, Series())
+        series.log.append(log_time)
+        header = getattr(message, 'header', None)
+        series.stamp.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else 0)
+        for column, value in decode(message).items():
+            series.values.setdefault(column, [np.nan] * (len(series.log) - 1)).append(value)
+        for values in series.values.values():
+            values.extend([np.nan] * (len(series.log) - len(values)))
+    return found
+
+
+def times_of(series: Mapping[str, Series], ours: bool) -> dict[str, NDArray[np.int64]]:
+    """When each message counts [ns]."""
+    logs = {name: np.array(one.log, dtype=np.int64) for name, one in series.items()}
+    if ours:
+        return logs
+    stamps = {name: np.array(one.stamp, dtype=np.int64) for name, one in series.items() if any(one.stamp)}
+    if not stamps:
+        return logs
+    pace = max(stamps, key=lambda name: len(stamps[name]))
+    shift = np.int64(np.median(stamps[pace] - logs[pace]))
+    period = float(np.median(np.diff(np.sort(stamps[pace])))) if len(stamps[pace]) > 1 else 0.0
+    shifted = {name: log + shift for name, log in logs.items() if name not in stamps}
+    for name in shifted:
+        if name in MEASURED:
+            shifted[name] = snapped(shifted[name], np.sort(stamps[pace]), SNAP * period)
+    return {**stamps, **shifted}
+
+
+def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -> NDArray[np.int64]:
+    """Times moved to the nearest stamp within reach."""
+    after = np.clip(np.searchsorted(stamps, times), 1, max(len(stamps) - 1, 1))
+    candidates = stamps[np.stack([after - 1, np.minimum(after, len(stamps) - 1)])]
+    nearest = np.take_along_axis(candidates, np.abs(candidates - times).argmin(axis=0)[None], axis=0)[0]
+    return np.where(np.abs(nearest - times) <= reach, nearest, times)
+
+
+def columns_of(series: Mapping[str, Series], times: Mapping[str, NDArray[np.int64]], zero: int) -> dict[str, Vector]:
+    """All series on the union of their times, seconds after `zero`."""
+    every = np.unique(np.concatenate([times[name] for name in series if name not in LABELS]))
+    columns: dict[str, Vector] = {}
+    for name in (*MEASURED, *COMMANDS):
+        if name not in series:
+            continue
+        for column, values in series[name].values.items():
+            if column in columns:
+                continue
+            filled = np.full(len(every), np.nan)
+            at = np.searchsorted(every, times[name])
+            known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name])
+            order = slice(None, None, 1 if name in COMMANDS else -1)  # at one time: the last command, the first sample
+            filled[at[known][order]] = np.array(values)[known][order]
+            columns[column] = filled
+    columns['J_eq_W'] = held(columns['J_eq_W'], 0.0)
+    if 'T_E_K' in columns:
+        given = columns['T_E_K'][~np.isnan(columns['T_E_K'])]
+        columns['T_E_K'] = held(columns['T_E_K'], given[0])
+    columns['time_s'] = (every - zero) / 1e9
+    return {name: columns[name] for name in ORDER if name in columns}
+
+
+def held(values: Vector, before: float) -> Vector:
+    """Each gap filled with the value before it."""
+    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
+    return np.where(last >= 0, values[np.maximum(last, 0)], before)

@@ -1,0 +1,106 @@
+"""CSV files with units in their headers, read with messages that a person can act on, written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sma_sim.evidence.data.cells import Layout, read_cells
+from sma_sim.evidence.data.cells import Vector as Vector
+from sma_sim.model.errors import UserError
+
+FORMAT = '%.17g'  # reads back to the same double
+ROWS_AT_ONCE = 100_000
+
+
+def read_columns(
+    path: Path, required: Sequence[str], optional: Sequence[str] = (), with_gaps: Sequence[str] = ()
+) -> dict[str, Vector]:
+    """The named columns of a CSV file, (k,) each; all of their cells must be finite numbers. Raises UserError.
+
+    `with_gaps` are optional too, and may have cells that are empty or NaN: they are NaN in the result.
+    """
+    header = read_header(path)
+    missing = [name for name in required if name not in header]
+    if missing:
+        close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
+        hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
+    wanted = [name for name in (*required, *optional, *with_gaps) if name in header]
+    doubled = [name for name in wanted if header.count(name) > 1]
+    if doubled:
+        raise UserError(f'{path} has column {doubled[0]} more than once')
+    places = [header.index(name) for name in wanted]
+    full = [name for name in wanted if name not in with_gaps]
+    return read_cells(Layout(path, wanted, places, len(header), full))[0]
+
+
+def read_header(path: Path) -> list[str]:
+    """The names in the first line."""
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            line = file.readline(1_000_000)
+    except OSError as error:
+        raise UserError(f'cannot read {path}: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
+    if not line.strip():
+        raise UserError(f'{path} is empty: expected a header and at least one row')
+    try:
+        return [name.strip() for name in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
+
+
+def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:
+    """Write a CSV file of numbers, whole or not at all; NaN leaves a cell empty. Raises UserError."""
+    table = np.column_stack(list(columns.values()))
+
+    def fill(file: Any) -> None:
+        file.write(','.join(columns) + '\n')
+        for first in range(0, len(table), ROWS_AT_ONCE):
+            text = io.StringIO()
+            np.savetxt(text, table[first : first + ROWS_AT_ONCE], fmt=FORMAT, delimiter=',')
+            file.write(text.getvalue().replace('nan', ''))
+
+    write_whole(path, fill)
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a CSV file of any cells, whole or not at all. Raises UserError."""
+
+    def fill(file: Any) -> None:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+    write_whole(path, fill)
+
+
+def check_writable(path: Path) -> None:
+    """Raise UserError, before any long work, where a file could not be written."""
+    if path.is_dir():
+        raise UserError(f'cannot write {path}: it is a folder')
+    if not os.access(path.parent, os.W_OK):
+        reason = 'no permission' if path.parent.exists() else f'there is no folder {path.parent}'
+        raise UserError(f'cannot write {path}: {reason}')
+
+
+def write_whole(path: Path, fill: Any) -> None:
+    """Let `fill` write a text file under a temporary name, then rename it. Raises UserError."""
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with temporary.open('w', newline='', encoding='utf-8') as file:
+            fill(file)
+        temporary.replace(path)
+    except OSError as error:
+        raise UserError(f'cannot write {path}: {error.strerror}') from error
+    finally:
+        temporary.unlink(missing_ok=True)

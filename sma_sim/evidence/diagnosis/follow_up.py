@@ -1,0 +1,20 @@
+"""What a diagnosis leaves confounded, as the explanations between which the next experiment should decide."""
+
+from __future__ import annotations
+
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+
+
+def confounded(found: Diagnosis) -> tuple[str, ...]:
+    """Explanations as `next --between` takes them, the accepted one first; empty where nothing is confounded.
+
+    They are those of the last effect that others explain as well: what was there beside it is part of each.
+    """
+    if found.calibration.config.system != 'module' or not found.rounds:
+        return ()
+    given = len(found.rounds[0].base.effects)
+    for one in reversed(found.judged):
+        if one.accepted is not None and one.accepted.indistinguishable:
+            before = one.base.effects[given:]
+            return tuple('+'.join((*before, name)) for name in (one.accepted.name, *one.accepted.indistinguishable))
+    return ()

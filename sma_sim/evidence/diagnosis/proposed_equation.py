@@ -1,0 +1,109 @@
+"""A proposed equation as plain data for programs, and in a few lines for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.data.json_values import finite
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.symbolic_regression.propose import Judged, Proposal
+
+LITTLE = 0.005  # share of the halves that is not told
+
+
+def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
+    """The `proposed` entry of a verdict: port, formula, fitted coefficients, errors before and after, what is as good."""
+    proposal = known(diagnosis)
+    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    formula = proposal.formula
+    return {
+        'effect': proposal.effect,
+        'port': formula.place.hook,
+        'ports': list(proposal.ports),
+        'place': formula.place.name,
+        'formula': formula.equation,
+        'term': [term.name for term in formula.terms],
+        'variables': list(formula.variables),
+        'stability': finite(proposal.stability),
+        'stability_by_variable': finite(proposal.by_variable),
+        'coefficients': coefficients(diagnosis),
+        'file': str(file) if file else None,
+        'source': formula.with_values(values_of(diagnosis)).text(),
+        'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
+        'cross_validated': {'before': finite(proposal.before), 'after': finite(proposal.fitted.validated)},
+        'alike': list(proposal.indistinguishable),
+        'ranking': [ranked(one) for one in proposal.judged],
+    }
+
+
+def known(diagnosis: Diagnosis) -> Proposal:
+    """The proposal of a diagnosis that has one."""
+    assert diagnosis.proposal is not None
+    return diagnosis.proposal
+
+
+def values_of(diagnosis: Diagnosis) -> dict[str, float]:
+    """The parameters of the proposed effect after the last fit, by their short names."""
+    prefix = f'effects.{known(diagnosis).effect}.'
+    values = diagnosis.calibration.values
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+
+
+def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
+    """The parameters with units: `std` with the model's priors, and 95 % intervals where data alone can tell.
+
+    Without measured forces the scale of all forces is known from the priors only.
+    """
+    proposal, sure = known(diagnosis), diagnosis.calibration.uncertainty
+    seen = {one.name: one for one in sure.intervals if one.seen} if sure else {}
+    found = {}
+    for p in proposal.formula.parameters:
+        name = f'effects.{proposal.effect}.{p.name}'
+        interval, std = seen.get(name), proposal.std.get(name)
+        found[p.name] = {
+            'value': values_of(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
+            'std': None if std is None else finite(std),
+            'low': finite(interval.low) if interval else None, 'high': finite(interval.high) if interval else None,
+        }  # fmt: skip
+    return found
+
+
+def ranked(one: Judged) -> dict[str, Any]:
+    """A formula that was tried."""
+    fitted = one.tried.fitted.values_of(one.formula.name)
+    return {
+        'effect': one.formula.name, 'port': one.formula.place.hook, 'formula': one.formula.equation,
+        'cross_validated_error': finite(one.error), 'parameters': fitted,
+        'variables': list(one.formula.variables), 'stability': finite(one.stability),
+    }  # fmt: skip
+
+
+def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
+    """The proposal for the terminal."""
+    proposal = diagnosis.proposal
+    if proposal is None:
+        return
+    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    yield f'proposed: {proposal.formula.equation}'
+    for name, one in coefficients(diagnosis).items():
+        std = '' if one['std'] is None else f' +- {one["std"]:.1g}'
+        yield f'{proposal.effect}.{name} = {one["value"]:.4g}{std} {one["unit"]}'
+    yield f'with it the held-out error falls from {number(before.held_out)} to {number(after.held_out)}'
+    yield stability_words(proposal)
+    if proposal.indistinguishable:
+        yield f'these data cannot tell it from {", ".join(proposal.indistinguishable)}'
+
+
+def stability_words(proposal: Proposal) -> str:
+    """How firmly the choice stands, in a sentence."""
+    shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items() if share > LITTLE)
+    chosen = f'chosen from {100 * proposal.stability:.0f} % of random halves of the data'
+    return f'{chosen}; what is chosen depends on {shares}' if shares else chosen
+
+
+def number(value: float) -> str:
+    """An error over noise."""
+    return f'{value:.2f}' if math.isfinite(value) else '-'

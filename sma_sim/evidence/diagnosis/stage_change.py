@@ -1,0 +1,50 @@
+"""Where a step of a diagnosis changed most: one channel of one run, before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.diagnosis.diagnose import ModelStage
+from sma_sim.evidence.estimation.cross_validation import RunFit
+from sma_sim.evidence.estimation.residuals import Nuisance
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, compared_run
+
+
+@dataclass(frozen=True)
+class StepChange:
+    """The channel whose squared error fell most, in the run where it was largest; `errors` over noise, before and after."""
+
+    channel: str
+    held_out: bool
+    before: ComparedRun
+    after: ComparedRun
+    errors: tuple[float, float]
+
+
+def step_change(before: ModelStage, after: ModelStage, training: Campaign, held: Campaign | None) -> StepChange:
+    """The change from one step to the next: in a held-out run where both can be run. Raises SimulationError."""
+    predicted = bool(before.predicted) and bool(after.predicted) and math.isfinite(before.held_out + after.held_out)
+    out = held is not None and predicted
+    campaign = held if held is not None and out else training
+    first, then = (before.predicted, after.predicted) if out else (before.runs, after.runs)
+    channel = most_changed(before, after, out)
+    worst = max((fit for fit in first if channel in fit.channels), key=lambda fit: fit.channels[channel])
+    same = next(fit for fit in then if fit.name == worst.name)
+    k = [recording.name for recording in campaign.recordings].index(worst.name)
+    one = compared_run(campaign, k, before.config, nuisances(first, before.delay))
+    other = compared_run(campaign, k, after.config, nuisances(then, after.delay))
+    return StepChange(channel, out, one, other, (worst.channels[channel], same.channels[channel]))
+
+
+def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
+    """The channel whose squared error over noise fell most."""
+    first, then = (before.held_out_channels, after.held_out_channels) if out else (before.channels, after.channels)
+    return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)
+
+
+def nuisances(fits: Sequence[RunFit], delay: float) -> dict[str, Nuisance]:
+    """What is unknown of each run, by name."""
+    return {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}

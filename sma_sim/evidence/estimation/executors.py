@@ -1,0 +1,77 @@
+"""Work that is spread over threads, processes or a cluster through a `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import ActiveEffect, find_effects
+from sma_sim.model.errors import UserError
+
+
+@dataclass(frozen=True)
+class PickledConfig:
+    """A configuration that can be sent to another process: effects travel by name, not as functions."""
+
+    config: Config
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        config = self.config
+        folders = {str(file.parent) for active in config.effects for file in active.found.files}
+        effects = [(active.found.effect.name, active.values) for active in config.effects]
+        return unpack, (dict(config.parameters), config.system, config.model, effects, sorted(folders))
+
+
+def unpack(
+    parameters: dict[str, float], system: str, model: str, effects: list[tuple[str, tuple[float, ...]]], folders: list[str]
+) -> PickledConfig:
+    """The parcel on the other side."""
+    found = find_effects([Path(folder) for folder in folders]) if effects else {}
+    active = tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects)
+    return PickledConfig(Config(parameters, system, model, active))
+
+
+def workers_of(executor: Executor) -> int:
+    """How many tasks an executor runs at once, as far as it tells."""
+    client = getattr(executor, '_client', None)
+    if client is not None:
+        return max(1, sum(int(threads) for threads in client.nthreads().values()))
+    most: object = getattr(executor, '_max_workers', None)
+    return most if isinstance(most, int) else os.cpu_count() or 1
+
+
+@contextmanager
+def some_executor(executor: Executor | None) -> Iterator[Executor]:
+    """The given executor, or threads on all cores (compiled runs release the interpreter lock).
+
+    Linear algebra then keeps to the thread that asks for it: a second set of threads would fight with these over the cores.
+    """
+    if executor is not None:
+        yield executor
+        return
+    with threadpool_limits(1, 'blas'), ThreadPoolExecutor(os.cpu_count()) as threads:
+        yield threads
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """An executor on the Dask cluster whose scheduler is at `address`, such as ``tcp://host:8786``. Raises UserError."""
+    try:
+        distributed: Any = import_module('distributed')
+    except ImportError as error:
+        raise UserError('--scheduler needs Dask: pip install "sma_sim[dask]"') from error
+    try:
+        client = distributed.Client(address, timeout=5)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UserError(f'--scheduler {address}: no Dask scheduler answers there ({error})') from error
+    with client:
+        yield client.get_executor(pure=False)

@@ -1,0 +1,224 @@
+"""The least-squares problem of a fit: its unknowns, its residuals, their derivatives by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.executors import PickledConfig, workers_of
+from sma_sim.evidence.estimation.free_parameters import FreeParameter, with_values
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
+from sma_sim.model.config import Config
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
+MOST_OWN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
+BEND = 4.0  # higher derivatives relative to the one before, in z
+SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/calibration.md)
+DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
+START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
+SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
+ROBUST = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Runs and the parameters that are free; with `delay` [s] given the delay is not.
+
+    The unknowns z (n,): free parameters, delay, then per run its starts (one per wire) and switching fractions.
+    """
+
+    config: Config
+    runs: tuple[FitData, ...]
+    free: tuple[FreeParameter, ...]
+    robust: bool = False
+    delay: float | None = None
+
+    @property
+    def wires(self) -> int:
+        """Wires whose start is unknown."""
+        return 2 if self.config.system == 'module' else 1
+
+    @property
+    def shared(self) -> tuple[FreeParameter, ...]:
+        """The unknowns of all runs together."""
+        return self.free if self.delay is not None else (*self.free, DELAY)
+
+    def own(self, run: FitData) -> tuple[FreeParameter, ...]:
+        """The unknowns of one run."""
+        return (START,) * self.wires + (SWITCH,) * run.groups
+
+    @property
+    def unknowns(self) -> tuple[FreeParameter, ...]:
+        """All unknowns in the order of z."""
+        return self.shared + tuple(one for run in self.runs for one in self.own(run))
+
+    def places(self) -> list[NDArray[np.int64]]:
+        """Per run, where its unknowns are in z: the shared ones, then its own."""
+        shared, found, at = np.arange(len(self.shared)), [], len(self.shared)
+        for run in self.runs:
+            count = len(self.own(run))
+            found.append(np.concatenate([shared, np.arange(at, at + count)]))
+            at += count
+        return found
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Bounds of z."""
+        unknowns = self.unknowns
+        return np.array([one.low for one in unknowns]), np.array([one.high for one in unknowns])
+
+    def values(self, z: Vector) -> dict[str, float]:
+        """The free parameters by name (SI)."""
+        return {one.name: one.value(float(x)) for one, x in zip(self.free, z, strict=False)}
+
+    def fitted(self, z: Vector) -> Config:
+        """The configuration with the free parameters at z."""
+        return with_values(self.config, self.values(z))
+
+    def nuisance(self, part: Vector) -> Nuisance:
+        """What z says about one run; `part` are its unknowns."""
+        at, wires = len(self.shared), self.wires
+        start = tuple(START.value(float(x)) for x in part[at : at + wires])
+        switches = tuple(SWITCH.value(float(x)) for x in part[at + wires :])
+        return Nuisance(self.delay_at(part), start, switches)
+
+    def delay_at(self, z: Vector) -> float:
+        """The delay [s]."""
+        return self.delay if self.delay is not None else DELAY.value(float(z[len(self.free)]))
+
+    def weighted(self, factor: float) -> Problem:
+        """The same with all weights multiplied."""
+        return replace(self, runs=tuple(replace(run, weight=factor * run.weight) for run in self.runs))
+
+    @property
+    def samples(self) -> int:
+        """Measured values that count."""
+        return sum(run.samples for run in self.runs)
+
+    def at_tolerance(self, rtol: float) -> Problem:
+        """The same with another solver.rtol."""
+        return replace(self, config=replace(self.config, parameters={**self.config.parameters, 'solver.rtol': rtol}))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One run at several points: configurations and nuisances."""
+
+    run: FitData
+    points: tuple[tuple[PickledConfig, Nuisance], ...]
+
+
+def evaluate(task: Evaluation) -> list[Matrix | None]:
+    """Weighted residuals (channels, k) at each point; None where the model cannot be run."""
+    found: list[Matrix | None] = []
+    for parcel, nuisance in task.points:
+        try:
+            residuals = weighted_residuals(parcel.config, task.run, nuisance)
+            found.append(residuals if np.isfinite(residuals).all() else None)
+        except SimulationError:
+            found.append(None)
+    return found
+
+
+@dataclass(frozen=True)
+class LinearizedRun:
+    """One run linearised: residuals (channels, k) and their derivatives (unknowns of the run, channels, k) in z."""
+
+    place: NDArray[np.int64]
+    residuals: Matrix
+    jacobian: NDArray[np.float64]
+
+
+def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix | None]:
+    """Weighted residuals of every run."""
+    config = PickledConfig(problem.fitted(z))
+    tasks = [
+        Evaluation(run, ((config, problem.nuisance(z[place])),))
+        for run, place in zip(problem.runs, problem.places(), strict=True)
+    ]
+    return [future.result()[0] for future in [executor.submit(evaluate, task) for task in tasks]]
+
+
+def linearize(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> list[LinearizedRun]:
+    """Every run linearised at z by one-sided (or central) differences; bounds are kept. Raises SimulationError.
+
+    `steps` (n,) are those of the differences (None: FIRST_STEP).
+    """
+    low, high = problem.limits()
+    steps = np.full(len(z), FIRST_STEP) if steps is None else steps
+    pieces = max(1, -(-2 * workers_of(executor) // len(problem.runs)))
+    submitted = []
+    for run, place in zip(problem.runs, problem.places(), strict=True):
+        part = z[place]
+        moves = difference_points(part, low[place], high[place], steps[place], central)
+        points = [(PickledConfig(problem.fitted(at)), problem.nuisance(at)) for at in [part, *(at for _, at in moves)]]
+        chunks = [points[k::pieces] for k in range(pieces)]
+        futures = [executor.submit(evaluate, Evaluation(run, tuple(chunk))) for chunk in chunks if chunk]
+        submitted.append((run, place, moves, futures, len(points)))
+    return [
+        assembled(run, z[place], place, moves, gathered(futures, count)) for run, place, moves, futures, count in submitted
+    ]
+
+
+def gathered(futures: Sequence[Future[list[Matrix | None]]], count: int) -> list[Matrix | None]:
+    """Results of dealt-out points in their order."""
+    found: list[Matrix | None] = [None] * count
+    for k, future in enumerate(futures):
+        found[k :: len(futures)] = future.result()
+    return found
+
+
+def difference_points(part: Vector, low: Vector, high: Vector, steps: Vector, central: bool) -> list[tuple[int, Vector]]:
+    """Which unknown is moved, and to where."""
+    moves = []
+    for j in range(len(part)):
+        for sign in (1.0, -1.0) if central else (1.0,) if part[j] + steps[j] <= high[j] else (-1.0,):
+            at = part.copy()
+            at[j] = min(max(part[j] + sign * steps[j], low[j]), high[j])
+            if at[j] != part[j]:
+                moves.append((j, at))
+    return moves
+
+
+def assembled(
+    run: FitData, part: Vector, place: NDArray[np.int64], moves: Sequence[tuple[int, Vector]],
+    found: Sequence[Matrix | None],
+) -> LinearizedRun:  # fmt: skip
+    """Difference quotients from the residuals at the points of one run."""
+    base = found[0]
+    if base is None:
+        raise SimulationError(f'{run.name}: the model cannot be run with these parameters')
+    ends: list[list[tuple[float, Matrix]]] = [[] for _ in part]
+    for (j, at), residuals in zip(moves, found[1:], strict=True):
+        if residuals is not None:
+            ends[j].append((float(at[j] - part[j]), residuals))
+    jacobian = np.zeros((len(part), *base.shape))
+    for j, sides in enumerate(ends):
+        if len(sides) == 2:
+            jacobian[j] = (sides[0][1] - sides[1][1]) / (sides[0][0] - sides[1][0])
+        elif sides:
+            jacobian[j] = (sides[0][1] - base) / sides[0][0]
+    return LinearizedRun(place, base, jacobian)
+
+
+def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
+    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
+
+    With e the solver's error, s the sensitivity and b the BEND, one-sided differences are wrong by e/h + s b h/2, central
+    ones by e/h + s b^2 h^2/6: the steps are where that is least.
+    """
+    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
+    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
+    ratio = error / sensitivity
+    best = np.cbrt(3.0 * ratio / BEND**2) if central else np.sqrt(2.0 * ratio / BEND)
+    most = np.where(np.arange(len(best)) < len(problem.shared), MOST_STEP, MOST_OWN_STEP)
+    steps: Vector = np.clip(best, LEAST_STEP, most)
+    return steps

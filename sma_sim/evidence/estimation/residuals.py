@@ -1,0 +1,236 @@
+"""What the model shows at the instants of a recording, and how far that lies from what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.input_simplification import straightened
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.solver.inputs import Input, inputs_at
+from sma_sim.solver.integrate import Run
+from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
+from sma_sim.solver.stepper import Work
+
+Vector = NDArray[np.float64]
+MOST_SWITCHES = 24  # with more changes of the command than this, all share one fraction
+NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's size (docs/calibration.md)
+CHANNEL_SIZES = {
+    'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
+}  # fmt: skip
+# Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
+# which a model that was chosen, and may ring, gets
+MOST_STEPS, BY_SECOND, BY_ROW = 6_000, 50, 50
+CHOSEN = 20
+
+
+@dataclass(frozen=True)
+class FitData:
+    """A recording made ready for many comparisons.
+
+    `measured` and `weight` (channels, k): samples and one over their noise, 0 where a sample is missing.
+    `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
+    long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
+    empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
+    `initial_state`: the state in which the model is at the first time of the source; at rest without it.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    time: Vector
+    measured: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    source: Input
+    changed: Vector
+    interval: Vector
+    group: NDArray[np.int64]
+    step_limited: bool = False
+    initial_state: Run | None = None
+
+    @property
+    def groups(self) -> int:
+        """How many fractions of the sampling interval are unknown."""
+        return int(self.group.max()) + 1 if len(self.group) else 0
+
+    @property
+    def samples(self) -> int:
+        """Measured values that count."""
+        return int(np.count_nonzero(self.weight))
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What is unknown about one recording beside the parameters.
+
+    `delay` [s]: a sample shows the state at t - delay. `start`: per wire, where the run begins within the
+    hysteresis: 0 on sigma_A, 1 on sigma_M; empty: as the configuration's initial.x_M_* say. `switches`: by which
+    part of its sampling interval each (group of) sampled change of the command came before its row.
+    """
+
+    delay: float = 0.0
+    start: tuple[float, ...] = ()
+    switches: tuple[float, ...] = ()
+
+
+def fit_data(
+    recording: Recording, noise_std: Mapping[str, float], every: int = 1, floor: float = 0.0, step_limited: bool = False
+) -> FitData:
+    """A recording with its weights, every `every`-th sample. `floor` is the solver's relative error (solver.rtol).
+
+    Raises UserError when no channel was measured, or when the noise of one is not known.
+    """
+    channels = tuple(
+        name for name in CHANNEL_COLUMNS if name in recording.channels and np.isfinite(recording.channels[name]).any()
+    )
+    if not channels:
+        raise UserError(f'{recording.name}: no channel was measured; expected one of {", ".join(CHANNEL_COLUMNS)}')
+    for name in channels:
+        if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
+            raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
+    measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
+    noise = [np.hypot(noise_std[name], NOISE_OF_SOLVER * floor * CHANNEL_SIZES[name]) or 1e-12 for name in channels]
+    present = np.isfinite(measured)
+    changed, interval = sampled_changes(recording)
+    single = len(changed) > MOST_SWITCHES
+    return FitData(
+        name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
+        measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
+        source=without_repeats(straightened(recording, noise_std)), changed=changed, interval=interval,
+        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
+    )  # fmt: skip
+
+
+def without_repeats(source: Input) -> Input:
+    """The same input without rows that say nothing new."""
+    values = np.asarray(source.values, float)
+    keep = np.ones(len(values), dtype=bool)
+    if not any(source.linear):
+        keep[1:-1] = (np.diff(values[:-1], axis=0) != 0.0).any(axis=1)
+    return Input(np.asarray(source.times, float)[keep], values[keep], source.linear)
+
+
+def sampled_changes(recording: Recording) -> tuple[Vector, Vector]:
+    """Instants [s] of the rows at which a sampled command had changed, and the time since the row before."""
+    times = np.asarray(recording.source.times, float)
+    command = np.asarray(recording.source.values, float)[:, command_column(recording.source)]
+    at = np.flatnonzero(np.diff(command)) + 1
+    if recording.exact_commands:
+        at = at[:0]
+    at = at[~np.isin(times[at], recording.known_changes)]
+    return times[at], times[at] - times[at - 1]
+
+
+def command_column(source: Input) -> int:
+    """Where the electrical command is among the columns of an input."""
+    return len(source.linear) - 2
+
+
+def with_switches(run: FitData, switches: Sequence[float]) -> Input:
+    """The input with each sampled change of the command moved to `switches` of its interval before its row."""
+    source = run.source
+    if not len(run.changed) or not len(switches):
+        return source
+    times, command = source.times, source.values[:, command_column(source)]
+    rows = np.flatnonzero(np.diff(command)) + 1
+    moved = times[rows].copy()
+    moved[np.isin(moved, run.changed)] -= run.interval * np.asarray(switches, float)[run.group]
+    level = np.concatenate([command[:1], command[rows]])
+    times = np.union1d(times, moved)
+    held = np.searchsorted(source.times, times, side='right') - 1
+    values = source.values[held].copy()
+    for k in np.flatnonzero(source.linear):
+        values[:, k] = np.interp(times, source.times, source.values[:, k])
+    values[:, command_column(source)] = level[np.searchsorted(moved, times, side='right')]
+    return without_repeats(Input(times, values, source.linear))
+
+
+def covering(source: Input, last: float) -> Input:
+    """The input, its last values held up to `last` [s]."""
+    if last <= source.times[-1]:
+        return source
+    return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear)
+
+
+def most_steps(source: Input, step_limited: bool) -> int:
+    """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
+    most = MOST_STEPS + int(BY_SECOND * (source.times[-1] - source.times[0])) + BY_ROW * len(source.times)
+    return most if step_limited else CHOSEN * most
+
+
+def within_hysteresis(model: Model, source: Input, start: Sequence[float], work: Work) -> Vector:
+    """x_M (wires,) of a start given as parts of what a resting wire can have, from sigma_A (least) to sigma_M (most)."""
+    first = np.asarray(source.values[0], float)
+    least = new_run(model, first, work, np.full(model.wires, np.nan)).x_frozen
+    most = new_run(model, first, work, np.full(model.wires, np.inf)).x_frozen
+    return np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
+
+
+def started(config: Config, source: Input, start: Sequence[float]) -> Config:
+    """The configuration with the x_M of a start given as parts of the hysteresis."""
+    if not len(start):
+        return config
+    model = Model(config)
+    x = within_hysteresis(model, source, start, new_work(model))
+    initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
+    return replace(config, parameters={**config.parameters, **initial})
+
+
+def start_of(model: Model, source: Input, start: Sequence[float]) -> Run | None:
+    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says."""
+    if not len(start):
+        return None
+    work = new_work(model)
+    return new_run(model, np.asarray(source.values[0], float), work, within_hysteresis(model, source, start, work))
+
+
+def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
+    """What the model shows at the recording's sample times: (k,) by channel, those of the system.
+
+    Raises SimulationError when a run cannot be made.
+    """
+    columns = model_columns(config, recording, nuisance)
+    return {name: columns[column] for name, column in CHANNEL_COLUMNS.items() if column in columns}
+
+
+def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
+    """The model's columns (file contract, inputs included) at the recording's sample times, (k,) each.
+
+    Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
+    """
+    nuisance = nuisance or Nuisance()
+    run = recording if isinstance(recording, FitData) else fit_data(recording, dict.fromkeys(recording.channels, 1.0))
+    times = run.time - nuisance.delay
+    source = covering(with_switches(run, nuisance.switches), float(times[-1]))
+    early = int(np.searchsorted(times, source.times[0], side='right'))
+    asked = np.concatenate([source.times[:1], times[early:]])
+    model = Model(config)
+    initial_state = run.initial_state or start_of(model, source, nuisance.start)
+    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.step_limited), initial_state=initial_state)
+    if not trajectory.completed:
+        raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
+    index = np.maximum(np.arange(len(times)) - early + 1, 0)
+    columns = inputs_at(source, asked) | trajectory.columns
+    return {name: column[index] for name, column in columns.items()}
+
+
+def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
+    """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
+    shown = predict(config, run, nuisance)
+    absent = [name for name in run.channels if name not in shown]
+    if absent:
+        raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
+    return (np.array([shown[name] for name in run.channels]) - run.measured) * run.weight
+
+
+def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:
+    """RMSE over noise by channel, from weighted residuals (channels, k)."""
+    counts = np.count_nonzero(run.weight, axis=1)
+    return {
+        name: float(np.sqrt(np.sum(row**2) / count))
+        for name, row, count in zip(run.channels, residuals, counts, strict=True) if count
+    }  # fmt: skip

@@ -1,0 +1,188 @@
+"""How well a fit knows its parameters, and what its data cannot tell.
+
+Intervals come from the data alone: the priors of the parameters are widened to the bounds of the fit before. The
+covariance is the larger of the inverse Hessian (white noise of the given size) and the sandwich with the long-run
+covariance of the scores (residuals that are correlated in time and between channels). docs/calibration.md derives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from sma_sim.evidence.estimation.free_parameters import REACH, FreeParameter
+from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, measured_steps, normal_equations, robust_weights
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+RTOL = 1e-7  # of the simulations whose differences make the Jacobian
+UNSEEN = 1.0  # eigenvalue below which data say less of a direction than its prior
+PART = 0.15  # of the largest: smaller components of a direction are left out of its sentence
+LEAST_BLOCK, MOST_BLOCKS = 10, 10  # samples; a block is at most this fraction of a run
+GAUSS_95 = 1.959964
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter with its 95 % interval (SI). `std` is of the logarithm if `log`. Not `seen`: `low` and `high` are
+    not what data say but how far the fit could go."""  # fmt: skip
+
+    name: str
+    value: float
+    std: float
+    low: float
+    high: float
+    log: bool
+    seen: bool
+    unit: str
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters: `weights` by name, of unit length in prior standard deviations, known to `std`."""
+
+    weights: Mapping[str, float]
+    std: float
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Intervals, directions (best known first), and what data cannot tell, in words.
+
+    `correlation` (p, p) in the order of `intervals`; `correlation_time`: by channel, by how many samples residuals
+    are correlated (1: white); `delay_std` [s].
+    """
+
+    intervals: tuple[Interval, ...]
+    directions: tuple[Direction, ...]
+    unseen: tuple[str, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    correlation_time: Mapping[str, float]
+    delay_std: float
+
+
+def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
+    """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
+    precise = problem.at_tolerance(RTOL)
+    linear = linearize(precise, z, executor, measured_steps(precise, z, executor), central=True)
+    times = correlation_times(problem, linear)
+    p = len(problem.free)
+    regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)
+    hessian, scores = np.diag(regular), np.diag(regular)
+    for one in linear:
+        part: NormalEquations = normal_equations(one, problem.robust)
+        hessian[np.ix_(one.place, one.place)] += part.hessian
+        scores[np.ix_(one.place, one.place)] += long_run(one, max(times.values()), problem.robust)
+    inverse = np.linalg.inv(hessian)
+    sandwich = inverse @ scores @ inverse
+    variance = np.maximum(np.diag(inverse), np.diag(sandwich))
+    information = np.linalg.inv(inverse[:p, :p]) - REACH**-2.0 * np.eye(p) if p else np.zeros((0, 0))
+    size, vectors = np.linalg.eigh(information)
+    unknown = vectors[:, size < UNSEEN]
+    return Uncertainty(
+        intervals=tuple(
+            interval(one, float(z[k]), float(np.sqrt(variance[k])), seen=float(np.sum(unknown[k] ** 2)) < PART**2)
+            for k, one in enumerate(problem.free)
+        ),
+        directions=tuple(
+            direction(problem.free, vectors[:, k], size[k] + REACH**-2.0) for k in reversed(range(p))
+        ),
+        unseen=tuple(sentences(problem.free, unknown)),
+        correlation=tuple(tuple(row) for row in correlations(inverse[:p, :p]).tolist()),
+        correlation_time=times,
+        delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
+    )  # fmt: skip
+
+
+def interval(one: FreeParameter, z: float, std: float, seen: bool) -> Interval:
+    """The 95 % interval of one parameter."""
+    reach = GAUSS_95 * std
+    seen = seen and reach <= REACH  # wider than the fit could go: nothing is known
+    low, high = (one.low, one.high) if not seen else (z - reach, z + reach)
+    return Interval(one.name, one.value(z), one.scale * std, one.value(low), one.value(high), one.log, seen, one.unit)
+
+
+def direction(free: Sequence[FreeParameter], vector: Vector, information: float) -> Direction:
+    """One eigenvector with names, its largest component positive."""
+    vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
+    weights = {one.name: float(x) for one, x in zip(free, vector, strict=True)}
+    return Direction(weights, float(max(information, 1e-12) ** -0.5))
+
+
+def correlations(covariance: Matrix) -> Matrix:
+    """Correlation coefficients."""
+    std = np.sqrt(np.diag(covariance))
+    found: Matrix = covariance / np.outer(std, std) if len(std) else covariance
+    return found
+
+
+def correlation_times(problem: Problem, linear: Sequence[LinearizedRun]) -> dict[str, float]:
+    """By channel, the integrated autocorrelation time of the residuals in samples, the longest of all runs."""
+    found: dict[str, float] = {}
+    for run, one in zip(problem.runs, linear, strict=True):
+        for name, row in zip(run.channels, one.residuals, strict=True):
+            found[name] = max(found.get(name, 1.0), autocorrelation_time(row))
+    return found
+
+
+def autocorrelation_time(series: Vector) -> float:
+    """1 + 2 sum of the autocorrelation, up to where a pair of neighbours sums to what white noise may (Geyer 1992)."""
+    k = len(series)
+    spectrum = np.abs(np.fft.rfft(series, 2 * k)) ** 2
+    covariance = np.fft.irfft(spectrum)[:k]
+    if covariance[0] <= 0.0:
+        return 1.0
+    rho = covariance[1 : k - (k - 1) % 2] / covariance[0]
+    pairs = rho[0::2] + rho[1::2]
+    few = pairs < 3.0 / np.sqrt(k)
+    end = int(np.argmax(few)) if few.any() else len(pairs)
+    return float(1.0 + 2.0 * pairs[:end].sum())
+
+
+def long_run(linear: LinearizedRun, time: float, robust: bool) -> Matrix:
+    """Long-run covariance of the scores of one run: Bartlett's kernel, as sums over overlapping blocks (Newey, West)."""
+    residuals = linear.residuals * robust_weights(linear.residuals) ** 2 if robust else linear.residuals
+    scores = np.einsum('uck,ck->uk', linear.jacobian, residuals)
+    k = scores.shape[1]
+    block = int(np.clip(4.0 * time, LEAST_BLOCK, max(k // MOST_BLOCKS, 1)))
+    padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1)], axis=1)
+    ends = np.concatenate([padded, np.repeat(padded[:, -1:], block, axis=1)], axis=1)
+    sums = ends[:, block:] - ends[:, :-block]
+    found: Matrix = sums @ sums.T / block
+    return found
+
+
+def sentences(free: Sequence[FreeParameter], unknown: Matrix) -> list[str]:
+    """What the span of the unknown directions (p, m) means, one sentence each, with as few parameters as possible."""
+    m = unknown.shape[1]
+    if m == 0:
+        return []
+    _, _, order = qr(unknown.T, pivoting=True)
+    basis = unknown @ np.linalg.inv(unknown[order[:m]])
+    return [sentence(free, 0.2 * basis[:, j]) for j in range(m)]
+
+
+def sentence(free: Sequence[FreeParameter], vector: Vector) -> str:
+    """One unknown direction in words."""
+    part = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > PART * np.abs(vector).max()]
+    names = [free[k].name for k in part]
+    if len(part) == 1:
+        return f'{names[0]} is not seen'
+    changes = [free[k].scale * vector[k] for k in part]
+    if len(part) == 2 and all(free[k].log for k in part):
+        ratio = changes[1] / changes[0]
+        if 0.8 < abs(ratio) < 1.25:
+            return f'{names[0]} and {names[1]} only as their {"ratio" if ratio > 0.0 else "product"}'
+    moves = [f'{names[j]} by {moved(free[k], float(vector[k]))}' for j, k in enumerate(part)]
+    return f'{", ".join(names[:-1])} and {names[-1]} only together: moving {", ".join(moves)} changes next to nothing'
+
+
+def moved(one: FreeParameter, z: float) -> str:
+    """How far a step in z moves a parameter."""
+    return f'{100.0 * one.scale * z:+.2g} %' if one.log else f'{one.scale * z:+.2g} {one.unit}'

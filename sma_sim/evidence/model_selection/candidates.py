@@ -1,0 +1,120 @@
+"""The effects that a diagnosis tries, and the finite steps away from nothing by which it probes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.parameters import Parameter
+
+SHAPE_PARTS = (1 / 6, 1 / 2, 5 / 6)  # of the realistic range at which a parameter without a neutral value is probed
+STEP_PART = 0.3  # of a realistic range that reaches to its neutral value: the step of a probe
+SLACK = 0.1  # of its width by which a value may lie beyond its realistic range
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An effect a finite step away from nothing: `parameter` at `neutral + step`, the shape parameters at `shape`."""
+
+    parameter: str
+    neutral: float
+    step: float
+    shape: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect to try. `families` hold the probes that share a shape: all strengths, up and down."""
+
+    found: FoundEffect
+    families: tuple[tuple[Probe, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.found.effect.name
+
+
+def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candidate, ...]:
+    """The effects that may be missing from a configuration, by name; those in `folders` take part.
+
+    Effects that are active already, that have no meaning in the system, or no neutral value, are none.
+    """
+    active = {one.found.effect.name for one in config.effects}
+    found = (one for name, one in sorted(find_effects(folders).items()) if name not in active)
+    tried = (candidate_of(one) for one in found if config.system in one.effect.systems)
+    return tuple(one for one in tried if one.families)
+
+
+def candidate_of(found: FoundEffect) -> Candidate:
+    """All probes of one effect."""
+    strengths = [p for p in found.effect.parameters if p.neutral is not None]
+    shapes = [p for p in found.effect.parameters if p.neutral is None]
+    grid = [dict(zip([p.name for p in shapes], values, strict=True)) for values in product(*map(shape_values, shapes))]
+    families = [
+        tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
+        for shape in grid
+    ]
+    return Candidate(found, tuple(family for family in families if family))
+
+
+def shape_values(parameter: Parameter) -> list[float]:
+    """Values of a parameter that is undefined while the effect is off: a grid over its realistic range."""
+    if parameter.realistic is None:
+        return [parameter.default]
+    return [between(*parameter.realistic, part) for part in SHAPE_PARTS]
+
+
+def steps_of(parameter: Parameter) -> list[float]:
+    """Finite steps from the neutral value, up and down as far as the realistic range goes."""
+    neutral = float(parameter.neutral or 0.0)
+    low, high = parameter.realistic or parameter.bounds
+    if parameter.realistic is None:
+        step = parameter.default - neutral
+        return [step] if step else []
+    if low > neutral:
+        return [between(low - neutral, high - neutral, 0.5)]
+    if high < neutral:
+        return [-between(neutral - high, neutral - low, 0.5)]
+    return [STEP_PART * (end - neutral) for end in (high, low) if end != neutral]
+
+
+def between(low: float, high: float, part: float) -> float:
+    """A point of a range, on a logarithmic scale where that has one."""
+    if low > 0.0 and high / low > 3.0:
+        return low * math.pow(high / low, part)
+    return low + part * (high - low)
+
+
+def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float]) -> Config:
+    """The configuration with one more active effect: at `values`, its other parameters neutral, or at their defaults."""
+    at = tuple(
+        values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters
+    )  # fmt: skip
+    return replace(config, effects=(*config.effects, ActiveEffect(found, at)))
+
+
+def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
+    """The realistic range of a parameter, with its neutral value: a strength of several may be nothing."""
+    if parameter.realistic is None or parameter.neutral is None:
+        return parameter.realistic
+    low, high = parameter.realistic
+    return min(low, parameter.neutral), max(high, parameter.neutral)
+
+
+def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
+    """Whether all values (by name, those that are given) lie in the realistic ranges, or nearly."""
+    for parameter in found.effect.parameters:
+        between = realistic_range(parameter)
+        if between is None or parameter.name not in values:
+            continue
+        low, high = between
+        room = SLACK * (high - low)
+        if not (low - room <= values[parameter.name] <= high + room) or math.isnan(values[parameter.name]):
+            return False
+    return True

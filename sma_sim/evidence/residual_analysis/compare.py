@@ -1,0 +1,122 @@
+"""The model beside a campaign: residuals of every run with the model's states at the same instants.
+
+Parameters stay as they are; only what is unknown about the recordings (delay, starts, sampled switching instants) is
+estimated. A residual is measured - model throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign
+from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate, check
+from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
+from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
+from sma_sim.evidence.residual_analysis.wire_states import with_derived
+from sma_sim.model.config import Config
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """One run beside the model, at its sample times `time` (k,) [s], SI units.
+
+    `measured` and `shown` (the model's): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
+    by channel. `states`: the model's columns (file contract) and what is derived from them (docs/compare.md), (k,).
+    """
+
+    name: str
+    held_out: bool
+    time: Vector
+    measured: Mapping[str, Vector]
+    shown: Mapping[str, Vector]
+    noise: Mapping[str, float]
+    states: Mapping[str, Vector]
+    nuisance: Nuisance
+
+    def residual(self, channel: str) -> Vector:
+        """Measured - model (k,), NaN where a sample is missing."""
+        return self.measured[channel] - self.shown[channel]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All runs of a campaign beside one configuration; `runs` has the fitted ones first, then those held out."""
+
+    label: str
+    config: Config
+    delay: float
+    runs: tuple[ComparedRun, ...]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that any run has, in the order of the file contract."""
+        return tuple(name for name in CHANNEL_COLUMNS if any(name in run.measured for run in self.runs))
+
+    def part(self, held: bool) -> tuple[ComparedRun, ...]:
+        """The runs that were held out, or the others."""
+        return tuple(run for run in self.runs if run.held_out == held)
+
+
+def compare(
+    campaign: Campaign, config: Config, held: Campaign | None = None, label: str = '', nuisances: bool = True,
+    executor: Executor | None = None,
+) -> Comparison:  # fmt: skip
+    """Put a configuration as it is beside a campaign, and beside runs that are held out.
+
+    With `nuisances` the delay is estimated from the campaign and the start from each run; else there is no delay and
+    runs start as the configuration says. Raises UserError for what cannot be compared.
+    """
+    options = Options(free=(), model=config.model, starts=1, intervals=False)
+    if nuisances:
+        found = calibrate(campaign, config, options, executor)
+        predicted = held_out(config, held, found.delay, executor) if held is not None else ()
+        return compared(config, found.delay, (campaign, found.runs), (held, predicted), label)
+    check(campaign, config, options)
+    return compared(config, 0.0, (campaign, ()), (held, ()), label)
+
+
+def compared_calibration(
+    found: Calibration, campaign: Campaign, held: Campaign | None, predicted: Sequence[RunFit], label: str
+) -> Comparison:
+    """A fitted model beside the campaign that it was fitted to, and beside runs that are held out."""
+    return compared(found.config, found.delay, (campaign, found.runs), (held if predicted else None, predicted), label)
+
+
+def compared(
+    config: Config, delay: float, fitted: tuple[Campaign, Sequence[RunFit]],
+    held: tuple[Campaign | None, Sequence[RunFit]], label: str,
+) -> Comparison:  # fmt: skip
+    """Runs with their nuisances (those of the configuration where there are none) under one configuration."""
+    runs = []
+    for (campaign, fits), out in ((fitted, False), (held, True)):
+        if campaign is None:
+            continue
+        known = {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}
+        one = [compared_run(campaign, k, config, known) for k in range(len(campaign.recordings))]
+        runs += [replace(run, held_out=out) for run in one]
+    return Comparison(label, config, delay, tuple(runs))
+
+
+def compared_run(campaign: Campaign, k: int, config: Config, known: Mapping[str, Nuisance]) -> ComparedRun:
+    """The `k`-th recording of a campaign. Raises SimulationError when the model cannot be run."""
+    recording = campaign.recordings[k]
+    run = fit_data(recording, campaign.noise_std, floor=config.parameters['solver.rtol'])
+    nuisance = known.get(recording.name, Nuisance())
+    columns = model_columns(config, run, nuisance)
+    return ComparedRun(
+        name=recording.name, held_out=False, time=np.asarray(run.time),
+        measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
+        shown={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
+        noise={
+            name: float(1.0 / weight.max()) if weight.any() else campaign.noise_std[name]
+            for name, weight in zip(run.channels, run.weight, strict=True)
+        },
+        states=with_derived(config, run.time, columns), nuisance=nuisance,
+    )  # fmt: skip

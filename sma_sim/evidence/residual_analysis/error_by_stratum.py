@@ -1,0 +1,93 @@
+"""The squared error of a channel, split by every way to sort its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.residual_analysis.compare import Comparison
+from sma_sim.evidence.residual_analysis.strata import Dimension, dimensions, part_of_run
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Share:
+    """One class: its share of the squared error and of the samples (`time`), RMSE and bias (SI), RMSE over noise."""
+
+    label: str
+    error: float
+    time: float
+    rmse: float
+    bias: float
+    over_noise: float
+
+
+@dataclass(frozen=True)
+class Split:
+    """A channel split by one dimension."""
+
+    channel: str
+    by: str
+    shares: tuple[Share, ...]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """All samples (n,) of a channel: residual (SI), residual over noise, run and time in the run [0, 1]."""
+
+    channel: str
+    residual: Vector
+    scaled: Vector
+    run: NDArray[np.int64]
+    part: Vector
+    place: NDArray[np.int64]
+
+
+def samples_of(comparison: Comparison, channel: str) -> Samples:
+    """The samples of a channel; `place` (n,) is where each is in the runs joined."""
+    residual, scaled, part, number = [], [], [], []
+    for k, run in enumerate(comparison.runs):
+        one = run.residual(channel) if channel in run.measured else np.full(len(run.time), np.nan)
+        residual.append(one)
+        scaled.append(one / run.noise.get(channel, np.nan))
+        part.append(part_of_run(run))
+        number.append(np.full(len(run.time), k))
+    joined = np.concatenate(residual)
+    place = np.flatnonzero(np.isfinite(joined))
+    return Samples(
+        channel, joined[place], np.concatenate(scaled)[place], np.concatenate(number)[place], np.concatenate(part)[place],
+        place,
+    )  # fmt: skip
+
+
+def splits(comparison: Comparison) -> tuple[Split, ...]:
+    """Every channel by every dimension."""
+    ways, every = dimensions(comparison), [samples_of(comparison, channel) for channel in comparison.channels]
+    return tuple(split(samples, way) for samples in every for way in ways)
+
+
+def split(samples: Samples, way: Dimension) -> Split:
+    """One channel by one dimension."""
+    classes = np.concatenate(way.classes)[samples.place]
+    total = float(np.sum(samples.scaled**2))
+    shares = []
+    for k, label in enumerate(way.labels):
+        inside = classes == k
+        if not inside.any():
+            continue
+        residual, scaled = samples.residual[inside], samples.scaled[inside]
+        error = float(np.sum(scaled**2))
+        shares.append(Share(
+            label, error / total if total > 0.0 else 0.0, float(inside.mean()), float(np.sqrt(np.mean(residual**2))),
+            float(residual.mean()), float(np.sqrt(np.mean(scaled**2))),
+        ))  # fmt: skip
+    return Split(samples.channel, way.name, tuple(shares))
+
+
+def splits_of(found: Sequence[Split], channel: str) -> tuple[Split, ...]:
+    """Those of one channel."""
+    return tuple(one for one in found if one.channel == channel)

@@ -1,0 +1,93 @@
+"""Shapes that the residual of a channel may have everywhere: an offset, a wrong scale, a lag.
+
+The residual over noise is fitted by least squares with each shape of the model's channel y alone: 1 (offset),
+y - mean(y) (scale) and dy/dt (a lag of as many seconds, to first order). Blocks drawn again give the interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
+from sma_sim.evidence.residual_analysis.metrics import score
+from sma_sim.evidence.residual_analysis.subgroups import DRAWS, blocks_of
+from sma_sim.evidence.residual_analysis.wire_states import rate
+
+Vector = NDArray[np.float64]
+LEAST = 0.25  # of the squared error: a shape that explains less is not told
+AT_NOISE = 1.05
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A shape (`offset`, `scale`, `lag`) of the residual of a channel: the part `share` of the squared error that it
+    explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, and the sentence.
+    """
+
+    channel: str
+    shape: str
+    share: float
+    value: float
+    low: float
+    high: float
+    text: str
+
+
+SHAPES: dict[str, Callable[[ComparedRun, str], Vector]] = {
+    'offset': lambda run, channel: np.ones(len(run.time)),
+    'scale': lambda run, channel: run.shown[channel] - float(np.mean(run.shown[channel])),
+    'lag': lambda run, channel: -rate(run.time, run.shown[channel]),
+}
+
+
+def patterns(comparison: Comparison) -> tuple[Pattern, ...]:
+    """Shapes that explain a good part of a channel's squared error, surely other than none; largest share first."""
+    found = []
+    for channel in comparison.channels:
+        one = score(comparison.runs, channel)
+        if one is None or one.over_noise < AT_NOISE:
+            continue
+        samples = samples_of(comparison, channel)
+        found += [pattern(comparison, samples, shape) for shape in SHAPES]
+    told = [one for one in found if one.share >= LEAST and one.low * one.high > 0.0]
+    return tuple(sorted(told, key=lambda one: -one.share))
+
+
+def pattern(comparison: Comparison, samples: Samples, shape: str) -> Pattern:
+    """One shape in one channel."""
+    channel = samples.channel
+    joined = np.concatenate([
+        SHAPES[shape](run, channel) if channel in run.shown else np.full(len(run.time), np.nan) for run in comparison.runs
+    ])[samples.place]  # fmt: skip
+    noise = np.array([run.noise.get(channel, np.nan) for run in comparison.runs])[samples.run]
+    regressor = joined / noise
+    block = blocks_of(samples)
+    count = int(block.max()) + 1
+    along = np.bincount(block, regressor * samples.scaled, count)
+    size = np.bincount(block, regressor**2, count)
+    draws = np.random.default_rng(2).multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    values = (draws @ along) / np.maximum(draws @ size, 1e-300)
+    low, high = (float(x) for x in np.quantile(values, (0.025, 0.975)))
+    value = float(along.sum() / max(size.sum(), 1e-300))
+    share = float(value * along.sum() / max(float(np.sum(samples.scaled**2)), 1e-300))
+    return Pattern(channel, shape, share, value, low, high, sentence(channel, shape, share, (value, low, high)))
+
+
+def sentence(channel: str, shape: str, share: float, interval: tuple[float, float, float]) -> str:
+    """A pattern in words."""
+    part = f'{100.0 * share:.0f} % of the squared error of {channel} is'
+    value, low, high = interval
+    if shape == 'offset':
+        numbers = f'{shown(channel, abs(value))} (95 %: {shown(channel, low)} to {shown(channel, high)})'
+        return f'{part} a constant offset: measured {"above" if value > 0.0 else "below"} the model by {numbers}.'
+    if shape == 'scale':
+        numbers = f'{abs(100 * value):.3g} % (95 %: {100 * low:+.3g} to {100 * high:+.3g} %)'
+        return f'{part} a wrong scale: measured {"larger" if value > 0.0 else "smaller"} than the model by {numbers}.'
+    numbers = f'{abs(value):.3g} s (95 %: {low:+.3g} to {high:+.3g} s)'
+    return f'{part} a shift in time: measured {"later" if value > 0.0 else "earlier"} than the model by {numbers}.'

@@ -1,0 +1,158 @@
+"""Ways to sort the samples of a comparison: by mode, temperature, direction, time, run ... (docs/compare.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate, wires_of
+
+Vector = NDArray[np.float64]
+Classes = NDArray[np.int64]
+STEADY = 0.05  # |dT/dt| [K/s] below which a wire neither heats nor cools
+STILL = 0.02  # of its largest rate: below it a motion counts as none
+MOST_BANDS = 8
+NICE = (1.0, 2.0, 2.5, 5.0, 10.0)
+MODE_LABELS = (
+    'at rest', 'in mode 1 (austenite)', 'in mode 2 (martensite)', 'in mode 3 (inside the hysteresis)',
+    'in mode 4 (to martensite)', 'in mode 5 (to austenite)',
+)  # fmt: skip
+assert MODE_LABELS[RESTING] == 'at rest'
+TRANSFORMING = ('no wire transforms', 'only wire 1 transforms', 'only wire 2 transforms', 'both wires transform')
+QUARTERS = ('first', 'second', 'third', 'last')
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One way to sort samples. `classes`: one array (k,) per run, -1 where a sample belongs nowhere.
+
+    `labels` name the classes in tables. `template` makes words of one: it holds ``{}`` for the label, or, when the
+    classes are bands between `edges` (one more than classes, in `unit`), for `above 330 K` and the like.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    template: str
+    classes: tuple[Classes, ...]
+    edges: tuple[float, ...] = ()
+    unit: str = ''
+
+    def words(self, first: int, last: int) -> str:
+        """A class, or the bands from `first` to `last` joined, in words."""
+        if not self.edges:
+            return self.template.format(self.labels[first])
+        low, high = f'{self.edges[first]:.4g}', f'{self.edges[last + 1]:.4g}'
+        if first == 0:
+            return self.template.format(f'below {high} {self.unit}'.rstrip())
+        if last == len(self.labels) - 1:
+            return self.template.format(f'above {low} {self.unit}'.rstrip())
+        return self.template.format(f'between {low} and {high} {self.unit}'.rstrip())
+
+
+def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
+    """All ways to sort the samples of a comparison that have more than one class."""
+    runs = comparison.runs
+    found = [one for suffix, wire in wires_of(comparison.config).items() for one in wire_dimensions(runs, suffix, wire)]
+    found += module_dimensions(runs) if comparison.config.system == 'module' else bench_dimensions(runs)
+    found += [
+        banded('ambient temperature', [run.states['T_E_K'] for run in runs], 'the ambient temperature is {}', 'K'),
+        quarters(runs), by_run(runs),
+    ]  # fmt: skip
+    return tuple(one for one in found if len(np.unique(np.concatenate(one.classes))) > 1)
+
+
+def wire_dimensions(runs: Sequence[ComparedRun], suffix: str, wire: str) -> list[Dimension]:
+    """By mode, temperature, heating or cooling of one wire."""
+    of_wire = f' of {wire}'
+    modes = tuple(run.states[f'class{suffix}'].astype(np.int64) for run in runs)
+    rates = [run.states[f'dT{suffix}'] for run in runs]
+    return [
+        Dimension(f'mode{of_wire}', MODE_LABELS, wire + ' is {}', modes),
+        banded(f'temperature{of_wire}', [run.states[f'T{suffix}_K'] for run in runs], wire + ' is {}', 'K'),
+        signed(f'heating or cooling{of_wire}', rates, STEADY, ('cooling', 'neither heating nor cooling', 'heating'),
+               wire + ' is {}'),
+    ]  # fmt: skip
+
+
+def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
+    """By command, motion and amplitude of a module."""
+    angles = [np.degrees(run.states['alpha_rad']) for run in runs]
+    rates = [rate(run.time, run.states['alpha_rad']) for run in runs]
+    moving = tuple(transforming(run) for run in runs)
+    return [
+        Dimension('transforming wires', TRANSFORMING, '{}', moving),
+        signed('command', [run.states['J_eq_W'] for run in runs], 0.0,
+               ('J_eq heats bundle 2', 'J_eq is 0', 'J_eq heats bundle 1'), '{}'),
+        signed('direction of motion', rates, STILL * largest(rates),
+               ('alpha falls', 'alpha stands still', 'alpha rises'), '{}'),
+        banded('amplitude', [np.abs(angle) for angle in angles], '|alpha| is {}', 'deg'),
+    ]  # fmt: skip
+
+
+def bench_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
+    """By strain, its direction and the heating of a wire on a test bench."""
+    strain = [100.0 * run.states['strain'] for run in runs]
+    rates = [run.states['deps'] for run in runs]
+    return [
+        signed('direction of motion', rates, STILL * largest(rates), ('unloaded', 'held', 'loaded'), 'the wire is {}'),
+        banded('amplitude', strain, 'the strain is {}', '%'),
+        signed('heating power', [run.states['J_W'] for run in runs], 0.0, ('', 'off', 'on'), 'the power is {}'),
+    ]
+
+
+def transforming(run: ComparedRun) -> Classes:
+    """Which wires are in mode 4 or 5 and do not rest: 0 none, 1, 2, 3 both."""
+    one, two = (np.isin(run.states[f'class{suffix}'], (4.0, 5.0)) for suffix in ('_1', '_2'))
+    return one.astype(np.int64) + 2 * two.astype(np.int64)
+
+
+def largest(values: Sequence[Vector]) -> float:
+    """A robust largest size."""
+    return float(np.quantile(np.abs(np.concatenate(values)), 0.99))
+
+
+def signed(name: str, values: Sequence[Vector], small: float, labels: tuple[str, str, str], template: str) -> Dimension:
+    """By sign: below -small, within, above small."""
+    return Dimension(name, labels, template, tuple(1 + (one > small).astype(np.int64) - (one < -small) for one in values))
+
+
+def banded(name: str, values: Sequence[Vector], template: str, unit: str) -> Dimension:
+    """By bands with round edges, as few as show the range; one band where nothing changes."""
+    joined = np.concatenate(values)
+    low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
+    if high - low <= 1e-3 * max(abs(low), abs(high)):
+        return Dimension(name, ('all',), template, tuple(np.zeros(len(one), np.int64) for one in values))
+    step = nice_step((high - low) / MOST_BANDS)
+    first, last = int(np.floor(low / step)), int(np.ceil(high / step))
+    edges = tuple(float(step * k) for k in range(first, last + 1))
+    labels = tuple(f'{edges[k]:.4g} to {edges[k + 1]:.4g} {unit}'.rstrip() for k in range(len(edges) - 1))
+    classes = tuple(np.clip(np.searchsorted(edges, one, side='right') - 1, 0, len(labels) - 1) for one in values)
+    return Dimension(name, labels, template, classes, edges, unit)
+
+
+def nice_step(least: float) -> float:
+    """The next number at or above `least` that is 1, 2, 2.5 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(next(nice * power for nice in NICE if nice * power >= least * (1.0 - 1e-9)))
+
+
+def quarters(runs: Sequence[ComparedRun]) -> Dimension:
+    """By quarter of the run."""
+    classes = tuple(np.minimum((4.0 * part_of_run(run)).astype(np.int64), 3) for run in runs)
+    return Dimension('time in the run', QUARTERS, 'the run is in its {} quarter', classes)
+
+
+def part_of_run(run: ComparedRun) -> Vector:
+    """Time in the run, 0 at its first sample and 1 at its last (k,)."""
+    found: Vector = (run.time - run.time[0]) / max(run.time[-1] - run.time[0], 1e-300)
+    return found
+
+
+def by_run(runs: Sequence[ComparedRun]) -> Dimension:
+    """By run, in the order of the campaign."""
+    names = tuple(run.name for run in runs)
+    return Dimension('run', names, 'the run is {}', tuple(np.full(len(run.time), k) for k, run in enumerate(runs)))

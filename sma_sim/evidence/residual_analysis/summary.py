@@ -1,0 +1,67 @@
+"""All that a comparison says, computed once, and as plain data for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sma_sim.evidence.residual_analysis.compare import Comparison
+from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits
+from sma_sim.evidence.residual_analysis.findings import Finding, findings
+from sma_sim.evidence.residual_analysis.metrics import Score, scores, total_error
+from sma_sim.evidence.residual_analysis.patterns import Pattern, patterns
+from sma_sim.evidence.residual_analysis.spectrum import Band, bands
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run."""
+
+    comparison: Comparison
+    fitted: Mapping[str, Score]
+    held_out: Mapping[str, Score]
+    runs: Mapping[str, Mapping[str, Score]]
+    patterns: tuple[Pattern, ...]
+    findings: tuple[Finding, ...]
+    splits: tuple[Split, ...]
+    bands: Mapping[str, tuple[Band, ...]]
+
+
+def summarise(comparison: Comparison) -> Summary:
+    """Look at a comparison in every way."""
+    channels = comparison.channels
+    return Summary(
+        comparison, scores(comparison.part(False), channels), scores(comparison.part(True), channels),
+        {run.name: scores((run,), channels) for run in comparison.runs}, patterns(comparison), findings(comparison),
+        splits(comparison), {channel: bands(comparison.runs, channel) for channel in channels},
+    )  # fmt: skip
+
+
+def as_data(summary: Summary) -> dict[str, Any]:
+    """The summary for JSON; SI units."""
+    comparison = summary.comparison
+    return {
+        'configuration': comparison.label,
+        'model': comparison.config.model,
+        'delay': comparison.delay,
+        'error': {
+            'train': total_error(list(summary.fitted.values())),
+            'held_out': total_error(list(summary.held_out.values())),
+        },
+        'channels': {
+            name: {channel: asdict(one) for channel, one in part.items()}
+            for name, part in (('train', summary.fitted), ('held_out', summary.held_out))
+        },
+        'runs': {
+            run.name: {
+                'held_out': run.held_out, 'start': run.nuisance.start,
+                'channels': {channel: asdict(one) for channel, one in summary.runs[run.name].items()},
+            }
+            for run in comparison.runs
+        },
+        'patterns': [asdict(one) for one in summary.patterns],
+        'findings': [asdict(one) for one in summary.findings],
+        'splits': [asdict(one) for one in summary.splits],
+        'bands': {channel: [asdict(one) for one in found] for channel, found in summary.bands.items()},
+    }  # fmt: skip

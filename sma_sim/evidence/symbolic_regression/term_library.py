@@ -1,0 +1,190 @@
+"""The terms that a physicist would try at each port; docs/equations.md lists them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from sma_sim.evidence.symbolic_regression.terms import Shape, Term, times
+
+EDGE = 0.3  # [s] over which a switch in time is smoothed
+MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
+SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
+# A hat in time: no term of a formula, but what shows the time course of a quantity.
+PULSE = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
+    Shape('t_0', 's', 'instant'), Shape('width', 's', 'pace')))  # fmt: skip
+FADING = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it fades with the distance')
+ONE = Term('constant', '1.0', '-', ('constant',))
+
+
+def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '') -> list[Term]:
+    """Functions of one variable: powers, one-sided ramps, a step, a bump, wells that draw to one place, waves.
+
+    `offset` is what powers leave out of the value (T_E of a temperature).
+    """
+    u = f'({value} - {offset})' if offset else value
+    size = u if offset else f'({u})'
+    at = Shape(f'{name}_0', unit, 'place', variable, description=f'{name} at which it begins, or its middle')
+    width = Shape('width', unit, 'width', variable, description='width')
+    waves = Shape('k', f'rad/({unit})' if unit != 'rad' else '-', 'waves', variable, description='2 pi over the period')
+    away = f'{value} - {{{at.name}}}'
+    ratio = f'(({away}) / {{width}})'
+    on = (variable,)
+    return [
+        Term(name, u, unit, on),
+        Term(f'{name}_abs', f'abs{size} * {u}', f'{unit}^2', on),
+        Term(f'{name}_square', f'{u} ** 2', f'{unit}^2', on),
+        Term(f'{name}_cube', f'{u} ** 3', f'{unit}^3', on),
+        Term(f'{name}_above', f'max(0.0, {away})', unit, on, (at,)),
+        Term(f'{name}_below', f'max(0.0, {{{at.name}}} - {value})', unit, on, (at,)),
+        Term(f'{name}_step', f'0.5 * (1.0 + math.tanh{ratio})', '-', on, (at, width)),
+        Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
+        Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
+        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, FADING)),
+        Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (
+            waves, Shape('phase', 'rad', 'phase', description='phase'))),
+    ]  # fmt: skip
+
+
+@cache
+def of_time() -> tuple[Term, ...]:
+    """Functions of time: drift, settling, a switch, the beginning of a drift, oscillation, a duty cycle."""
+    instant = Shape('t_0', 's', 'instant', description='instant, counted from the beginning of the run')
+    pace = Shape('tau', 's', 'pace', description='time constant')
+    pitch = Shape('f', 'Hz', 'peaks', description='frequency')
+    phase = Shape('phase', 'rad', 'phase', description='phase at the beginning of the run')
+    turn = '2.0 * math.pi * {f} * s.t + {phase}'
+    on = ('t',)
+    return (
+        Term('time', 's.t', 's', on),
+        Term('settling', '1.0 - math.exp(-s.t / {tau})', '-', on, (pace,)),
+        Term('switched', f'0.5 * (1.0 + math.tanh((s.t - {{t_0}}) / {EDGE}))', '-', on, (instant,)),
+        Term('since', 'max(0.0, s.t - {t_0})', 's', on, (instant,)),
+        Term('oscillation', f'math.sin({turn})', '-', on, (pitch, phase)),
+        Term('duty', f'0.5 * (1.0 + math.tanh(6.0 * math.sin({turn})))', '-', on, (pitch, phase)),
+    )
+
+
+def filtered(name: str, value: str, unit: str, variables: tuple[str, ...], what: str, start: str = '0.0') -> Term:
+    """A term that reads ``m.z``, the slow first-order average of `value`."""
+    pace = Shape('tau', 's', 'pace', description='time constant')
+    return Term(name, what, unit, (*variables, 'memory'), (pace,), f'({value} - m.z) / {{tau}}', start, 10.0)
+
+
+@cache
+def heat_terms() -> tuple[Term, ...]:
+    """Heat into a wire: of its temperature, its phase and the time; what scales with the power is electrical."""
+    above = Term('dT', 's.T - s.T_E', 'K', ('T',))
+    fraction = Term('x', 's.x', '-', ('x',))
+    return (
+        ONE,
+        *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
+        fraction,
+        times(fraction, above),
+        times(Term('speed', 'abs(s.deps)', '1/s', ('deps',)), above),
+        Term('exchange', 's.T_other - s.T', 'K', ('T_other', 'T')),
+        *of_time(),
+        *(times(above, one) for one in of_time()),
+        filtered('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
+        filtered('slow_other', '(s.T_other - s.T_E)', 'K', ('T_other',), 'm.z'),
+    )
+
+
+@cache
+def power_terms() -> tuple[Term, ...]:
+    """Electrical heating: all in proportion to a power of the command of the wire."""
+    command = Term('J', 's.J', 'W', ('J',))
+    return (
+        *(one for one in of_variable('J', 's.J', 'W', 'J') if one.name in ('J', 'J_square', 'J_cube', 'J_above')),
+        Term('J_bent', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (
+            Shape('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
+        times(command, Term('x', 's.x', '-', ('x',))),
+        times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
+        *(times(command, one) for one in of_time()),
+        filtered('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
+    )  # fmt: skip
+
+
+@cache
+def strain_terms() -> tuple[Term, ...]:
+    """Offsets of strain, or shifts of both transformation stresses: of temperature, time and what the wire went through."""
+    reach = Shape('z_0', '-', 'fixed', values=(1.0, 5.0), description='transformation after which 63 % of it is there')
+    hot = Shape('T_0', 'K', 'place', 'T', description='temperature at which it begins')
+    scale = Shape('T_w', 'K', 'fixed', values=(10.0, 25.0), description='temperature over which it grows e-fold')
+    return (
+        ONE,
+        *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
+        *of_time(),
+        Term('worked', 'm.z', '-', ('dx', 'memory'), (), 'abs(s.dx)'),
+        Term('trained', '1.0 - math.exp(-m.z / {z_0})', '-', ('dx', 'memory'), (reach,), 'abs(s.dx)'),
+        Term('hot_time', 'm.z', 'K s', ('T', 'memory'), (hot,), 'max(0.0, s.T - {T_0})', scale=100.0),
+        Term('activated', 'm.z', 's', ('T', 'memory'), (scale,), 'math.exp((s.T - s.T_E - 30.0) / {T_w})', scale=10.0),
+        filtered('slow_T', '(s.T - s.T_E)', 'K', ('T',), 'm.z'),
+    )
+
+
+def friction(name: str, rate: str, unit: str, variable: str, size: float) -> list[Term]:
+    """Dry friction, and hysteresis with an elastic beginning that may leak away at rest."""
+    speed = Shape('w', f'{unit}/s', 'fixed', values=(size, 10.0 * size), description='speed at which it is fully there')
+    reach = Shape('z_0', unit, 'fixed', values=(0.3 * size, size, 3.0 * size), description='way over which it builds up')
+    leak = Shape('tau', 's', 'pace', description='time in which it fades at rest')
+    on = (f'd{variable}', 'memory')
+    return [
+        Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
+        Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=size),
+        Term(f'{name}_leaking', 'm.z / {z_0}', '-', on, (reach, leak),
+             f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}', scale=size),
+        Term(f'{name}_relaxing', 'm.z', unit, on, (leak,), f'{rate} - m.z / {{tau}}', scale=10.0 * size),
+    ]  # fmt: skip
+
+
+@cache
+def moment_terms() -> tuple[Term, ...]:
+    """A moment on the plate."""
+    angle = Term('alpha', 's.alpha', 'rad', ('alpha',))
+    return (
+        ONE,
+        *of_variable('alpha', 's.alpha', 'rad', 'alpha'),
+        *friction('hinge', 's.dalpha', 'rad', 'alpha', 1e-2),
+        Term('warmth', MEAN_T, 'K', ('T',)),
+        Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',)),
+        *of_time(),
+        *(times(angle, one) for one in of_time()),
+    )
+
+
+@cache
+def force_terms() -> tuple[Term, ...]:
+    """A force on the plate along or across the beam."""
+    return (
+        ONE,
+        *of_variable('U_y', 's.U_y', 'm', 'U_y')[:6],
+        *friction('slide', 's.dU_y', 'm', 'U_y', 3e-4),
+        Term('warmth', MEAN_T, 'K', ('T',)),
+        *of_time(),
+    )
+
+
+@cache
+def stiffness_terms() -> tuple[Term, ...]:
+    """A part of the beam's stiffness that is lost (its force is the term times K q)."""
+    warmth = Term('warmth', MEAN_T, 'K', ('T',))
+    return (
+        Term('bending', 's.alpha ** 2', 'rad^2', ('alpha',)),
+        warmth,
+        filtered('slow_warmth', f'({MEAN_T})', 'K', ('T',), 'm.z'),
+        *of_time(),
+    )
+
+
+@cache
+def sensor_terms() -> tuple[Term, ...]:
+    """An error of the shown value."""
+    play = Shape('half', 'unit', 'width', 'value', description='half of the play')
+    pace = 's.dU_x if s.channel == 0.0 else s.dU_y if s.channel == 1.0 else s.dalpha'
+    ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, ({pace}) * m.z)))'
+    return (
+        ONE,
+        *(one for one in of_variable('value', 's.value', 'unit', 'value') if one.name in SENSOR_SHAPES),
+        *of_time(),
+        Term('play', '-m.z', 'unit', ('value', 'memory'), (play,), f'({pace}) * {ahead}', scale=0.1),
+    )

@@ -1,0 +1,31 @@
+"""Bundles that were mounted with different lengths.
+
+e = delta/2 in wire 1, -delta/2 in wire 2   [-]: the first is longer by delta l0 than the second
+"""
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='pretension_mismatch',
+    port='wire_strain',
+    equation='e = delta/2 (wire 1), -delta/2 (wire 2)',
+    source='geometry: l0 of a bundle is known as well as its crimps are placed',
+    parameters=(
+        Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'wire 1 is longer than wire 2, over l0', '', 0.0, (-0.02, 0.02)),
+    ),
+    kernel=lambda s, w, p: p.delta * (0.5 - s.wire),
+    energy='does not enter: the strain is constant',
+    description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
+    signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',
+    confused_with=(
+        'initial.x_M_1',
+        'initial.x_M_2',
+        'wire.l0',
+        'wire.E_A',
+        'attachment_compliance',
+        'thermal_expansion',
+        'slack',
+        'functional_fatigue',
+    ),  # fmt: skip
+)

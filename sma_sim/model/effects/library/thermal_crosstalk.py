@@ -1,0 +1,32 @@
+"""Heat that one bundle gives to the other through the air between them.
+
+Q = G l0 (T_other - T)   [W] per wire: what one bundle loses the other gains
+"""
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
+
+EFFECT = Effect(
+    name='thermal_crosstalk',
+    port='wire_heat',
+    equation='Q = G l0 (T_other - T)',
+    source='conduction between parallel cylinders: Incropera, Fundamentals of Heat and Mass Transfer, table 4.1',
+    parameters=(
+        Parameter(
+            'G',
+            0.03,
+            'W/(m K)',
+            (0.0, 10.0),
+            'conductance from wire to wire per length; still air 10 mm wide 0.02',
+            '',
+            0.0,
+            (5e-3, 0.2),
+        ),
+    ),  # fmt: skip
+    kernel=lambda s, w, p: p.G * w.l0 * (s.T_other - s.T),
+    systems=('module',),
+    energy='heat from the hotter to the colder bundle; their sum is unchanged',
+    description='quasi-steady: the air between the bundles stores nothing',
+    signature='the unpowered wire warms while the other is hot: less stroke, more at long heating',
+    confused_with=('wire.sigma_T', 'plate.W', 'natural_convection', 'radiation', 'polycrystal', 'r_phase'),
+)

@@ -1,0 +1,36 @@
+"""What other nodes do that they should not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rclpy.node import Node
+
+
+def type_name(kind: Any) -> str:
+    """The name of a message class, such as std_msgs/msg/Float64."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+class GraphCheck:
+    """Looks for others that publish the topics which `owned` says have one publisher, and for other types on `inputs`."""
+
+    def __init__(self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any]) -> None:
+        self._node, self._owned, self._inputs = node, owned, inputs
+        self._told: set[str] = set()
+
+    def look(self) -> list[str]:
+        """What is wrong now, in words; each is logged when it is seen first."""
+        found = [
+            f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'
+            for topic in self._owned
+            if self._node.count_publishers(topic) > 1
+        ]
+        for topic, expected in self._inputs.items():
+            kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
+            found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
+        for words in set(found) - self._told:
+            self._node.get_logger().warning(words)
+        self._told |= set(found)
+        return found

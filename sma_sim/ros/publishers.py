@@ -1,0 +1,81 @@
+"""The node's topics: every message is serialized once, published, and recorded with its simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, Temperature
+from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from sma_sim.model.parameters import BeamConstants
+from sma_sim.ros import messages
+from sma_sim.ros.graph_check import type_name
+from sma_sim.ros.markers import frame_of, markers
+from sma_sim.ros.recorder import Recorder
+
+LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SAMPLES: Mapping[str, Any] = {
+    'joint_states': JointState,
+    'wire_states': JointState,
+    'wire_forces': Float64MultiArray,
+    'wire_modes': UInt8MultiArray,
+    'wire_1/temperature': Temperature,
+    'wire_2/temperature': Temperature,
+    'phase_fractions': Float64MultiArray,
+    'markers': MarkerArray,
+}
+CHANGES: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Float64}  # published when they change
+TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
+
+
+class Publishers:
+    """Publishers of all topics and, while there is one, the recorder."""
+
+    def __init__(self, node: Node, beam: BeamConstants, h: float, senses: bool, clock: bool) -> None:
+        self._beam, self._h, self._frame = beam, h, frame_of(node.get_namespace())
+        kinds = {**SAMPLES, **({TRUE_POSE: JointState} if senses else {}), **CHANGES}
+        self._publishers = {
+            name: node.create_publisher(kind, name, LATEST if name in CHANGES else 10) for name, kind in kinds.items()
+        }
+        self._numbers = {name: number for number, name in enumerate(kinds)}
+        self.recorded = [(self._publishers[name].topic_name, type_name(kind)) for name, kind in kinds.items()]
+        self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
+        self.recorder: Recorder | None = None
+
+    def send(self, name: str, log_time: int, message: Any) -> None:
+        """Publish a message and record it with its simulated time [ns]."""
+        cdr = serialize_message(message)
+        self._publishers[name].publish(cdr)
+        if self.recorder is not None:
+            self.recorder.write(self._numbers[name], log_time, cdr)
+
+    def send_clock(self, stamp: int) -> None:
+        """Publish the time [ns], if the node is its source."""
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=messages.stamp_of(stamp)))
+
+    def send_sample(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
+        """Publish a row of samples; all stamped messages get the same stamp [ns]."""
+        time = messages.stamp_of(stamp)
+        self.send('joint_states', log_time, messages.joint_state(time, row, sensed=True))
+        if TRUE_POSE in self._publishers:
+            self.send(TRUE_POSE, log_time, messages.joint_state(time, row, sensed=False))
+        self.send('wire_states', log_time, messages.wire_state(time, row))
+        self.send('wire_forces', log_time, messages.wire_forces(row))
+        for wire, name in enumerate(messages.WIRES):
+            self.send(f'{name}/temperature', log_time, messages.temperature(time, row, wire))
+        self.send('phase_fractions', log_time, messages.phase_fractions(row))
+        self.send('wire_modes', log_time, messages.wire_modes(modes))
+
+    def send_markers(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
+        """Publish the picture of a row, if anyone looks at it or it is recorded."""
+        if self.recorder is not None or self._publishers['markers'].get_subscription_count() > 0:
+            picture = markers(messages.stamp_of(stamp), self._frame, row, modes, self._beam, self._h)
+            self.send('markers', log_time, picture)
