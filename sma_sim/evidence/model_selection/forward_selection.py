@@ -1,6 +1,6 @@
 """Forward selection of missing effects: screen, refit, judge on runs left out in turn, accept the best, go on.
 
-What later effects say of earlier ones is asked in the end (`backward_elimination`). The held-out runs are not looked at here.
+What later effects say of earlier ones is asked in the end (`backward_elimination`). The held-out runs are not read here.
 """
 
 from __future__ import annotations

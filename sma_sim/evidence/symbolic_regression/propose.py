@@ -64,8 +64,8 @@ class Proposal:
     """What is proposed: the best formula as an effect, the others that were tried (best first), which are as good.
 
     `before`: the cross-validated error without it; `fitted`: the model with it; `indistinguishable`: names of
-    formulas that these data cannot tell from it; `portrait`: the quantity over its variable; `std`: standard errors by full name
-    (SI), with the model's priors.
+    formulas that these data cannot tell from it; `portrait`: the quantity over its variable; `std`: standard errors by full
+    name (SI), with the model's priors.
     """
 
     formula: Formula
