@@ -2,8 +2,8 @@
 
     python benchmarks/nitinol.py FOLDER [--only NAME ...] [--model hybrid] [--at-once 2]
 
-FOLDER holds the files of https://github.com/maestrolab/calibration_matlab as CSV (docs/nitinol.md). Each case fits some
-of them and holds others out; the table has every step of every case, good or bad. Finished cases
+FOLDER holds the files of https://github.com/maestrolab/calibration_matlab as CSV (docs/explanation/nitinol.md).
+Each case fits some of them and holds others out; the table has every step of every case, good or bad. Finished cases
 are kept in --file, so that a run can be continued.
 """
 

@@ -1,6 +1,6 @@
 """Are the p-values of a diagnosis what they say? Screening of robots that lack nothing.
 
-    python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--at-once 2] [--figure docs/pvalues.png]
+    python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--at-once 2] [--figure docs/figures/pvalues.png]
 
 Each case is a robot with other parameters, MAS kinetics and noise, but no hidden effect (sma_sim/challenge): two runs of
 100 s at 10 Hz, which is what a diagnosis of 50 Hz thins its samples to; every other case with forces. The bare model (MAS,

@@ -23,7 +23,7 @@ from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.config import Config
 
 SHORT = {'duration': 20.0, 'rate': 10.0}
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'challenge.md'
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'challenges.md'
 
 
 @pytest.mark.parametrize('format', ['mcap', 'csv'])

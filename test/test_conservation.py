@@ -1,4 +1,4 @@
-"""First and second law, in every mode, for both models (docs/physics.md, section 3)."""
+"""First and second law, in every mode, for both models (docs/explanation/physics.md, section 3)."""
 
 import numpy as np
 import pytest

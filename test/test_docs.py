@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts)]
 BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
 SHELLS = ('bash', 'console', 'sh')
 
@@ -56,5 +56,5 @@ def test_continuous_integration_runs_the_readmes_test_command():
 def test_every_effect_is_in_the_documentation():
     from sma_sim import find_effects
 
-    page = (ROOT / 'docs' / 'effects.md').read_text()
+    page = (ROOT / 'docs' / 'reference' / 'effects.md').read_text()
     assert [name for name in find_effects() if f'`{name}`' not in page] == []

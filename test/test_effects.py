@@ -29,7 +29,7 @@ PULL = Input(
     (True, False, False),
 )
 SAMPLES = {'module': np.arange(0.0, 20.0, 0.05), 'wire': np.arange(0.0, 10.0, 0.02)}
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'effects.md'
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'effects.md'
 # Where an effect shows: wires that run out of martensite, wires that would push.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},

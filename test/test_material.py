@@ -52,7 +52,7 @@ def test_gamma_T_is_the_derivative(T):
 
 @given(T=temperatures, x=fractions, sigma=st.floats(0.0, 3e8))
 def test_heat_terms_are_derivatives_of_the_energy(T, x, sigma):
-    """At constant strain: dU/dT is the heat capacity, and dU/dx is -L_x (docs/physics.md, section 3)."""
+    """At constant strain: dU/dT is the heat capacity, and dU/dx is -L_x (docs/explanation/physics.md, section 3)."""
     eps = sigma * (x / W.E_M + (1 - x) / W.E_A) + W.eps_T * x
 
     def U(T, x):
@@ -64,7 +64,7 @@ def test_heat_terms_are_derivatives_of_the_energy(T, x, sigma):
 
 
 def test_mas_barriers_are_those_of_a_smooth_energy():
-    """Barriers by numerical integration of the three-parabola Gibbs energy (docs/physics.md, section 4)."""
+    """Barriers by numerical integration of the three-parabola Gibbs energy (docs/explanation/physics.md, section 4)."""
     T, sigma = 320.0, 110e6
     s_A, s_M = sigma_A(T, W), sigma_M(T, W)
     strain_A, strain_M = s_A / W.E_A, W.eps_T + s_M / W.E_M

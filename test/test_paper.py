@@ -76,7 +76,7 @@ def test_page_in_the_documentation_is_of_this_program(paper):
     def words(page):
         return re.sub(r'[-\d.e]+', '#', re.sub(r'Made by .*', '', page)).split()
 
-    assert words((ROOT / 'docs' / 'paper.md').read_text()) == words((paper / 'paper.md').read_text())
+    assert words((ROOT / 'docs' / 'reference' / 'paper.md').read_text()) == words((paper / 'paper.md').read_text())
 
 
 def test_commands_repeat_with_their_seed():

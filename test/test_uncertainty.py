@@ -59,7 +59,7 @@ def test_an_interval_wider_than_the_fit_could_go_is_no_knowledge():
 
 
 def with_other_length(given, stretch):
-    """Parameters under x -> 1 - s (1 - x), which keeps x = 1 (docs/calibration.md)."""
+    """Parameters under x -> 1 - s (1 - x), which keeps x = 1 (docs/explanation/calibration.md)."""
     wire = given.parameters
     eps_T = (1.0 + wire['wire.eps_T']) / stretch - 1.0
     s = wire['wire.eps_T'] / (eps_T * stretch)

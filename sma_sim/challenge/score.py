@@ -1,4 +1,4 @@
-"""Compares a verdict of `sma-sim diagnose` (docs/challenge.md) with the answer of a challenge."""
+"""Compares a verdict of `sma-sim diagnose` (docs/reference/challenges.md) with the answer of a challenge."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DETECTABLE = 1.3  # held-out error over noise above which something is seen to b
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis said: see docs/challenge.md for the file. `error` holds (effects, held-out error) step by step."""
+    """A verdict, as in the file of docs/reference/challenges.md. `error` holds (effects, held-out error) step by step."""
 
     kind: str
     effects: tuple[str, ...]

@@ -1,7 +1,7 @@
 """Transition rates of the Mueller-Achenbach-Seelecke (MAS) model (paper, MAS5 and MAS6).
 
 The Gibbs energy is two convex parabolas joined by a concave one of modulus -E_I; the barriers below follow from
-its continuity up to the first derivative (Seelecke and Mueller 2004; docs/physics.md).
+its continuity up to the first derivative (Seelecke and Mueller 2004; docs/explanation/physics.md).
 """
 
 from __future__ import annotations

@@ -74,39 +74,42 @@ INITIAL_PARAMETERS = tuple(
     )
     for i in (1, 2)
 )
-SOLVER_PARAMETERS = (Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/solver.md'),)
+NODE_PAGE = 'docs/reference/node.md'
+SOLVER_PARAMETERS = (
+    Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/explanation/solver.md'),
+)
 
 NODE_PARAMETERS = (
     Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second',
-              source='docs/node.md'),
-    Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic', source='docs/node.md'),
+              source=NODE_PAGE),
+    Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic', source=NODE_PAGE),
     Parameter('real_time_factor', 1.0, '-', (0.0, 1000.0), 'simulated over wall time; 0: as fast as possible',
-              source='docs/node.md'),
+              source=NODE_PAGE),
     Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
-              source='docs/node.md'),
-    Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source='docs/node.md'),
+              source=NODE_PAGE),
+    Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source=NODE_PAGE),
     Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit",
-              source='docs/node.md'),
-    Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source='docs/node.md'),
+              source=NODE_PAGE),
+    Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source=NODE_PAGE),
 )  # fmt: skip
 
 CHECK_PARAMETERS = (
     Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running RMSE over noise above which the model misses a channel',
-              source='docs/node.md'),
+              source=NODE_PAGE),
     Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long',
-              source='docs/node.md'),
-    Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict', source='docs/node.md'),
+              source=NODE_PAGE),
+    Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict', source=NODE_PAGE),
     Parameter('latency', 0.1, 's', (0.0, 10.0), 'wait after a measured sample for commands that are on their way',
-              source='docs/node.md'),
+              source=NODE_PAGE),
     Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew',
-              source='docs/node.md'),
-    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source='docs/node.md'),
-    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source='docs/node.md'),
-    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source='docs/node.md'),
-    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source='docs/node.md'),
-    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source='docs/node.md'),
-    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source='docs/node.md'),
-    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source='docs/node.md'),
+              source=NODE_PAGE),
+    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source=NODE_PAGE),
+    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source=NODE_PAGE),
+    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source=NODE_PAGE),
+    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source=NODE_PAGE),
+    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source=NODE_PAGE),
+    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source=NODE_PAGE),
+    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source=NODE_PAGE),
 )  # fmt: skip
 
 

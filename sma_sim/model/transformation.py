@@ -2,7 +2,7 @@
 
 In modes 4 and 5 x_M is algebraic: sigma(eps - e, x_M) = sigma_A + s_A (or sigma_M + s_M), where effects add the strain
 e(T, x_M, m) and the shifts s(T, x_M, m) with extra states m. Its rate follows from the total derivative of that
-equation together with the heat balance (docs/physics.md).
+equation together with the heat balance (docs/explanation/physics.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Calibration: weighted nonlinear least squares over the compiled simulator, from several starts, for either model.
 
 Each descent begins on thinned samples, where it costs a third; the best goes on with all of them. Of two models the
-one that foretells runs which it was not fitted to is taken (docs/calibration.md).
+one that foretells runs which it was not fitted to is taken (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations

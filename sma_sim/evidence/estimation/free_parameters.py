@@ -64,7 +64,7 @@ class Equivalence:
 
 
 def equivalences(config: Config) -> tuple[Equivalence, ...]:
-    """Exact equivalences of the equations (docs/calibration.md derives them)."""
+    """Exact equivalences of the equations (docs/explanation/calibration.md derives them)."""
     stress = STRESS_SCALE + (('wire.V_L',) if config.model == 'mas' else ())
     return (
         Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),

@@ -19,7 +19,7 @@ from sma_sim.solver.stepper import Work
 
 Vector = NDArray[np.float64]
 MOST_SWITCHES = 24  # with more changes of the command than this, all share one fraction
-NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's size (docs/calibration.md)
+NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip

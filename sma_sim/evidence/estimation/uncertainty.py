@@ -2,7 +2,8 @@
 
 Intervals come from the data alone: the priors of the parameters are widened to the bounds of the fit before. The
 covariance is the larger of the inverse Hessian (white noise of the given size) and the sandwich with the long-run
-covariance of the scores (residuals that are correlated in time and between channels). docs/calibration.md derives it.
+covariance of the scores (residuals that are correlated in time and between channels).
+docs/explanation/calibration.md derives it.
 """
 
 from __future__ import annotations

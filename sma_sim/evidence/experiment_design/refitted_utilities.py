@@ -1,7 +1,7 @@
 """Designs beyond the linear: every rival is refitted, by simulation, to recordings and experiment together.
 
 The forecasts of `criteria` are right where recordings tell the parameters well. After few, gentle ones a posterior is wide
-and bent, and a rival follows an experiment much further than its derivatives say (docs/next.md).
+and bent, and a rival follows an experiment much further than its derivatives say (docs/explanation/experiment-design.md).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 All in whitened unknowns u (posterior of the recordings: mean 0, covariance 1). With G the derivatives of the channels over
 noise by u, a hypothesis expects the channels to scatter with S = 1 + G^T G, and S^-1 = 1 - G^T M^-1 G, M = 1 + G G^T:
-S^-1 takes out what it can follow by refitting, at the price of leaving what the recordings say. docs/next.md derives it.
+S^-1 takes out what it can follow by refitting, at the price of leaving what the recordings say.
+docs/explanation/experiment-design.md derives it.
 """
 
 from __future__ import annotations

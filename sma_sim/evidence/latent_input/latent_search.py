@@ -1,4 +1,4 @@
-"""Which unknown quantity, acting where, would make a calibrated model meet the measurement (docs/latent.md)."""
+"""Which unknown quantity, acting where, would make a calibrated model meet the measurement (docs/explanation/latent.md)."""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ class ComparedRun:
     """One run beside the model, at its sample times `time` (k,) [s], SI units.
 
     `measured` and `shown` (the model's): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
-    by channel. `states`: the model's columns (file contract) and what is derived from them (docs/compare.md), (k,).
+    by channel. `states`: the model's columns (file contract) and quantities derived from them
+    (docs/explanation/residual-analysis.md), (k,).
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Ways to sort the samples of a comparison: by mode, temperature, direction, time, run ... (docs/compare.md)."""
+"""Strata of a comparison: mode, temperature, direction, time, run ... (docs/explanation/residual-analysis.md)."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.model.structures.beam import wire_length
 
 Vector = NDArray[np.float64]
-REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/physics.md) ...
+REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/explanation/physics.md) ...
 REST_DT = 0.05  # ... if the temperature stands still too [K/s]
 REST_DEPS = 1e-6  # ... and the strain [1/s]
 RESTING = 0  # the number of the class beside modes 1 to 5

@@ -1,4 +1,4 @@
-"""The terms that a physicist would try at each port; docs/equations.md lists them."""
+"""The terms that a physicist would try at each port; docs/explanation/equations.md lists them."""
 
 from __future__ import annotations
 

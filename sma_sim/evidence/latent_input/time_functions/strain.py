@@ -1,6 +1,6 @@
 """A strain of a wire with a given time course.
 
-It is a state, so that its rate enters the rate of x_M (docs/physics.md).
+It is a state, so that its rate enters the rate of x_M (docs/explanation/physics.md).
 """
 
 from sma_sim.evidence.latent_input.time_functions.time_function import slope, time_function, values
