@@ -2,10 +2,13 @@
 
 Functions are compiled with everything that they call. Native code is kept in a folder whose name is a hash of
 every source file that went into it, so that no stale code is ever used (numba itself misses a change in a callee).
+With NUMBA_DISABLE_JIT=1 nothing is compiled: all runs as plain Python, where debuggers and coverage see it, to the
+same bits and a hundred times slower.
 """
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import sys
@@ -15,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from threading import RLock
 from types import FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 from numba.core import types
@@ -57,6 +60,25 @@ def _native_call(typingctx, address, s, w, p, m, out):  # type: ignore[no-untype
     return types.void(address, s, w, p, m, out), codegen
 
 
+class InterpretedFunction(NamedTuple):
+    """A Python function behind the address of a C function, in place of native code."""
+
+    function: Any
+    address: int
+
+
+def interpreted(python: Callable[..., Any]) -> InterpretedFunction:
+    """A C function of five data addresses that calls `python` itself."""
+    function = ctypes.CFUNCTYPE(None, *[ctypes.POINTER(ctypes.c_double)] * 5)(python)
+    return InterpretedFunction(function, ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+
+def is_interpreted() -> bool:
+    """Whether numba is told to compile nothing (NUMBA_DISABLE_JIT)."""
+    settings: Any = numba.config
+    return bool(settings.DISABLE_JIT)
+
+
 def content_key(*paths: Path) -> str:
     """Hash of the given files and of all sources of the package that take part in compilation."""
     sources = [file for folder in _COMPILED_FOLDERS for file in (_PACKAGE / folder).rglob('*.py')]
@@ -82,7 +104,7 @@ def cache_folder(key: str) -> Path:
 
 def is_compiled() -> bool:
     """Whether native code of the model and the solver is at hand, so that a start takes no half minute."""
-    return any(cache_folder(content_key()).glob('*/integrate.run_segment-*.nbi'))
+    return is_interpreted() or any(cache_folder(content_key()).glob('*/integrate.run_segment-*.nbi'))
 
 
 class Compiler:
@@ -95,6 +117,8 @@ class Compiler:
 
     def function(self, python: Callable[..., Any]) -> Any:
         """The compiled twin of `python`; its callees of our own packages are compiled with it."""
+        if is_interpreted():
+            return python
         with _one_at_a_time:
             if python not in self._done:
                 self._done[python] = self._jit(self._with_compiled_callees(python))
@@ -131,6 +155,8 @@ class Compiler:
 
     def native(self, python: Callable[..., Any], kernel: Callable[..., Any]) -> Any:
         """A C function of five data addresses that calls `kernel`; keep what is returned while its address is used."""
+        if is_interpreted():
+            return interpreted(python)
         kinds: Any = types
         signature = kinds.void(*([kinds.CPointer(kinds.float64)] * 5))
         twin = self._with_compiled_callees(python, kernel)
