@@ -49,10 +49,10 @@ def same(one, other):
 @pytest.mark.parametrize(('system', 'kind'), COMBINATIONS)
 def test_adaptive_runs(interpreted, system, kind, rich):
     names = EVERY_PORT + (OF_THE_MODULE if system == 'module' else ()) if rich else ()
-    source = STEPS if system == 'module' else LOOP
+    source, end = STEPS if system == 'module' else LOOP, 0.16 if rich else 1.5
 
     def run():
-        return simulate(make_model(system, kind, [active(name) for name in names]), source, np.linspace(0.0, 0.16 if rich else 1.5, 31))
+        return simulate(make_model(system, kind, [active(name) for name in names]), source, np.linspace(0.0, end, 31))
 
     found = interpreted(run)
     assert found.completed and found.steps > 30
