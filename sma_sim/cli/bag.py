@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.cli.common.recorded_parameters import recorded_parameters
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
 from sma_sim.evidence.data.rosbag.reader import ORDER, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
@@ -46,11 +46,11 @@ def tell(arguments: argparse.Namespace) -> int:
     print(f'{arguments.bag}: {sum(count for _, count in topics.values())} messages, {duration:.3f} s, {state}')
     for name, (kind, count) in sorted(topics.items()):
         print(f'  {name:<28} {kind:<36} {count}')
-    if 'parameters' in bag.about:
-        parameters = json.loads(bag.about['parameters'])
-        effects = ', '.join(parameters['effects.active']) or 'none'
-        rate = float(bag.about['integration_rate'])
-        print(f'recorded by sma_module_sim: {parameters["model"]} model, effects {effects}, {rate:g} steps/s')
+    parameters = recorded_parameters(bag)
+    if parameters is not None:
+        effects = ', '.join(map(str, parameters.get('effects.active') or ['none']))
+        rate = bag.about.get('integration_rate', 'unknown').removesuffix('.0')
+        print(f'recorded by sma_module_sim: {parameters.get("model")} model, effects {effects}, {rate} steps/s')
     return 0
 
 

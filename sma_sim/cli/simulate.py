@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.common.options import Progress, add_config_options, add_namespace_option, announce_compilation, config_from
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
+from sma_sim.cli.common.options import Progress, add_config_options, add_namespace_option, announce_compilation
+from sma_sim.cli.common.recorded_parameters import config_for_replay
+from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, write_columns, write_rows
@@ -46,7 +46,7 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and write the samples."""
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
-    config = config_from(arguments, *chosen, recorded=recorded_parameters(arguments))
+    config = config_for_replay(arguments, arguments.input, *chosen)
     check_rates(arguments, config.system)
     check_writable(arguments.out)
     if arguments.jumps:
@@ -107,18 +107,6 @@ def sample_times(source: Input, rate: float) -> Vector:
             f'expected at most {MOST_SAMPLES:.0e}: lower --rate'
         )
     return regular_times(source, rate)
-
-
-def recorded_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The parameters in a bag of our node, unless a file gives others."""
-    if arguments.config is not None or not is_bag(arguments.input):
-        return {}
-    recorded = open_bag(arguments.input).about.get('parameters')
-    if recorded is None:
-        return {}
-    print(f'note: parameters as recorded in {arguments.input} (--config FILE gives others)', file=sys.stderr)
-    parameters: dict[str, Any] = json.loads(recorded)
-    return parameters
 
 
 def read_input(arguments: argparse.Namespace, config: Config) -> Input:

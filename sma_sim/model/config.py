@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from types import MappingProxyType
 from typing import Any
 
@@ -60,25 +61,32 @@ def flat_parameters(config: Config) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Given:
-    """A value as given, where it was given, and the folder to which paths in it are relative."""
+    """A value as given, where it was given, and the folder to which paths in it are relative.
+
+    `recorded` values come from data, which must not decide which code is run.
+    """
 
     value: Any
     where: str
     folder: Path = Path()
+    recorded: bool = False
 
 
 def read_config(
     path: Path | None = None,
     words: Iterable[str] = (),
     effects: Iterable[str] = (),
-    start: Mapping[str, Any] = MappingProxyType({}),
+    recorded: Mapping[str, Any] = MappingProxyType({}),
+    source: str = 'a recording',
 ) -> Config:
     """Parameters of a YAML file (the defaults where it is silent), then ``name=value`` words over them.
 
-    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``; `start` holds values by full name
-    that all others replace (those of `flat_parameters`). Raises UserError.
+    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``; `recorded` holds values by full name
+    that were recorded in `source` (those of `flat_parameters`) and that all others replace. Folders of effects that are
+    only named there are not opened: importing their files runs them. Raises UserError.
     """
-    given = {name: Given(value, 'as recorded') for name, value in start.items()} | given_values(path, words)
+    given = {name: Given(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
+    given |= given_values(path, words)
     for word in effects:
         add_effect(word, given)
     return checked(given)
@@ -159,7 +167,10 @@ def flatten(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
 def checked(given: Mapping[str, Given]) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError."""
     known = {name: Given(parameter.default, 'default') for name, parameter in DEFAULTS.items()}
-    found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
+    folders = given.get('effects.paths', Given([], ''))
+    found = find_effects([] if folders.recorded else effect_folders(folders))
+    if folders.recorded:
+        check_effects_found(given, found, folders)
     declared = dict(DEFAULTS) | effect_parameters(found)
     words = {name: choices[0] for name, choices in CHOICES.items()}
     settings = default_settings()
@@ -208,6 +219,19 @@ def names_in(name: str, one: Given) -> list[str]:
 def effect_folders(one: Given) -> list[Path]:
     """Folders of the user's effects; relative ones start at the YAML file's folder."""
     return [one.folder / Path(word).expanduser() for word in names_in('effects.paths', one)]
+
+
+def check_effects_found(given: Mapping[str, Given], found: Mapping[str, FoundEffect], folders: Given) -> None:
+    """Raise ConfigError where an active effect can only come from folders that are named in data alone."""
+    names = names_in('effects.active', given.get('effects.active', Given([], '')))
+    unknown = [name for name in names if name not in found]
+    paths = names_in('effects.paths', folders)
+    if unknown and paths:
+        raise ConfigError(
+            f'the effect {unknown[0]} is needed, but only data name its folder ({folders.where}): {", ".join(paths)}. '
+            'Python files in a folder that data name are not run unless you name it too: if you trust them, add '
+            f'--set effects.paths={quote(",".join(paths))}'
+        )
 
 
 def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:

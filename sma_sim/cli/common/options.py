@@ -6,9 +6,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from sma_sim.model.config import Config, effect_folders_of, read_config
 from sma_sim.solver.compile import is_compiled
@@ -38,13 +36,9 @@ def add_namespace_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--namespace', metavar='NAME', help="the module's namespace, where there are several")
 
 
-def config_from(arguments: argparse.Namespace, *words: str, recorded: Mapping[str, Any] | None = None) -> Config:
-    """The configuration that the options ask for; `words` come last.
-
-    Without a file the `recorded` parameters, if there are any, are those to start from. Raises UserError.
-    """
-    start = recorded if arguments.config is None else None
-    return read_config(arguments.config, [*arguments.words, *words], arguments.effects, start or {})
+def config_from(arguments: argparse.Namespace, *words: str) -> Config:
+    """The configuration that the options ask for; `words` come last. Raises UserError."""
+    return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
 
 
 def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
