@@ -53,7 +53,8 @@ class ModelCheck:
         self._error = RunningError(self._values['window'], len(MODULE_CHANNELS))
         self._live: LiveModel | None = None
         self._before: Sample | None = None
-        self._starts, self._samples, self._wanted, self._remind_at = 0, 0, '', 0.0
+        self._starts, self._samples, self._remind_at = 0, 0, 0.0
+        self._reset_requested = threading.Event()
         self._heated: set[float] = set()  # signs of the commands since the model started
         self._forget_verdict()
         self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUTS.items()}
@@ -88,7 +89,7 @@ class ModelCheck:
         """Nothing is left open."""
 
     def _reset(self, _: Any, response: Any) -> Any:
-        self._wanted = '~/reset was called'
+        self._reset_requested.set()
         response.success, response.message = True, 'the model starts anew with the next sample'
         return response
 
@@ -106,11 +107,11 @@ class ModelCheck:
             words = 'repeats' if step == 0.0 else 'is older than the one before'
             self._intake.complain(f'joint_states whose stamp {words}', 'they are not compared; is header.stamp filled in?')
             return
-        why = self._wanted or self._why_anew(step)
-        self._before, self._wanted = now, ''
+        reason = self._restart_reason(step)
+        self._before = now
         try:
-            if self._live is None or why:
-                self._start(now, why)
+            if self._live is None or reason:
+                self._start(now, reason)
             else:
                 row = self._live.advance(now.stamp, self._inputs(before, now))
                 self._compare(now, row, self._intake.beside(before, now))
@@ -118,8 +119,11 @@ class ModelCheck:
             self._live = None
             self._intake.complain('the model cannot go on', f'{error}; it starts anew with the next sample')
 
-    def _why_anew(self, step: float) -> str:
-        """Why the model cannot go on from the sample before, `step` seconds ago; nothing if it can."""
+    def _restart_reason(self, step: float) -> str:
+        """Why the model cannot continue from the sample before, `step` seconds ago; empty if it can."""
+        if self._reset_requested.is_set():
+            self._reset_requested.clear()  # before the restart: a request that arrives during it makes another one
+            return '~/reset was called'
         if step < 0.0:
             return f'the stamps of joint_states went back by {-step:.3f} s'
         if step > self._values['longest_gap']:
@@ -134,10 +138,10 @@ class ModelCheck:
                 self._heated.add(math.copysign(1.0, change.value))
         return changes
 
-    def _start(self, now: Sample, why: str) -> None:
-        if why:
+    def _start(self, now: Sample, reason: str) -> None:
+        if reason:
             self._intake.forget_commands()
-            self._logger.warning(f'{why}: the model starts anew')
+            self._logger.warning(f'{reason}: the model starts anew')
         self._heated.clear()
         self._inputs(None, now)
         self._forget_verdict()

@@ -1,8 +1,12 @@
-"""The command and the ambient temperature in force, and what was wrong with those that are not."""
+"""The command and the ambient temperature in force, and what was wrong with those that are not.
+
+Messages arrive in the executor's thread; the simulating thread asks what is in force at its steps.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature
@@ -15,19 +19,25 @@ WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 
 
 class Command:
-    """The command that is in force; a bad one is refused or clipped, and that is said."""
+    """The command that is in force; a bad one is refused or clipped, with a warning.
+
+    The mailbox holds the latest command that has not come into force yet. The executor's thread only puts commands into it,
+    the simulating thread only takes them out, each in one atomic operation; all else belongs to the simulating thread. So
+    no command can be lost, whenever it arrives.
+    """
 
     def __init__(self, node: Node, J_max: float, timeout: float) -> None:
         self._logger, self._J_max, self._timeout = node.get_logger(), J_max, timeout
-        self.clear()
+        self._mailbox: deque[float] = deque(maxlen=1)
         self.rejected = 0
         self.clipped = 0
+        self._turn_off()
 
     def receive(self, message: Float64) -> None:
         """Take a command, clipped to J_max; refuse one that is not a finite number."""
         J_eq = self.accepted(message)
         if J_eq is not None:
-            self._J_eq, self._fresh = J_eq, True
+            self._mailbox.append(J_eq)
 
     def accepted(self, message: Float64) -> float | None:
         """The command [W] that a message asks for, clipped to J_max; None for one that is not a finite number."""
@@ -47,19 +57,23 @@ class Command:
         return min(max(J_eq, -self._J_max), self._J_max)
 
     def clear(self) -> None:
-        """No command: heating off, until the next one."""
-        self._J_eq, self._arrived, self._fresh = 0.0, math.inf, False
+        """Forget the commands so far: heating is off until the next one."""
+        self._mailbox.clear()
+        self._turn_off()
 
     def at(self, t: float) -> float:
         """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
-        if self._fresh:
-            self._arrived, self._fresh = t, False
-        if self._timeout > 0.0 and t - self._arrived > self._timeout:
+        if self._mailbox:  # only this thread takes from it, so there is still one below
+            self._J_eq, self._taken_at = self._mailbox.pop(), t
+        elif self._timeout > 0.0 and t - self._taken_at > self._timeout:
             self._logger.warning(
                 f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
             )
-            self.clear()
+            self._turn_off()
         return self._J_eq
+
+    def _turn_off(self) -> None:
+        self._J_eq, self._taken_at = 0.0, math.inf
 
 
 class Ambient:

@@ -1,12 +1,15 @@
 """Services that pause, step and reset the simulation, and its diagnostics.
 
-They run in the executor's thread and only leave wishes, which the simulating thread fulfils between two steps.
+Services run in the executor's thread and only leave requests, which the simulating thread carries out between two steps.
 """
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,27 +17,30 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 DIAGNOSTICS_PERIOD = 1.0  # [s]
-PATIENCE = 5.0  # [s] that a service waits for the simulating thread
+SERVICE_TIMEOUT = 5.0  # [s] that a service waits for the simulating thread
+
+
+@dataclass(eq=False)
+class Request:
+    """What a service asks of the simulating thread (`step` or `reset`), which sets `done` afterwards."""
+
+    action: str
+    done: threading.Event = field(default_factory=threading.Event)
 
 
 class Control:
-    """What was asked of the simulation."""
+    """Whether the simulation is paused, and the requests that wait for it."""
 
     def __init__(self, node: Node) -> None:
         self.paused = False
-        self._wish, self._done = '', threading.Event()
+        self._requests: deque[Request] = deque()
         node.create_service(SetBool, '~/pause', self._pause)
         node.create_service(Trigger, '~/step', self._step)
         node.create_service(Trigger, '~/reset', self._reset)
 
-    def take_wish(self) -> str:
-        """`step`, `reset` or nothing; call `fulfil` afterwards."""
-        return self._wish
-
-    def fulfil(self) -> None:
-        """Say that the wish came true."""
-        self._wish = ''
-        self._done.set()
+    def next_request(self) -> Request | None:
+        """The oldest request that waits, which the caller must carry out; None where there is none."""
+        return self._requests.popleft() if self._requests else None
 
     def _pause(self, request: Any, response: Any) -> Any:
         was, self.paused = self.paused, bool(request.data)
@@ -52,12 +58,13 @@ class Control:
     def _reset(self, _: Any, response: Any) -> Any:
         return self._ask('reset', 'at the start again, heating off until the next command', response)
 
-    def _ask(self, wish: str, done: str, response: Any) -> Any:
-        self._done.clear()
-        self._wish = wish
-        response.success = self._done.wait(PATIENCE)
-        self._wish = ''
-        response.message = done if response.success else f'the simulation did not answer within {PATIENCE:g} s'
+    def _ask(self, action: str, answer: str, response: Any) -> Any:
+        request = Request(action)
+        self._requests.append(request)
+        response.success = request.done.wait(SERVICE_TIMEOUT)
+        with suppress(ValueError):  # nobody took it
+            self._requests.remove(request)
+        response.message = answer if response.success else f'the simulation did not answer within {SERVICE_TIMEOUT:g} s'
         return response
 
 

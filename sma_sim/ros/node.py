@@ -19,7 +19,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
-from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
+from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
 from sma_sim.ros.entry import model_words
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
@@ -31,7 +31,7 @@ from sma_sim.solver.simulate import Model
 
 PATIENCE_WITH_CLOCK = 5.0  # [s] between two reminders that there is none
 INPUTS = {'J_eq': Float64, 'ambient_temperature': Temperature}
-IDLE = 0.01  # [s] between two looks for a wish while paused
+IDLE = 0.01  # [s] between two looks for a request while paused
 CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
 
@@ -85,11 +85,12 @@ class ModuleSimulation:
         diagnose_at = time.monotonic() + DIAGNOSTICS_PERIOD
         self._schedule.restart()
         while not stop.is_set():
-            if self._control.take_wish() == 'reset':
-                self._reset()
-                self._control.fulfil()
+            request = self._control.next_request()
+            if request is not None:
+                self._carry_out(request)
             elif self._control.paused:
-                self._idle()
+                time.sleep(IDLE)
+                self._schedule.restart()
             else:
                 self._step_in_time()
             if time.monotonic() >= diagnose_at:
@@ -152,13 +153,13 @@ class ModuleSimulation:
         self._schedule.restart()
         self._speed = Speed()
 
-    def _idle(self) -> None:
-        if self._control.take_wish() == 'step':
-            self._advance(1)
-            self._control.fulfil()
+    def _carry_out(self, request: Request) -> None:
+        if request.action == 'reset':
+            self._reset()
         else:
-            time.sleep(IDLE)
-        self._schedule.restart()
+            self._advance(1)
+            self._schedule.restart()
+        request.done.set()
 
     def _step_in_time(self) -> None:
         due = self._schedule.wait()
