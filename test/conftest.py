@@ -1,5 +1,8 @@
 """How the tests run together.
 
+What is compiled is compiled once, before workers start. Files are handed out whole, so that what a file's tests share
+is made once: those that compute for long first, those that wait for a node between them.
+
 Of those that speak DDS one that fails gets a second try, which the summary counts: messages of two topics may overtake
 each other, and discovery takes as long as it takes.
 """
@@ -7,14 +10,27 @@ each other, and discovery takes as long as it takes.
 import signal
 
 import pytest
+from prewarm import prewarm
+
+# Files that compute for half a minute and more, in turns with those that mostly wait: with a worker more than there are
+# processors, one waits while the others compute.
+FIRST = (
+    'test_diagnose', 'test_model_check', 'test_latent', 'test_equations', 'test_recorder', 'test_calibrate', 'test_clock',
+    'test_two_effects', 'test_diagnose_stop', 'test_docs', 'test_controller', 'test_next', 'test_uncertainty', 'test_node',
+    'test_challenge', 'test_effects', 'test_diagnose_data', 'test_node_control', 'test_inseparable', 'test_end_to_end',
+)  # fmt: skip
 
 
-def pytest_configure():
+def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as for a job in the background, and all that it starts
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if config.getoption('numprocesses', None):  # and a worker has none itself
+        prewarm()
 
 
 def pytest_collection_modifyitems(config, items):
+    rank = {name: k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
     if config.pluginmanager.hasplugin('rerunfailures'):
         for item in items:
             if 'ros_client' in vars(item.module):
