@@ -24,7 +24,7 @@ from sma_sim.solver.simulate import Model, SimulationError, simulate
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-COURSES = Path(__file__).parent / 'courses'
+COURSES = Path(__file__).parent / 'time_functions'
 NAMES = {
     'structure_force': 'latent_force', 'wire_heat': 'latent_heat', 'wire_strain': 'latent_strain',
     'transformation_stress': 'latent_stress', 'actuation': 'latent_power',
