@@ -35,7 +35,7 @@ def new_figure(rows: int = 1, heights: Sequence[float] | None = None, gap: float
 
 
 def small(values: Vector) -> NDArray[np.float32]:
-    """Numbers as a page carries them: 4 bytes are more than a screen shows."""
+    """Curves as a page carries them: no finer than a screen shows (`figure_json` packs them)."""
     return np.asarray(values, dtype=np.float32)
 
 

@@ -10,7 +10,7 @@ from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
 MOST_RUNS = 24
-MOST_POINTS = 1500
+MOST_POINTS = 1000
 # By system: what is drawn over what (a state's column, its factor, its label, the least range).
 LOOPS = {
     'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),

@@ -15,9 +15,9 @@ from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, s
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
-BYTES = 1_600_000  # of the curves of all runs: a page stays below 10 MB
+BYTES = 500_000  # of the curves of all runs: a page stays below 3 MB
 MOST_RUNS = 30  # in the page
-PER_POINT = 28  # bytes of one point: time, measured, model and residual, as base64
+PER_POINT = 11  # bytes of one point: time, measured, model and residual, packed
 MOST_POINTS, LEAST_POINTS = 1600, 300  # per channel and run
 COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W'))}
 VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]

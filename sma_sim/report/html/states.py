@@ -48,6 +48,12 @@ def states_of(comparison: Comparison) -> list[tuple[str, Vector]]:
     return [(label, values) for label, values in found if np.ptp(values) > 0.0]
 
 
+def shades(values: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Values from 0 up as the shades that a screen can show."""
+    shade: NDArray[np.uint8] = np.rint(255.0 * values / values.max()).astype(np.uint8)
+    return shade
+
+
 def state_map(samples: Samples, values: Vector, label: str) -> object:
     """Density of the residual over one state."""
     state, residual = values[samples.place], samples.scaled
@@ -62,7 +68,7 @@ def state_map(samples: Samples, values: Vector, label: str) -> object:
     mean = np.bincount(column, residual, ACROSS)[enough] / count[enough]
     figure = new_figure()
     figure.add_heatmap(
-        x=small(middle_x), y=small(middle_y), z=small(np.log1p(density.T)), colorscale=COLOURS, showscale=False,
+        x=small(middle_x), y=small(middle_y), z=shades(np.log1p(density.T)), colorscale=COLOURS, showscale=False,
         hovertemplate='%{x:.4g}, %{y:.2f} x noise<extra></extra>',
     )  # fmt: skip
     figure.add_scatter(
