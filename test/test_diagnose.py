@@ -19,7 +19,8 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
 from sma_sim.evidence.diagnosis.stage_change import step_change
-from sma_sim.evidence.diagnosis.verdict import as_data, as_text
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import MultistartResult, Options, finished
 from sma_sim.evidence.estimation.levenberg_marquardt import MinimizerResult
 from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible, with_effect
@@ -62,7 +63,7 @@ def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
     (interval,) = (one for one in found.calibration.uncertainty.intervals if one.name == 'effects.gravity.g_y')
     value = found.calibration.values['effects.gravity.g_y']
     assert value == interval.value
-    expected = f'gravity.g_y = {value:.4g} ({interval.low:.4g} to {interval.high:.4g}) m/s^2'
+    expected = f'gravity.g_y = {value:.4g} m/s^2 ({interval.low:.4g} to {interval.high:.4g})'
     assert any(line.startswith(expected) for line in as_text(found))
 
 
@@ -163,7 +164,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
     assert found.together is not None and not found.together.explained
-    assert any(line.startswith('the fitted runs are explained') for line in as_text(found))
+    assert any(line.startswith('The fitted runs are explained') for line in as_text(found))
 
 
 def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, tmp_path):
@@ -178,9 +179,9 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     bare, worse, last = found.steps
     assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
-    assert any(line.startswith('taken back: gravity') and f'({worse.held_out:.2f} with' in line for line in as_text(found))
+    assert any(line.startswith('Removed again: gravity') and f'{worse.held_out:.2f} with' in line for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(turned, None), '')
-    labels = ('bare model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
+    labels = ('nominal model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
     assert (tmp_path / 'why.html').exists() and fall_figure(found).data[0].x == labels
 
 
@@ -195,9 +196,9 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     assert found.verdict == 'none' and found.effects == () and found.steps[-1].held_out > 1.3
     assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
-    assert any(line.startswith('the held-out runs go where the fitted ones do not tell') for line in as_text(found))
+    assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(campaign_, None), '')
-    assert 'but for runs that one model explains together' in (tmp_path / 'why.html').read_text()
+    assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 
 @pytest.mark.parametrize(

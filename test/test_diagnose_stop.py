@@ -14,6 +14,7 @@ from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.model.config import read_config
+from sma_sim.model.effects.discovery import find_effects
 
 PATIENCE = 300.0  # [s]
 
@@ -84,9 +85,9 @@ def test_stopped_before_anything_was_accepted(case, tmp_path, words, model):
     one.wait_for(words)
     code, said = one.stopped()
     verdict, page = one.check_whole()
-    assert code == 130 and 'stopped before the search was over: nothing was found missing so far' in said
+    assert code == 130 and 'Stopped before the search was complete. Nothing was found to be missing so far.' in said
     assert verdict['interrupted'] and verdict['effects'] == [] and len(verdict['error']) == 1
-    assert 'stopped before the search was over' in page and not any('Traceback' in line for line in one.said)
+    assert 'Stopped before the search was complete' in page and not any('Traceback' in line for line in one.said)
 
 
 def test_stopped_after_an_effect_was_accepted(case, tmp_path):
@@ -98,7 +99,8 @@ def test_stopped_after_an_effect_was_accepted(case, tmp_path):
     assert code == 130 and 'more may be missing' in said
     assert verdict['interrupted'] and verdict['effects'][-1] == accepted
     assert len(verdict['error']) == len(verdict['effects']) + 1
-    assert f'the model lacks {" and ".join(verdict["effects"])}; more may be missing' in page
+    phrases = [find_effects()[name].effect.phrase for name in verdict['effects']]
+    assert f'Your model lacks {" and ".join(phrases)}; more may be missing' in page
 
 
 def test_stopped_while_files_are_written(simple_case, tmp_path):
@@ -110,7 +112,11 @@ def test_stopped_while_files_are_written(simple_case, tmp_path):
         time.sleep(0.005)
     code, said = one.stopped()
     verdict, _ = one.check_whole()
-    assert code == 0 and not verdict['interrupted'] and said.startswith('verdict: ')
+    assert (
+        code == 0
+        and not verdict['interrupted']
+        and said.split()[0] in ('Your', 'Nothing', 'Something')
+    )
 
 
 def test_the_second_one_is_not_held_back():

@@ -10,7 +10,8 @@ from campaigns import campaign, config, scaled
 from sma_sim import Campaign, Input, Model, Recording, find_effects, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data, as_text
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import Options
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -95,7 +96,7 @@ def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
         first = as_data(found)['ranking'][0]
         assert first['parameters']['k']['value'] == pytest.approx(1.0 / 1.25, rel=0.05)
         assert 'power gain 1/k' in first['same_as']
-        assert any('no data can tell it from a power gain 1/k' in line for line in as_text(found))
+        assert any('No data can tell it from a power gain 1/k' in line for line in as_text(found))
         indistinguishable = found.confounding['latent_heat_scale']
         assert {one.name for one in indistinguishable} == set(first['confounded_with']) and all(
             one.apart < 0.3 for one in indistinguishable

@@ -27,7 +27,8 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.proposed_equation import values_of
-from sma_sim.evidence.diagnosis.verdict import as_data, as_text
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.config import effect_folders_of
@@ -78,7 +79,7 @@ def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Cam
     if arguments.report:
         write_diagnosis_page(arguments.report, found, training, held, command)
     if command:
-        print(f'to find the experiment that tells {" from ".join(rivals)}: {command}')
+        print(f'To find the experiment that tells {" from ".join(rivals)}: {command}')
     return written
 
 
@@ -106,7 +107,7 @@ def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | No
         folder = arguments.out.with_name(f'{arguments.out.stem}_effects')
         written = found.proposal.write(folder, values_of(found), f'proposed by {source}: a formula that fits, no known law')
         folders, names = [*folders, folder.name], list(found.steps[-1].effects)
-    origin = f'# Diagnosed by {source}: {found.verdict}, {" and ".join(names) or "no effect"} added.\n'
+    origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
     text = origin + parameter_file(found.calibration.config, folders)
     write_whole(arguments.out, lambda file: file.write(text))
     return written

@@ -51,7 +51,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
         }
         for p in effect.parameters
     ]  # fmt: skip
-    words = ('name', 'port', 'equation', 'source', 'description', 'energy', 'signature')
+    words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
     return {name: getattr(effect, name) for name in (*words, *LISTS)} | {'parameters': parameters}
 
 
@@ -66,7 +66,7 @@ def as_text(effect: Effect) -> str:
         'source': effect.source,
         'energy': effect.energy,
     }
-    for words in (effect.description, *(f'{word}: {text}' for word, text in told.items() if text)):
+    for words in (effect.title, effect.description, *(f'{word}: {text}' for word, text in told.items() if text)):
         lines += textwrap.wrap(words, WIDTH, initial_indent='    ', subsequent_indent='      ')
     for p in effect.parameters:
         low, high = p.bounds

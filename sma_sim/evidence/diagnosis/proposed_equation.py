@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
 from sma_sim.evidence.symbolic_regression.propose import Judged, Proposal
 
-LITTLE = 0.005  # share of the halves that is not told
+LITTLE = 0.005  # share of the halves that is not worth a word
 
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
@@ -87,21 +87,29 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
     if proposal is None:
         return
     before, after = diagnosis.steps[-2], diagnosis.steps[-1]
-    yield f'proposed: {proposal.formula.equation}'
+    yield f'Proposed equation: {proposal.formula.equation}'
     for name, one in coefficients(diagnosis).items():
         std = '' if one['std'] is None else f' +- {one["std"]:.1g}'
         yield f'{proposal.effect}.{name} = {one["value"]:.4g}{std} {one["unit"]}'
-    yield f'with it the held-out error falls from {number(before.held_out)} to {number(after.held_out)}'
+    yield error_words(before, after)
     yield stability_words(proposal)
     if proposal.indistinguishable:
-        yield f'these data cannot tell it from {", ".join(proposal.indistinguishable)}'
+        yield f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
 
 
 def stability_words(proposal: Proposal) -> str:
     """How firmly the choice stands, in a sentence."""
     shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items() if share > LITTLE)
-    chosen = f'chosen from {100 * proposal.stability:.0f} % of random halves of the data'
-    return f'{chosen}; what is chosen depends on {shares}' if shares else chosen
+    chosen = f'It was chosen on {100 * proposal.stability:.0f} % of random halves of the data'
+    return f'{chosen}; the chosen equation depends on {shares} of them.' if shares else f'{chosen}.'
+
+
+def error_words(before: ModelStage, after: ModelStage) -> str:
+    """What the equation does for the error, in a sentence; of the fitted runs where none is held out."""
+    kind, first, last = 'held-out', before.held_out, after.held_out
+    if not math.isfinite(first + last):
+        kind, first, last = 'fitted', before.train, after.train
+    return f'With it the error of the {kind} runs falls from {number(first)} to {number(last)} times the noise.'
 
 
 def number(value: float) -> str:

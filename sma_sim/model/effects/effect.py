@@ -31,7 +31,8 @@ class Effect:
     effect acts on, `systems` those in which the effect has a meaning (in others it is left out). `energy` says how the
     effect enters the energy balance, `signature` what it leaves in measurements, and `confused_with` names what leaves
     nearly the same: effects, parameters by their full names, or 'delay' of the recording. `same_as` says in words what the
-    equations make the same, so that no measurement tells them apart.
+    equations make the same, so that no measurement tells them apart. `title` is a short phrase that completes "the model
+    lacks ..."; without one the name with spaces serves.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Effect:
     signature: str = ''
     confused_with: tuple[str, ...] = ()
     same_as: str = ''
+    title: str = ''
 
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:
@@ -62,6 +64,11 @@ class Effect:
         stages = CHAIN.get(self.port)
         if stages and self.stage not in stages:
             raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')
+
+    @property
+    def phrase(self) -> str:
+        """What a sentence calls the effect."""
+        return self.title or self.name.replace('_', ' ')
 
     @property
     def uses_time(self) -> bool:

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
-from sma_sim.evidence.diagnosis.verdict import headline, remarks
+from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title
 from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import summarise
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
-from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
+from sma_sim.report.html.figures import HELD_OUT, LOG, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
@@ -37,7 +37,7 @@ def write_diagnosis_page(
         steps.append(proposed_section(found, found.proposal))
     left = [Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(rest)]
     sections = [fall_section(found, offer), *steps, parameters_section(found.calibration, before), *left]
-    write_page(path, f'Diagnosis: {found.verdict}', [*sections, data_section(training, held)])
+    write_page(path, f'Diagnosis: {short_title(found)}', [*sections, data_section(training, held)])
 
 
 def fall_section(found: Diagnosis, offer: str) -> Section:
@@ -45,8 +45,8 @@ def fall_section(found: Diagnosis, offer: str) -> Section:
     return Section('How the error fell', [
         Paragraph(headline(found), 'lead'),
         Plot(fall_figure(found), 'Error over noise (root mean square over channels) of the runs that were fitted and of '
-             'those held out, from the bare model through each added effect; 1 is the noise.', 360),
-        Bullets([*remarks(found), *([f'the experiment that tells them apart: {offer}'] if offer else []), *closing(found)]),
+             'those held out, from the nominal model through each added effect; 1 is the noise.', 360),
+        Bullets([*remarks(found), *([f'The experiment that tells them apart: {offer}'] if offer else []), *closing(found)]),
     ])  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def fall_figure(found: Diagnosis) -> object:
             )  # fmt: skip
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
     largest = max(value for step in found.steps for value in (step.train, step.held_out) if math.isfinite(value))
-    figure.update_yaxes(title_text='error over noise', type='log', dtick='D2', range=[-0.12, math.log10(1.5 * largest)])
+    figure.update_yaxes(title_text='error over noise', **LOG, range=[-0.12, math.log10(1.5 * largest)])
     figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
 
@@ -76,14 +76,14 @@ def step_name(step: ModelStage, before: Sequence[str]) -> str:
     """What a step added to the effects `before` it, or took away, in lines that a phone has room for."""
     changes = [f'+ {name}' for name in step.effects if name not in before]
     changes += [f'- {name}' for name in before if name not in step.effects]
-    return '<br>'.join(changes).replace('_', '_<br>') or 'bare model'
+    return '<br>'.join(changes).replace('_', '_<br>') or 'nominal model'
 
 
 def closing(found: Diagnosis) -> Iterator[str]:
     """How the verdict came about."""
-    yield f'fitted: {", ".join(found.training)}; held out and looked at once: {", ".join(found.held_out) or "none"}'
+    yield f'Fitted: {", ".join(found.training)}. Held out, evaluated only at the end: {", ".join(found.held_out) or "none"}.'
     if found.verdict == 'none' and not found.effects:
-        yield 'no effect of the library lowers the cross-validated error enough to be believed'
-    rule = f'with an error over noise above {UNEXPLAINED:g} at the end the verdict is unknown_effect'
+        yield 'No effect of the library lowers the cross-validated error by more than chance would.'
+    rule = f'An error over noise above {UNEXPLAINED:g} at the end counts as unexplained'
     explained = found.together is not None and found.together.explained
-    yield rule + (', but for runs that one model explains together' if explained else '')
+    yield rule + (', except in runs that one model explains together.' if explained else '.')

@@ -14,6 +14,7 @@ Vector = NDArray[np.float64]
 MEASURED, SHOWN = GREY, BLUE
 HELD_OUT = RED
 GRID = '#e5e8ec'
+LOG = {'type': 'log', 'nticks': 8, 'tickformat': '~r'}  # an axis with whole numbers at its ticks, also between decades
 FONT = {'family': 'system-ui, -apple-system, Segoe UI, Roboto, sans-serif', 'size': 12, 'color': '#1f2328'}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import coefficients, number, ranked, stability_words
+from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, ranked, stability_words
 from sma_sim.evidence.symbolic_regression.partial_residuals import Portrait
 from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
@@ -37,9 +37,8 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
-        Paragraph(f'With it the held-out error over noise falls from {number(before.held_out)} to {number(after.held_out)}. '
-                  + alike_words(proposal)),
-        Paragraph(f'It is {stability_words(proposal)}.'),
+        Paragraph(f'{error_words(before, after)} {rival_words(proposal)}'),
+        Paragraph(stability_words(proposal)),
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(portrait_figure(proposal.portrait), CAPTION, 380),
         channel_plot(before, after),
@@ -53,10 +52,10 @@ def listed(values: Mapping[str, float]) -> str:
     return ', '.join(f'{name} = {value:.3g}' for name, value in values.items())
 
 
-def alike_words(proposal: Proposal) -> str:
+def rival_words(proposal: Proposal) -> str:
     """What cannot be told from it."""
     if not proposal.indistinguishable:
-        return 'The other formulas that were refitted foretell worse.'
+        return 'The other formulas that were refitted predict worse.'
     return f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
 
 

@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='ambient_heating',
+    title='warming of the air around the wires',
     port='wire_heat',
     equation='tau dTheta/dt = R n lambda A_s (T - T_E - Theta) - Theta; Q = lambda A_s Theta',
     source='lumped capacitance: Incropera, Fundamentals of Heat and Mass Transfer, 5.1',

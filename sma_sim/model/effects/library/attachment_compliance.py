@@ -21,6 +21,7 @@ def stretch(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='attachment_compliance',
+    title='compliance of the attachments of the wires',
     port='wire_strain',
     stage='series',
     equation='e = c sigma, c = C pi r0^2/l0',

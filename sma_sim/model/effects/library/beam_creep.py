@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='beam_creep',
+    title='creep of the beam',
     port='structure_force',
     systems=('module',),
     equation='F = phi K z, tau dz/dt = q - z',

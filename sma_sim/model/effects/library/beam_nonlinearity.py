@@ -32,6 +32,7 @@ def forces(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
 
 EFFECT = Effect(
     name='beam_nonlinearity',
+    title='a nonlinear stiffness of the beam',
     port='structure_force',
     systems=('module',),
     equation='F = -dV/dq; V = int E I b L^2 kappa^4/4 + k_x ((U_x + c S)^2 - U_x^2)/2, S = int w\'^2/2',

@@ -25,6 +25,7 @@ def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
 
 EFFECT = Effect(
     name='clausius_clapeyron_mismatch',
+    title='a hysteresis whose height depends on temperature',
     port='transformation_stress',
     equation='s_A = delta (T - T0)/2, s_M = -s_A: slopes sigma_T + delta/2 and sigma_T - delta/2',
     source='Brinson, J. Intell. Mater. Syst. Struct. 4 (1993) 229: stress influence coefficients C_A and C_M',

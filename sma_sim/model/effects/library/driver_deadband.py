@@ -25,6 +25,7 @@ def passed(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='driver_deadband',
+    title='a deadband of the driver',
     port='actuation',
     stage='deadband',
     equation='J_out = max(J - J_d, 0)',

@@ -10,6 +10,7 @@ FASTEST = 1e-6  # below this time constant the lag is not resolved: neutral
 
 EFFECT = Effect(
     name='driver_lag',
+    title='a lag of the driver',
     port='actuation',
     stage='lag',
     equation='tau dP/dt = J - P',

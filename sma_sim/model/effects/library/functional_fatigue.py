@@ -19,6 +19,7 @@ def left_behind(s: State, w: WireConstants, p: Any, m: Any) -> tuple[float, floa
 
 EFFECT = Effect(
     name='functional_fatigue',
+    title='functional fatigue of the wires',
     port='wire_strain',
     equation='e = eps_r f, s_A = s_M = -sigma_r f, f = 1 - exp(-z/z_r), dz/dt = |dx_M/dt|',
     source='Eggeler et al., Mater. Sci. Eng. A 378 (2004) 24; saturation: Lagoudas, Shape Memory Alloys',

@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='gravity',
+    title='gravity',
     port='structure_force',
     systems=('module',),
     equation='F = m_H (g_x, g_y, 0)',

@@ -10,6 +10,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='guide_friction',
+    title='friction of the wires in their guides',
     port='wire_force',
     equation='F_added = F (exp(mu tanh(v/v_s)) - 1)',
     source='Euler-Eytelwein equation with a regularised Coulomb law',

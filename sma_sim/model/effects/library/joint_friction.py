@@ -10,6 +10,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='joint_friction',
+    title='dry friction against the turning of the plate',
     port='structure_force',
     systems=('module',),
     equation='M = -M_c tanh((dalpha/dt)/w_s)',

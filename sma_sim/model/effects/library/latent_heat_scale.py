@@ -9,6 +9,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='latent_heat_scale',
+    title='a different latent heat of transformation',
     port='wire_heat',
     equation='Q = (k - 1) L_x dx_M/dt',
     source='calorimetry against the Clausius-Clapeyron relation: Otsuka and Wayman, Shape Memory Materials',

@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='natural_convection',
+    title='heat lost by natural convection',
     port='wire_heat',
     equation='Q = -k A_s |T - T_E|^m (T - T_E)',
     source='Morgan, Advances in Heat Transfer 11 (1975); Incropera, Fundamentals of Heat and Mass Transfer, 9.6',

@@ -32,6 +32,7 @@ def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
 
 EFFECT = Effect(
     name='polycrystal',
+    title='the gradual transformation of a polycrystal',
     port='transformation_stress',
     equation='shift = spread q(x_M), q the quantile of a cut-off logistic distribution from -1/2 to 1/2',
     source='Heintze and Seelecke, J. Alloys Compd. 481 (2009) 389: from single crystal to polycrystal',

@@ -10,6 +10,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='power_gain_mismatch',
+    title='unequal heating of the two bundles',
     port='actuation',
     stage='gain',
     equation='J_1 -> sqrt(ratio) J_1, J_2 -> J_2/sqrt(ratio)',

@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='pretension_mismatch',
+    title='unequal pre-tension of the two bundles',
     port='wire_strain',
     equation='e = delta/2 (wire 1), -delta/2 (wire 2)',
     source='geometry: l0 of a bundle is known as well as its crimps are placed',

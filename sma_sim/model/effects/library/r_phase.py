@@ -21,6 +21,7 @@ def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
 
 EFFECT = Effect(
     name='r_phase',
+    title='the R-phase transformation',
     port='transformation_stress',
     equation='s_A = s_M = q w ln(1 + exp((T_R - T)/w))',
     source='Otsuka and Ren, Prog. Mater. Sci. 50 (2005) 511: R-phase transformation; Clausius-Clapeyron relation',

@@ -10,6 +10,7 @@ SIGMA_SB = 5.670374419e-8  # [W/(m^2 K^4)], exact to these digits by definition 
 
 EFFECT = Effect(
     name='radiation',
+    title='heat lost by radiation',
     port='wire_heat',
     equation='Q = -emissivity sigma_SB A_s (T^4 - T_E^4)',
     source='Stefan-Boltzmann law: Incropera, Fundamentals of Heat and Mass Transfer, 1.2.3; a grey wire in a large room',

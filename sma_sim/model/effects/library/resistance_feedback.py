@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='resistance_feedback',
+    title='heating that changes with the resistance of the wires',
     port='actuation',
     stage='gain',
     equation='J_out = J (1 + r (x_M - 1/2)) (1 + a (T - T0))',

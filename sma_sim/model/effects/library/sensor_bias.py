@@ -18,6 +18,7 @@ def shifted(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='sensor_bias',
+    title='a constant offset of the sensors',
     port='sensing',
     stage='bias',
     channels=('U_x', 'U_y', 'alpha', 'stress'),

@@ -18,6 +18,7 @@ def scaled(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='sensor_gain',
+    title='a scale error of the sensors',
     port='sensing',
     stage='gain',
     channels=('U_x', 'U_y', 'alpha', 'stress'),

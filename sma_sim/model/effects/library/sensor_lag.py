@@ -10,6 +10,7 @@ FASTEST = 1e-6  # below this time constant the lag is not resolved: neutral
 
 EFFECT = Effect(
     name='sensor_lag',
+    title='a lag of the sensors',
     port='sensing',
     stage='lag',
     channels=('U_x', 'U_y', 'alpha', 'stress'),

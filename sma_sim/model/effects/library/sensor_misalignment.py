@@ -23,6 +23,7 @@ def turned(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='sensor_misalignment',
+    title='a camera turned against the base of the beam',
     port='sensing',
     stage='misalignment',
     channels=('U_x', 'U_y', 'alpha'),

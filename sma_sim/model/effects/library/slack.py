@@ -20,6 +20,7 @@ def missing_push(s: State, w: WireConstants, p: Any) -> float:
 
 EFFECT = Effect(
     name='slack',
+    title='slack of wires that cannot push',
     port='wire_force',
     equation='F_added = part (F_s ln(1 + exp(F/F_s)) - F)',
     source='Euler buckling of a slender wire: its load is far below its tension',

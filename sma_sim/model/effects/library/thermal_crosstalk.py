@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='thermal_crosstalk',
+    title='heat exchanged between the bundles',
     port='wire_heat',
     equation='Q = G l0 (T_other - T)',
     source='conduction between parallel cylinders: Incropera, Fundamentals of Heat and Mass Transfer, table 4.1',

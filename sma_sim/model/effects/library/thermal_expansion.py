@@ -8,6 +8,7 @@ from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='thermal_expansion',
+    title='thermal expansion of the wires',
     port='wire_strain',
     equation='e = a (T - T_ref)',
     source='linear expansion; NiTi 6.6e-6 (martensite) to 11e-6 1/K (austenite), CuZnAl 16e-6 to 18e-6 1/K',

@@ -1,0 +1,211 @@
+"""A diagnosis in sentences, for the terminal and the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.proposed_equation import number, proposed_text
+from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED, CandidateFit
+from sma_sim.evidence.model_selection.refit import EXPLAINED
+from sma_sim.model.parameters import Parameter
+
+NOTHING = 'Nothing is missing that these data could show.'
+UNKNOWN = 'Something is missing that no known effect explains.'
+ONLY_HELD_OUT = (
+    'The fitted runs are explained; what is missing shows only in the held-out runs: fit those too, and hold out others.'
+)
+BEYOND_FITTED = (
+    'The held-out runs depend on parameters that the fitted runs do not determine: fitted together, all runs are explained '
+    '(error over noise {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
+)
+REMOVED = (
+    'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
+    '(error over noise {worse:.2f} with, {best:.2f} without).'
+)
+DROPPED = 'Dropped: {effect}, which explains nothing more beside the other effects.'
+ONE_RUN = (
+    'Only one run was fitted: no effect could be tested by predicting a run that was left out, which favours every effect.'
+)
+NO_HELD_OUT = 'No run was held out: the final errors are those of the fitted runs, which are lower than those of new runs.'
+
+
+def as_text(diagnosis: Diagnosis) -> Iterator[str]:
+    """The verdict for the terminal."""
+    yield headline(diagnosis)
+    yield f'{"error over noise":<44} fitted  held out'
+    for stage in diagnosis.steps:
+        name = ' + '.join(stage.effects) or 'nominal model'
+        yield f'  {name + " (" + stage.model + ")":<42} {number(stage.train):>6}  {number(stage.held_out):>8}'
+    yield from remarks(diagnosis)
+
+
+def short_title(diagnosis: Diagnosis) -> str:
+    """The verdict in a few words."""
+    if not diagnosis.search_ended:
+        return 'stopped early'
+    if diagnosis.verdict == 'unknown_effect':
+        return 'an unknown effect'
+    return listed(missing_phrases(diagnosis)) or 'nothing is missing'
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a sentence or two; of a search that was stopped only what was found so far."""
+    phrases = missing_phrases(diagnosis)
+    lacks = f'Your model lacks {listed(phrases)}'
+    if not diagnosis.search_ended:
+        more = f'{lacks}; more may be missing' if phrases else 'Nothing was found to be missing so far'
+        return f'Stopped before the search was complete. {more}.'
+    if diagnosis.verdict == 'unknown_effect':
+        return unknown_words(diagnosis, phrases)
+    return f'{lacks}{missing_words(diagnosis, phrases)}.' if phrases else NOTHING
+
+
+def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
+    """How much is explained by what the model lacks, and of one effect its values and its rivals."""
+    share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
+    candidates = accepted(diagnosis)
+    if len(phrases) > 1 or len(candidates) != 1:
+        return f'; {"together they explain" if len(phrases) > 1 else "it explains"} {share}'
+    (candidate,) = candidates
+    values = ', '.join(value_words(parameter, diagnosis, candidate.name) for parameter in decisive(candidate, diagnosis))
+    return f': {values}; it explains {share}; {rival_words(candidate, diagnosis)}'
+
+
+def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
+    """What is known of something that no effect explains: what explains a part, and the equation that describes it."""
+    share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
+    if diagnosis.proposal is not None:
+        part = f' beside {listed(phrases)}' if phrases else ''
+        return f'{UNKNOWN} An equation describes it{part}: {diagnosis.proposal.formula.equation}; it explains {share}.'
+    if phrases:
+        verb = 'explain' if len(phrases) > 1 else 'explains'
+        return f'{UNKNOWN} Only a part is explained: {listed(phrases)} {verb} {share}.'
+    return UNKNOWN
+
+
+def missing_phrases(diagnosis: Diagnosis) -> list[str]:
+    """What sentences call the effects that were found, those that the model had from the start left out."""
+    return [phrase_of(name, diagnosis) for name in diagnosis.effects if name not in diagnosis.steps[0].effects]
+
+
+def explained_share(before: ModelStage, after: ModelStage) -> str:
+    """Share of the squared error that a model removes, of the held-out runs where there are any."""
+    held_out = math.isfinite(before.held_out + after.held_out)
+    first, then = (before.held_out, after.held_out) if held_out else (before.train, after.train)
+    share = 100.0 * (1.0 - (then / first) ** 2)
+    return f'{share:.0f} % of the squared error in the {"held-out" if held_out else "fitted"} runs'
+
+
+def remarks(diagnosis: Diagnosis) -> Iterator[str]:
+    """What to know beside the verdict and the errors: values, what explains as well, what is left."""
+    for candidate in accepted(diagnosis):
+        yield from effect_lines(candidate, diagnosis)
+    yield from removed_lines(diagnosis)
+    if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
+        yield from left_lines(diagnosis)
+    elif diagnosis.together is not None and diagnosis.together.explained:
+        yield BEYOND_FITTED.format(**asdict(diagnosis.together))
+    if len(diagnosis.training) < 2:
+        yield ONE_RUN
+    elif not diagnosis.held_out:
+        yield NO_HELD_OUT
+    if diagnosis.interrupted and diagnosis.search_ended:
+        yield 'Stopped during the last fit: its values are not final.'
+
+
+def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """Effects that were accepted on the way and are not in the last model."""
+    if diagnosis.taken_back:
+        worse, best = diagnosis.steps[-3:-1] if diagnosis.proposal else diagnosis.steps[-2:]
+        names = listed([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
+        yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
+    replaced = {step.effect for step in diagnosis.revisions}
+    for step in diagnosis.rounds:
+        name = step.accepted.name if step.accepted else ''
+        if name and name not in (*diagnosis.effects, *diagnosis.taken_back, *replaced) and diagnosis.search_ended:
+            yield DROPPED.format(effect=phrase_of(name, diagnosis))
+
+
+def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """What known effects leave, and the equation that is proposed for it."""
+    last = diagnosis.steps[-2 if diagnosis.proposal else -1]
+    channels = last.held_out_channels or last.channels
+    worst = max(channels, key=lambda name: channels[name])
+    yield f'What is left is {channels[worst]:.1f} times the noise in {worst} (more than {UNEXPLAINED:g} is not chance).'
+    if last.train <= EXPLAINED:
+        yield ONLY_HELD_OUT
+    yield from proposed_text(diagnosis)
+
+
+def effect_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:
+    """An accepted effect: its values in the last fit beside what is realistic, and what explains as well."""
+    for parameter in candidate.found.effect.parameters:
+        if f'effects.{candidate.name}.{parameter.name}' in diagnosis.calibration.values:
+            real = parameter.realistic
+            range_ = f'  [realistic: {real[0]:g} to {real[1]:g}]' if real else ''
+            yield f'{candidate.name}.{value_words(parameter, diagnosis, candidate.name)}{range_}  {parameter.description}'
+    if candidate.indistinguishable and len(diagnosis.effects) > 1:
+        yield f'For {candidate.found.effect.phrase}, {rival_words(candidate, diagnosis)}.'
+    if candidate.found.effect.same_as:
+        yield f'No data can tell it from {candidate.found.effect.same_as}.'
+
+
+def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
+    """Which effects explain as well as an accepted one."""
+    if not candidate.indistinguishable:
+        return 'nothing else explains it as well'
+    rivals = [f'{phrase_of(name, diagnosis)} ({name})' for name in candidate.indistinguishable]
+    return f'these data cannot tell it from {listed(rivals, "or")}'
+
+
+def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:
+    """The fitted parameters of an effect whose interval excludes no effect; all of them where none does."""
+    fitted = [p for p in candidate.found.effect.parameters if value_of(p, diagnosis, candidate.name) is not None]
+    found = []
+    for parameter in fitted:
+        interval, neutral = interval_of(parameter, diagnosis, candidate.name), parameter.neutral
+        if neutral is None or (interval is not None and not interval.low <= neutral <= interval.high):
+            found.append(parameter)
+    return found if any(parameter.neutral is not None for parameter in found) else fitted
+
+
+def value_words(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> str:
+    """A fitted value with its unit and its 95 % interval, if the data determine it."""
+    value, interval = value_of(parameter, diagnosis, effect), interval_of(parameter, diagnosis, effect)
+    unit = '' if parameter.unit == '-' else f' {parameter.unit}'
+    known = f' ({interval.low:.4g} to {interval.high:.4g})' if interval is not None else ''
+    return f'{parameter.name} = {value:.4g}{unit}{known}'
+
+
+def value_of(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> float | None:
+    """The value of an effect's parameter in the last fit; None where it was not fitted."""
+    return diagnosis.calibration.values.get(f'effects.{effect}.{parameter.name}')
+
+
+def interval_of(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> Interval | None:
+    """Its 95 % interval; None where the data do not determine it."""
+    uncertainty = diagnosis.calibration.uncertainty
+    intervals = {interval.name: interval for interval in uncertainty.intervals if interval.seen} if uncertainty else {}
+    return intervals.get(f'effects.{effect}.{parameter.name}')
+
+
+def accepted(diagnosis: Diagnosis) -> list[CandidateFit]:
+    """The effects of the last model that the search accepted, as they were judged last."""
+    return [step.accepted for step in diagnosis.judged if step.accepted is not None]
+
+
+def phrase_of(name: str, diagnosis: Diagnosis) -> str:
+    """What a sentence calls an effect."""
+    steps = (*diagnosis.rounds, *diagnosis.revisions)
+    effects = {candidate.name: candidate.found.effect for step in steps for candidate in step.tried}
+    return effects[name].phrase if name in effects else name.replace('_', ' ')
+
+
+def listed(words: Sequence[str], link: str = 'and') -> str:
+    """`a, b and c`."""
+    *first, last = words or ['']
+    return f'{", ".join(first)} {link} {last}' if first else last

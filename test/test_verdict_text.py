@@ -1,0 +1,158 @@
+"""What a diagnosis says to people: every verdict in a sentence, without the codes that programs read."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
+from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
+from sma_sim.model.effects.discovery import find_effects
+
+EFFECTS = {name: found.effect for name, found in find_effects().items()}
+VALUES = {'gravity.g_y': (-9.8, -9.9, -9.7), 'gravity.g_x': (0.4, -1.0, 2.0), 'radiation.emissivity': (0.3, 0.2, 0.4)}
+
+
+def interval(name, value, low, high):
+    fields = dict.fromkeys(Interval.__dataclass_fields__, None)
+    return Interval(**fields | {'name': name, 'value': value, 'low': low, 'high': high, 'unit': '', 'seen': True})
+
+
+def candidate(name, *rivals):
+    return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals)
+
+
+def stage(effects, held_out):
+    return SimpleNamespace(
+        effects=tuple(effects), model='mas', train=held_out, held_out=held_out, channels={}, held_out_channels={'alpha': held_out}
+    )  # fmt: skip
+
+
+def diagnosis(verdict, *candidates, errors=(10.0, 1.0), **changes):
+    """What the texts read of a diagnosis in which these candidates were accepted one after the other."""
+    names = [one.name for one in candidates]
+    rivals = [candidate(name) for one in candidates for name in one.indistinguishable]
+    steps = [SimpleNamespace(accepted=one, tried=(one, *rivals)) for one in candidates]
+    known = {f'effects.{name}': numbers for name, numbers in VALUES.items()}
+    intervals = [interval(name, *numbers) for name, numbers in known.items()]
+    given = {
+        'verdict': verdict, 'effects': tuple(names), 'rounds': tuple(steps), 'judged': tuple(steps), 'revisions': (),
+        'steps': [stage(names[:k], error) for k, error in enumerate(errors)], 'search_ended': True, 'interrupted': False,
+        'calibration': SimpleNamespace(
+            values={name: numbers[0] for name, numbers in known.items()}, uncertainty=SimpleNamespace(intervals=intervals)
+        ),
+        'proposal': None, 'together': None, 'taken_back': (), 'training': ('run1', 'run2'), 'held_out': ('run3',),
+    }  # fmt: skip
+    return SimpleNamespace(**given | changes)
+
+
+def test_one_missing_effect_is_said_with_its_value_share_and_rivals():
+    said = headline(diagnosis('missing_effect', candidate('gravity')))
+    assert said == (
+        'Your model lacks gravity: g_y = -9.8 m/s^2 (-9.9 to -9.7); it explains 99 % of the squared error in the held-out '
+        'runs; nothing else explains it as well.'
+    )
+    said = headline(diagnosis('missing_effect', candidate('gravity', 'sensor_bias', 'beam_creep')))
+    assert said.endswith(
+        'these data cannot tell it from a constant offset of the sensors (sensor_bias) or creep of the beam (beam_creep).'
+    )
+
+
+def test_several_missing_effects_are_said_together():
+    found = diagnosis('missing_effect', candidate('gravity'), candidate('radiation', 'natural_convection'), errors=(5, 3, 1))
+    assert headline(found) == (
+        'Your model lacks gravity and heat lost by radiation; together they explain 96 % of the squared error in the '
+        'held-out runs.'
+    )
+    rivals = 'these data cannot tell it from heat lost by natural convection (natural_convection)'
+    lines = list(remarks(found))
+    assert f'For heat lost by radiation, {rivals}.' in lines
+    assert [line.split(' = ')[0] for line in lines if ' = ' in line] == [
+        'gravity.g_y',
+        'gravity.g_x',
+        'radiation.emissivity',
+    ]
+    assert short_title(found) == 'gravity and heat lost by radiation'
+
+
+def test_nothing_missing():
+    found = diagnosis('none', errors=(1.0,))
+    assert headline(found) == 'Nothing is missing that these data could show.' and list(remarks(found)) == []
+    assert short_title(found) == 'nothing is missing'
+
+
+def test_an_effect_that_the_model_had_is_not_said_to_be_missing():
+    found = diagnosis('missing_effect', effects=('gravity',), steps=[stage(['gravity'], 1.0)])
+    assert headline(found) == 'Nothing is missing that these data could show.'
+
+
+def test_an_unknown_effect_with_and_without_an_equation():
+    found = diagnosis('unknown_effect', candidate('gravity'), errors=(10.0, 5.0))
+    assert headline(found) == (
+        'Something is missing that no known effect explains. Only a part is explained: gravity explains 75 % of the squared '
+        'error in the held-out runs.'
+    )
+    assert headline(diagnosis('unknown_effect', errors=(5.0,))) == 'Something is missing that no known effect explains.'
+    assert any(line.startswith('What is left is 5.0 times the noise in alpha') for line in remarks(found))
+    proposal = SimpleNamespace(formula=SimpleNamespace(equation='F_alpha = k alpha^3'))
+    said = headline(
+        replace_in(found, proposal=proposal, effects=(), steps=[stage((), 10.0), stage((), 10.0), stage((), 1.0)])
+    )
+    assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
+
+
+def replace_in(found, **changes):
+    return SimpleNamespace(**vars(found) | changes)
+
+
+@pytest.mark.parametrize(
+    ('candidates', 'expected'),
+    [
+        ((), 'Stopped before the search was complete. Nothing was found to be missing so far.'),
+        ((candidate('gravity'),), 'Stopped before the search was complete. Your model lacks gravity; more may be missing.'),
+    ],
+)
+def test_a_search_that_was_stopped_says_what_it_found(candidates, expected):
+    assert headline(diagnosis('none', *candidates, search_ended=False, interrupted=True)) == expected
+
+
+def test_effects_that_were_dropped_or_removed_are_named():
+    found = diagnosis('missing_effect', candidate('gravity'), candidate('radiation'), errors=(5.0, 2.0, 1.0))
+    assert 'Dropped: gravity, which' in ' '.join(remarks(replace_in(found, effects=('radiation',), judged=found.judged[1:])))
+    removed = replace_in(
+        found, verdict='unknown_effect', effects=('gravity',), taken_back=('radiation',), judged=found.judged[:1]
+    )
+    said = ' '.join(remarks(removed))
+    assert 'Removed again: heat lost by radiation.' in said and '2.00 with, 1.00 without' in said and 'Dropped' not in said
+
+
+def test_runs_that_one_model_explains_together():
+    found = diagnosis('none', errors=(3.0,), together=PooledErrors(1.01, 1.04))
+    assert any('error over noise 1.04 held out, 1.01 others' in line for line in remarks(found))
+
+
+@pytest.mark.parametrize(('changes', 'expected'), [
+    ({'training': ('run1',)}, 'Only one run was fitted'), ({'held_out': ()}, 'No run was held out'),
+    ({'interrupted': True}, 'Stopped during the last fit'),
+])  # fmt: skip
+def test_what_weakens_a_verdict_is_said(changes, expected):
+    assert any(line.startswith(expected) for line in remarks(diagnosis('none', errors=(1.0,), **changes)))
+
+
+def test_people_are_not_shown_codes():
+    found = [
+        diagnosis('none', errors=(1.0,)), diagnosis('missing_effect', candidate('gravity')),
+        diagnosis('unknown_effect', candidate('gravity')), diagnosis('none', search_ended=False),
+    ]  # fmt: skip
+    for one in found:
+        text = '\n'.join(as_text(one))
+        assert '_effect' not in text and text.splitlines()[0].endswith('.')
+
+
+@pytest.mark.parametrize('name', sorted(EFFECTS))
+def test_every_effect_of_the_library_completes_the_sentence(name):
+    """`Your model lacks ...`: no name of the code, no full stop, not as long as a description."""
+    title = EFFECTS[name].title
+    assert title and '_' not in title and not title.endswith('.') and len(title) < 60
+    assert replace(EFFECTS[name], title='').phrase == name.replace('_', ' ')
