@@ -1,5 +1,6 @@
 """The code blocks of the documentation run as they stand; its links and its promises hold."""
 
+import ast
 import os
 import re
 import subprocess
@@ -58,3 +59,24 @@ def test_every_effect_is_in_the_documentation():
 
     page = (ROOT / 'docs' / 'reference' / 'effects.md').read_text()
     assert [name for name in find_effects() if f'`{name}`' not in page] == []
+
+
+ARCHITECTURE = ROOT / 'docs' / 'explanation' / 'architecture.md'
+
+
+def test_architecture_is_that_of_the_imports(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / 'docs'))
+    import make_architecture
+
+    assert make_architecture.page_with_table() == ARCHITECTURE.read_text(), 'run python docs/make_architecture.py'
+
+
+def test_what_the_architecture_names_exists():
+    quoted = re.findall(r'`(?:sma_sim/)?([a-z_]+/[a-z_/]*[a-z_]+\.py)(?:::(\w+))?`', ARCHITECTURE.read_text())
+    assert len(quoted) > 20
+    for path, name in quoted:
+        file = ROOT / 'sma_sim' / path
+        assert file.exists(), path
+        body = ast.parse(file.read_text()).body
+        defined = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+        assert not name or name in defined, f'{path}::{name}'
