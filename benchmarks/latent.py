@@ -15,7 +15,8 @@ from typing import Any
 from cases import add_options, solved
 
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.latent_input.latent_search import Latent, latent
+from sma_sim.evidence.latent_input.latent_search import latent
+from sma_sim.evidence.latent_input.results import Latent
 
 KINDS = (
     'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam',
@@ -56,37 +57,37 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
 
 
 def hooks(found: Latent) -> list[str]:
-    """Where the verdict acts, then those named as alike."""
+    """Where the verdict acts, then those named as indistinguishable."""
     if found.verdict == 'none':
         return []
-    names = {one.name: one.hypothesis.hook for one in found.findings}
+    names = {finding.name: finding.hypothesis.hook for finding in found.findings}
     return [names[found.verdict], *(names[name] for name in found.indistinguishable)]
 
 
-def mark(one: dict[str, Any]) -> str:
-    """What the verdict is worth."""
-    if not one['port']:
-        return 'right' if one['verdict'] == 'none' else 'false alarm'
-    if one['error'] < DETECTABLE and one['port'] not in one['hooks']:
+def mark(case: dict[str, Any]) -> str:
+    """Whether the verdict is right."""
+    if not case['port']:
+        return 'right' if case['verdict'] == 'none' else 'false alarm'
+    if case['error'] < DETECTABLE and case['port'] not in case['hooks']:
         return 'not detectable'
-    if one['hooks'] and one['hooks'][0] == one['port']:
+    if case['hooks'] and case['hooks'][0] == case['port']:
         return 'right'
-    return 'named as alike' if one['port'] in one['hooks'] else 'wrong'
+    return 'named as indistinguishable' if case['port'] in case['hooks'] else 'wrong'
 
 
-def row(one: dict[str, Any]) -> str:
+def row(case: dict[str, Any]) -> str:
     """A line of the table."""
-    indistinguishable = ', '.join(one['alike']) or '-'
-    kind, seed, channels, *_ = one['case']
-    cells = (kind, seed, channels, f'{one["error"]:.2f}', f'{one["left"]:.2f}', one['verdict'], indistinguishable)
-    return f'| {" | ".join(map(str, cells))} | {mark(one)} | {one["seconds"]:.0f} |'
+    indistinguishable = ', '.join(case['alike']) or '-'
+    kind, seed, channels, *_ = case['case']
+    cells = (kind, seed, channels, f'{case["error"]:.2f}', f'{case["left"]:.2f}', case['verdict'], indistinguishable)
+    return f'| {" | ".join(map(str, cells))} | {mark(case)} | {case["seconds"]:.0f} |'
 
 
 def table(done: list[dict[str, Any]]) -> str:
     """All cases, and the counts."""
-    head = '| hidden | seed | channels | error | left | port | alike | mark | seconds |\n' + '|---' * 9 + '|'
-    done = [one for one in done if 'failed' not in one]
-    marks = [mark(one) for one in done]
+    head = '| hidden | seed | channels | error | left | port | indistinguishable | mark | seconds |\n' + '|---' * 9 + '|'
+    done = [case for case in done if 'failed' not in case]
+    marks = [mark(case) for case in done]
     counts = ', '.join(f'{marks.count(name)} {name}' for name in dict.fromkeys(marks))
     return '\n'.join([head, *map(row, done), '', counts])
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from sma_sim.evidence.estimation.cross_validation import held_out as held_out
     from sma_sim.evidence.estimation.residuals import Nuisance as Nuisance
     from sma_sim.evidence.estimation.residuals import predict as predict
-    from sma_sim.evidence.latent_input.latent_search import Latent as Latent
     from sma_sim.evidence.latent_input.latent_search import latent as latent
+    from sma_sim.evidence.latent_input.results import Latent as Latent
     from sma_sim.model.config import Config as Config
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
@@ -38,7 +38,8 @@ HOMES = {
     'evidence.estimation.calibrate': ('Calibration', 'Options', 'calibrate'),
     'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
     'evidence.estimation.cross_validation': ('held_out',),
-    'evidence.latent_input.latent_search': ('Latent', 'latent'),
+    'evidence.latent_input.latent_search': ('latent',),
+    'evidence.latent_input.results': ('Latent',),
     'evidence.data.recording': ('Campaign', 'Recording'),
     'evidence.data.recordings': ('read_campaign',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),

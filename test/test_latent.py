@@ -1,4 +1,4 @@
-"""The missing quantity: its course is recovered, the port is named, nothing is seen where nothing is missing."""
+"""The missing input: it is recovered over time, the port is named, nothing is seen where nothing is missing."""
 
 import json
 from dataclasses import replace
@@ -13,21 +13,29 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import PORTS, ports_of
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
-from sma_sim.evidence.latent_input.hypotheses import hypotheses_of, reason
-from sma_sim.evidence.latent_input.inference import Prior, Products, best_prior, estimated, predicted, projected, root_of
+from sma_sim.evidence.latent_input.hypotheses import confounding_reason, hypotheses_of
+from sma_sim.evidence.latent_input.inference import (
+    Prior,
+    SufficientStatistics,
+    best_prior,
+    covariance_root,
+    posterior_estimate,
+    schur_complement,
+    squares_in_gaps,
+)
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
 from sma_sim.evidence.latent_input.sensitivities import (
-    KnotResponses,
-    acting,
+    KnotResponseTask,
     binned,
-    course_at,
-    grid_of,
-    knot_response,
-    marked,
-    parts_of,
-    ready,
+    initialized,
+    input_effect,
+    interpolated,
+    knot_grid,
+    knot_responses,
+    run_segments,
+    with_rows_at_knots,
 )
-from sma_sim.evidence.latent_input.summary import as_data, rows, sentences
+from sma_sim.evidence.latent_input.summary import latent_data, ranking_rows, verdict_sentences
 
 BY_NAME = {port.name: port for port in PORTS}
 
@@ -38,54 +46,60 @@ def shaken():
     return case, latent(case.campaign, case.nominal)
 
 
-def test_a_force_that_shakes_the_plate_is_found_with_its_course(shaken):
+def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
     case, found = shaken
     best = found.findings[0]
     assert found.verdict == 'force_U_y' and found.error > 1.3 and best.error < 1.1
     hidden = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
-    assert {course.run for course in best.courses} == {'run1', 'run2'}
-    for course in best.courses:
-        truth = hidden['F_0'] * np.sin(2.0 * np.pi * hidden['f'] * course.time)
-        assert np.corrcoef(course.mean, truth)[0, 1] > 0.95
-        assert np.mean(np.abs(course.mean - truth) < 1.5 * course.band) > 0.8
+    assert {estimate.run for estimate in best.inputs} == {'run1', 'run2'}
+    for estimate in best.inputs:
+        truth = hidden['F_0'] * np.sin(2.0 * np.pi * hidden['f'] * estimate.time)
+        assert np.corrcoef(estimate.mean, truth)[0, 1] > 0.95
+        assert np.mean(np.abs(estimate.mean - truth) < 1.5 * estimate.band) > 0.8
 
 
 def test_with_nothing_missing_no_port_is_named():
     case = make_challenge(8, effects=0, forces=True, duration=30.0, rate=10.0)
     found = latent(case.campaign, case.nominal)
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
-    assert next(iter(sentences(found))).startswith('none')
+    assert next(iter(verdict_sentences(found))).startswith('none')
 
 
 def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
     _, found = shaken
     stopped = replace(found, verdict='none', indistinguishable={}, findings=(), interrupted=True)
-    assert list(sentences(stopped)) == ['stopped early, before any port could be judged']
-    assert list(sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
+    assert list(verdict_sentences(stopped)) == ['stopped early, before any port was evaluated']
+    assert list(verdict_sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
 
 
-def test_what_is_told(shaken):
+def test_the_data_of_the_answer(shaken):
     _, found = shaken
-    data = json.loads(json.dumps(as_data(found)))
+    data = json.loads(json.dumps(latent_data(found)))
     assert data['verdict'] == 'force_U_y' and data['ports'][0]['name'] == 'force_U_y'
     course = data['ports'][0]['courses'][0]
     assert len(course['time_s']) == len(course['mean']) == len(course['band_95'])
-    assert [row[0] for row in rows(found)] == [one['name'] for one in data['ports']]
-    assert 'force on the plate across the beam' in next(iter(sentences(found)))
+    assert [row[0] for row in ranking_rows(found)] == [finding['name'] for finding in data['ports']]
+    assert 'force on the plate across the beam' in next(iter(verdict_sentences(found)))
 
 
 @pytest.mark.parametrize('name', ['force_U_x', 'moment_alpha', 'heat_1', 'strain_2', 'stress_1', 'power_2', 'stiffness'])
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
 def test_responses_add_up(name, model):
-    """The response to a course is about the sum of those to its knots: what the linear model rests on."""
+    """The response to an input is about the sum of those to its knots: what the linear model rests on."""
     start = config(model, solver__rtol=1e-9)
     run = fit_data(campaign(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
-    grid, port = grid_of(run, 10), BY_NAME[name]
-    begun, plain, nuisance = ready(start, replace(run, source=marked(run.source, grid.knots)), Nuisance(start=(0.3, 0.3)))
+    grid, port = knot_grid(run, 10), BY_NAME[name]
+    initial_state, fixed_run, nuisance = initialized(
+        start, replace(run, source=with_rows_at_knots(run.source, grid.knots)), Nuisance(start=(0.3, 0.3))
+    )
 
-    def response(course):
-        one = replace(begun, effects=(acting(port, grid, 1e-2 * port.probe * course),))
-        return binned(weighted_residuals(one, plain, nuisance) - weighted_residuals(begun, plain, nuisance), run, grid)
+    def response(values):
+        with_input = replace(initial_state, effects=(input_effect(port, grid, 1e-2 * port.probe * values),))
+        return binned(
+            weighted_residuals(with_input, fixed_run, nuisance) - weighted_residuals(initial_state, fixed_run, nuisance),
+            run,
+            grid,
+        )
 
     knots = np.eye(len(grid.knots))
     both = response(knots[3] + 0.5 * knots[4])
@@ -96,39 +110,43 @@ def test_responses_add_up(name, model):
 
 @pytest.mark.parametrize('name', ['moment_alpha', 'heat_1', 'strain_2'])
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
-def test_what_a_knock_cannot_reach_is_not_simulated_again(name, model):
+def test_what_an_input_cannot_reach_is_not_simulated_again(name, model):
     """From the state of the model at an earlier knot a response is what it is from the beginning of the run."""
     run = fit_data(campaign(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
-    grid, port = grid_of(run, 30), BY_NAME[name]
-    begun, plain, nuisance = ready(
-        config(model), replace(run, source=marked(run.source, grid.knots)), Nuisance(delay=0.03, start=(0.3, 0.3))
+    grid, port = knot_grid(run, 30), BY_NAME[name]
+    initial_state, fixed_run, nuisance = initialized(
+        config(model),
+        replace(run, source=with_rows_at_knots(run.source, grid.knots)),
+        Nuisance(delay=0.03, start=(0.3, 0.3)),
     )
-    parts = parts_of(port, begun, plain, nuisance, grid)
+    parts = run_segments(port, initial_state, fixed_run, nuisance, grid)
     part = parts[3]
-    assert part.late.sum() < 0.7 * len(run.time) and parts[0].late.all()
-    shown = knot_response(KnotResponses(part, plain, grid, PickledConfig(begun), nuisance, port))
+    assert part.affected.sum() < 0.7 * len(run.time) and parts[0].affected.all()
+    shown = knot_responses(KnotResponseTask(part, fixed_run, grid, PickledConfig(initial_state), nuisance, port))
 
-    def from_the_beginning(course):
-        return weighted_residuals(replace(begun, effects=(acting(port, grid, port.probe * course),)), plain, nuisance)
+    def from_the_beginning(values):
+        return weighted_residuals(
+            replace(initial_state, effects=(input_effect(port, grid, port.probe * values),)), fixed_run, nuisance
+        )
 
     for k, knot in enumerate(part.knots):
-        course = np.arange(len(grid.knots)) == knot
-        whole = from_the_beginning(course) - from_the_beginning(0.0 * course)
+        hat = np.arange(len(grid.knots)) == knot
+        whole = from_the_beginning(hat) - from_the_beginning(0.0 * hat)
         assert np.abs(whole).max() > 0.0
         assert shown[k] == pytest.approx(binned(whole, run, grid), rel=1e-6, abs=1e-9)
 
 
-def test_a_course_goes_through_its_values():
+def test_a_time_function_goes_through_its_values():
     run = fit_data(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
-    grid = grid_of(run, 10)
+    grid = knot_grid(run, 10)
     values = np.random.default_rng(1).normal(size=len(grid.knots))
-    assert course_at(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
+    assert interpolated(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
     middle = grid.knots[:-1] + 0.5 * grid.spacing
-    assert course_at(grid, values, middle) == pytest.approx(0.5 * (values[1:] + values[:-1]))
+    assert interpolated(grid, values, middle) == pytest.approx(0.5 * (values[1:] + values[:-1]))
 
 
 def linear_case(random, strength):
-    """Rows of S and J, and residuals that a smooth course of a strength leaves, with shifts of what was fitted."""
+    """Rows of S and J, and residuals that a smooth input of a strength leaves, with shifts of what was fitted."""
     t = np.arange(40.0)
     rows = np.vstack([np.exp(-0.5 * ((np.arange(400) / 10.0 - t[:, None]) / 1.5) ** 2), random.normal(size=(3, 400))])
     u = strength * np.sin(t / 4.0)
@@ -138,21 +156,21 @@ def linear_case(random, strength):
 
 
 def products(rows, r):
-    return Products(rows @ rows.T, rows @ r, float(r @ r), len(r))
+    return SufficientStatistics(rows @ rows.T, rows @ r, float(r @ r), len(r))
 
 
-def test_inference_recovers_a_course_and_prefers_the_smooth_prior():
+def test_inference_recovers_an_input_and_prefers_the_smooth_prior():
     rows, r, u, smooth = linear_case(np.random.default_rng(2), 3.0)
     whole = products(rows, r)
-    gram, share = projected(whole, 40)
-    pulls = (share @ whole.pull[40:] - whole.pull[:40])[:, None]
-    prior, scores = best_prior(gram, pulls, {'rough': np.eye(40), 'smooth': smooth}, mixed=False)
-    assert prior.words == 'smooth' and scores[0] > 50.0 and 5.0 < prior.dof < 40.0
-    found = estimated(whole, prior)
+    gram, share = schur_complement(whole, 40)
+    scores_of_data = (share @ whole.score[40:] - whole.score[:40])[:, None]
+    prior, log_evidences = best_prior(gram, scores_of_data, {'rough': np.eye(40), 'smooth': smooth}, mixed=False)
+    assert prior.description == 'smooth' and log_evidences[0] > 50.0 and 5.0 < prior.dof < 40.0
+    found = posterior_estimate(whole, prior)
     assert np.mean(np.abs(found.u - u) < 2.0 * found.std) > 0.8
     assert found.squares < 1.2 * 400
     gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
-    without, with_it = predicted(whole, gaps, prior)
+    without, with_it = squares_in_gaps(whole, gaps, prior)
     assert with_it < 1.3 * 400 < without
 
 
@@ -160,54 +178,56 @@ def test_the_evidence_is_that_of_the_gaussian():
     """Against the density of the residuals with everything integrated out."""
     rows, r, _, smooth = linear_case(np.random.default_rng(3), 1.0)
     whole = products(rows, r)
-    gram, share = projected(whole, 40)
-    prior, scores = best_prior(gram, (share @ whole.pull[40:] - whole.pull[:40])[:, None], {'smooth': smooth}, mixed=False)
+    gram, share = schur_complement(whole, 40)
+    prior, log_evidences = best_prior(
+        gram, (share @ whole.score[40:] - whole.score[:40])[:, None], {'smooth': smooth}, mixed=False
+    )
 
     def log_density(covariance):
         return -0.5 * (np.linalg.slogdet(covariance)[1] + r @ np.linalg.solve(covariance, r))
 
     nothing = np.eye(400) + rows[40:].T @ rows[40:]
     something = nothing + rows[:40].T @ prior.root @ prior.root.T @ rows[:40]
-    assert scores[0] == pytest.approx(log_density(something) - log_density(nothing), rel=1e-6)
+    assert log_evidences[0] == pytest.approx(log_density(something) - log_density(nothing), rel=1e-6)
 
 
-def test_gaps_of_noise_are_not_foretold_by_a_course():
+def test_gaps_of_noise_are_not_predicted_by_an_input():
     rows, r, _, smooth = linear_case(np.random.default_rng(4), 0.0)
     gaps = [products(rows[:, k::5], r[k::5]) for k in range(5)]
-    without, with_it = predicted(products(rows, r), gaps, Prior('rough', 3.0 * root_of(smooth), 0.0, 0.0))
+    without, with_it = squares_in_gaps(products(rows, r), gaps, Prior('rough', 3.0 * covariance_root(smooth), 0.0, 0.0))
     assert with_it > without
 
 
 def test_hypotheses_and_reasons():
-    one = {found.name: found for found in hypotheses_of(ports_of('module', ('U_x', 'U_y', 'alpha')))}
-    assert {'heat', 'heat_1', 'power', 'sense_alpha', 'force_U_y'} <= set(one) and 'sense_F_1' not in one
-    assert [port.name for port in one['stress'].ports] == ['stress_1', 'stress_2']
-    assert 'sum of all heat' in reason(one['heat_1'], one['power_1'], True)
-    assert reason(one['moment_alpha'], one['stress'], True) == ''
-    assert 'no force is measured' in reason(one['moment_alpha'], one['stress'], False)
+    by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses_of(ports_of('module', ('U_x', 'U_y', 'alpha')))}
+    assert {'heat', 'heat_1', 'power', 'sense_alpha', 'force_U_y'} <= set(by_name) and 'sense_F_1' not in by_name
+    assert [port.name for port in by_name['stress'].ports] == ['stress_1', 'stress_2']
+    assert 'sum of all heat' in confounding_reason(by_name['heat_1'], by_name['power_1'], True)
+    assert confounding_reason(by_name['moment_alpha'], by_name['stress'], True) == ''
+    assert 'no force is measured' in confounding_reason(by_name['moment_alpha'], by_name['stress'], False)
     assert [found.name for found in hypotheses_of(ports_of('wire', ('stress',)))] == [
         'heat_1', 'strain_1', 'stress_1', 'power_1', 'sense_stress',
     ]  # fmt: skip
 
 
 def test_what_is_left_is_simulated_and_tells_the_port():
-    """A cap of the power, 33 times the noise: around the fit that it bends, heat and stress promise more than they keep."""
+    """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
     case = make_challenge(8, kinds=['supply_limit'], duration=30.0, rate=10.0)
     found = latent(case.campaign, case.nominal)
     best, *others = found.findings
     assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2
-    assert 1.0 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters foretell gaps as well as they fit
-    assert all(one.error > 1.3 for one in others) and set(best.parameters) >= {'wire.lambda', 'beam.E'}
+    assert 1.0 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
+    assert all(finding.error > 1.3 for finding in others) and set(best.parameters) >= {'wire.lambda', 'beam.E'}
     limit, _ = case.answer.effects[0].parameters['P_max']
-    runs = {one.name: one.source for one in case.campaign.recordings}
+    runs = {recording.name: recording.source for recording in case.campaign.recordings}
     rest, true = [], []
-    for course in best.courses:
-        source = runs[course.run]
-        command = source.values[np.searchsorted(source.times, course.time, side='right') - 1, 0]
-        command = np.maximum(command if course.port.component == 0 else -command, 0.0)
+    for estimate in best.inputs:
+        source = runs[estimate.run]
+        command = source.values[np.searchsorted(source.times, estimate.time, side='right') - 1, 0]
+        command = np.maximum(command if estimate.port.component == 0 else -command, 0.0)
         lost = (1.0 + (command / limit) ** 4) ** -0.25 - 1.0
         heated = command > 0.2 * limit  # but for a factor of all power, which is as well one of lambda and c_V
-        rest.append((course.mean - lost)[heated])
+        rest.append((estimate.mean - lost)[heated])
         true.append(lost[heated])
     assert np.std(np.concatenate(rest)) < 0.5 * np.std(np.concatenate(true))
 

@@ -22,7 +22,7 @@ from sma_sim.cli.common.options import add_config_options, announce_compilation,
 from sma_sim.cli.fit import STOPPED
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
-from sma_sim.evidence.latent_input.summary import HEADER, as_data, rows, sentences
+from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
 from sma_sim.report.html.latent_page import write_latent_page
 
 
@@ -49,11 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)
         found = latent(training, config, held, request, executor, tell)
     if arguments.json:
-        write_json(arguments.json, as_data(found))
+        write_json(arguments.json, latent_data(found))
     if arguments.report:
         write_latent_page(arguments.report, found, *hold_out_last(training, held))
-    print(*sentences(found), sep='\n')
+    print(*verdict_sentences(found), sep='\n')
     if found.findings:
-        print(table_text(HEADER, rows(found)))
+        print(table_text(RANKING_HEADER, ranking_rows(found)))
     tell_written(arguments.report, arguments.json)
     return STOPPED if found.interrupted else 0

@@ -1,7 +1,7 @@
-"""What a missing quantity may look like: covariances of its values at the knots, by time and by what it may depend on.
+"""Prior covariances of a missing input at the knots: by time, and by the states on which it may depend.
 
-Beside a course that is merely smooth in time, a law of one state (of the temperature, say) is believed possible: its values
-then agree wherever that state does, in all runs and on both wires. Which one holds is for the evidence to say.
+Beside a function that is merely smooth in time, a law of one state (of the temperature, say) is possible: its values
+agree wherever that state does, in all runs and on both wires. The evidence decides between them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-TIMES = (2.0, 10.0, 50.0)  # [s] in which a course changes
-WIDTHS = (0.15, 0.5, 1.5)  # of a law, in standard deviations of the state
-HOT = 20.0  # [K]: unit of temperature above ambient
-LAWS = {
+CORRELATION_TIMES = (2.0, 10.0, 50.0)  # [s]: from the spacing of the knots to half a run
+LENGTH_SCALES = (0.15, 0.5, 1.5)  # of a law, in standard deviations of the state: from steep to nearly linear
+TEMPERATURE_UNIT = 20.0  # [K] above ambient at which heat in proportion to the temperature has size 1
+STATE_DEPENDENCES = {
     'structure_force': (('alpha',),),
     'wire_heat': (('T',), ('x',), ('T', 'x')),
     'wire_strain': (('T',), ('x',), ('T', 'x')),
@@ -28,8 +28,8 @@ LAWS = {
 
 
 @dataclass(frozen=True)
-class Points:
-    """Where values are unknown: run, wire, time [s] and the states there, (m,) each, by run and then by port."""
+class KnotStates:
+    """For each unknown value its run, wire, time [s] and the model's states there, (m,) each, by run and then by port."""
 
     run: Vector
     wire: Vector
@@ -37,39 +37,39 @@ class Points:
     states: Mapping[str, Vector]
 
 
-def in_time(t: Vector, scale: float) -> Matrix:
-    """exp(-|t - t'|/scale): continuous, with corners and steep parts allowed."""
-    decay: Matrix = np.exp(-np.abs(t[:, None] - t) / scale)
-    return decay
+def exponential_covariance(t: Vector, correlation_time: float) -> Matrix:
+    """exp(-|t - t'|/tau) (m, m): continuous, with corners and steep parts allowed."""
+    covariance: Matrix = np.exp(-np.abs(t[:, None] - t) / correlation_time)
+    return covariance
 
 
-def of_states(points: Points, law: tuple[str, ...], width: float) -> Matrix:
-    """exp of minus half the squared distance of the states in units of their spread."""
-    distance = np.zeros((len(points.t), len(points.t)))
-    for name in law:
-        state = points.states[name]
-        distance += ((state[:, None] - state) / (width * (float(np.std(state)) or 1.0))) ** 2
+def state_covariance(knots: KnotStates, names: tuple[str, ...], length_scale: float) -> Matrix:
+    """exp of minus half the squared distance of the states in units of their spread, (m, m)."""
+    distance = np.zeros((len(knots.t), len(knots.t)))
+    for name in names:
+        state = knots.states[name]
+        distance += ((state[:, None] - state) / (length_scale * (float(np.std(state)) or 1.0))) ** 2
     return np.exp(-0.5 * distance)
 
 
-def covariances(hook: str, points: Points) -> dict[str, Matrix]:
-    """The covariances (m, m) that are tried at a port, by what they say in words; of size 1.
+def prior_covariances(hook: str, knots: KnotStates) -> dict[str, Matrix]:
+    """The candidate covariances (m, m) at a port, of size 1, by a description in words.
 
     Heat may also be in proportion to the temperature above ambient.
     """
-    alone = (points.run[:, None] == points.run) & (points.wire[:, None] == points.wire)
-    same_wire = points.wire[:, None] == points.wire
-    found = {}
-    for scale in TIMES:
-        decay = in_time(points.t, scale)
-        found[f'time, {scale:g} s'] = decay * alone
-        found[f'time of the run, {scale:g} s'] = decay * same_wire
+    same_wire = knots.wire[:, None] == knots.wire
+    same_wire_and_run = (knots.run[:, None] == knots.run) & same_wire
+    covariances = {}
+    for time in CORRELATION_TIMES:
+        decay = exponential_covariance(knots.t, time)
+        covariances[f'time, {time:g} s'] = decay * same_wire_and_run
+        covariances[f'time of the run, {time:g} s'] = decay * same_wire
         if hook == 'wire_heat':
-            hot = points.states['T'] / HOT
-            found[f'T times time, {scale:g} s'] = decay * np.outer(hot, hot)
+            above_ambient = knots.states['T'] / TEMPERATURE_UNIT
+            covariances[f'T times time, {time:g} s'] = decay * np.outer(above_ambient, above_ambient)
         if hook == 'actuation':
-            found[f'both, time of the run, {scale:g} s'] = decay
-    for law in LAWS[hook]:
-        for width in WIDTHS:
-            found[f'{" and ".join(law)}, {width:g}'] = of_states(points, law, width)
-    return found
+            covariances[f'both, time of the run, {time:g} s'] = decay
+    for names in STATE_DEPENDENCES[hook]:
+        for scale in LENGTH_SCALES:
+            covariances[f'{" and ".join(names)}, {scale:g}'] = state_covariance(knots, names, scale)
+    return covariances

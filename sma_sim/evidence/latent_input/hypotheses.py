@@ -1,4 +1,4 @@
-"""What may be missing: one port, or the same quantity on both wires; and what each cannot be told from, by physics."""
+"""Which inputs may be missing: one port, or the same quantity on both wires; and which of them physics confounds."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from sma_sim.evidence.estimation.injection_points import Port
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """Ports with unknown time courses that are believed together."""
+class InputHypothesis:
+    """Ports at which unknown functions of time act together."""
 
     name: str
     ports: tuple[Port, ...]
@@ -26,19 +26,18 @@ class Hypothesis:
         return self.ports[0].group
 
 
-def hypotheses_of(ports: Sequence[Port]) -> tuple[Hypothesis, ...]:
+def hypotheses_of(ports: Sequence[Port]) -> tuple[InputHypothesis, ...]:
     """Every port alone, and the same quantity on both wires."""
-    found = [Hypothesis(port.name, (port,)) for port in ports]
-    groups = dict.fromkeys(port.group for port in ports)
-    for group in groups:
+    hypotheses = [InputHypothesis(port.name, (port,)) for port in ports]
+    for group in dict.fromkeys(port.group for port in ports):
         both = tuple(port for port in ports if port.group == group)
         if len(both) > 1:
-            found.append(Hypothesis(group, both))
-    return tuple(found)
+            hypotheses.append(InputHypothesis(group, both))
+    return tuple(hypotheses)
 
 
-# Why two quantities may leave the same in every channel.
-REASONS = {
+# Why two quantities may have the same effect on every channel.
+CONFOUNDING_REASONS = {
     frozenset(('heat', 'power')): 'a wire feels the sum of all heat, whatever it comes from',
     frozenset(('heat', 'stress')): 'on its plateau a wire shows a change of temperature as sigma_T times as much stress',
     frozenset(('power', 'stress')): 'on its plateau a wire shows a change of temperature as sigma_T times as much stress',
@@ -46,20 +45,22 @@ REASONS = {
     frozenset(('force_U_y', 'moment_alpha')): 'a force across the end of a beam and a moment bend it in nearly the same way',
     frozenset(('force_U_x', 'moment_alpha')): 'a force along a bent beam turns its end',
     frozenset(('force_U_x', 'force_U_y')): 'on a bent beam the directions mix',
-    frozenset(('stiffness', 'moment_alpha')): 'a beam that is softer bends as if a moment helped',
-    frozenset(('stiffness', 'force_U_y')): 'a beam that is softer bends as if a force helped',
+    frozenset(('stiffness', 'moment_alpha')): 'a softer beam bends as if a moment helped',
+    frozenset(('stiffness', 'force_U_y')): 'a softer beam bends as if a force helped',
 }  # fmt: skip
+WIRE_QUANTITIES = ('heat', 'power', 'stress', 'strain')
+FORCES_UNMEASURED = 'where no force is measured, the tension of the wires shows only as the moment that it makes'
 
 
-WIRES = ('heat', 'power', 'stress', 'strain')
-UNSEEN = 'where no force is measured a pull of the wires shows only as the moment that it makes'
+def confounding_reason(first: InputHypothesis, second: InputHypothesis, forces_measured: bool) -> str:
+    """Why two hypotheses may be indistinguishable; '' where physics gives no reason.
 
-
-def reason(one: Hypothesis, other: Hypothesis, pulls_seen: bool) -> str:
-    """Why two hypotheses may be alike; '' where physics knows no reason. `pulls_seen`: the wires' forces were measured."""
-    if one.group == other.group:
+    `forces_measured`: the recordings have the wires' forces (or stress).
+    """
+    if first.group == second.group:
         return 'the same quantity, on one wire or on both'
-    pair = frozenset((one.group, other.group))
-    if not pulls_seen and len(pair.intersection(WIRES)) == 1 and pair & {'moment_alpha', 'force_U_y', 'stiffness'}:
-        return UNSEEN
-    return REASONS.get(pair, '')
+    pair = frozenset((first.group, second.group))
+    one_of_a_wire = len(pair.intersection(WIRE_QUANTITIES)) == 1
+    if not forces_measured and one_of_a_wire and pair & {'moment_alpha', 'force_U_y', 'stiffness'}:
+        return FORCES_UNMEASURED
+    return CONFOUNDING_REASONS.get(pair, '')

@@ -1,8 +1,8 @@
-"""Beyond the linear: a hypothesis is simulated with its time courses, and estimated again around them.
+"""Beyond the linear problem: a hypothesis is simulated with its inputs, and estimated again around them.
 
-How far a linear model may be trusted is not known beforehand. With noise that is believed to be wider, estimates stay nearer
-to where they began (a tempered likelihood): several widths, and parts of the way to each estimate, are simulated, and what
-leaves the least is gone on from. Simulation alone decides which hypotheses are worth another step.
+How far a linear model may be trusted is not known in advance. With a larger noise variance (a tempered likelihood) estimates
+stay nearer to where they began: several variances, and fractions of each step, are simulated, and the best is taken.
+Simulation alone decides which hypotheses are followed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,203 +18,230 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.calibrate import run_in_threads
 from sma_sim.evidence.estimation.executors import workers_of
 from sma_sim.evidence.estimation.injection_points import Port
-from sma_sim.evidence.latent_input.design_matrix import OnProgress, Place, Stopped, design_of
-from sma_sim.evidence.latent_input.hypotheses import Hypothesis
-from sma_sim.evidence.latent_input.ranking import Weighed, error_of, estimate_of, weigh, widened_for, widening
+from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA
+from sma_sim.evidence.latent_input.design_matrix import LinearizationPoint, Stopped, design_matrix
+from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
+from sma_sim.evidence.latent_input.ranking import (
+    HypothesisEvidence,
+    error_from_squares,
+    estimate_of,
+    evidence_of,
+    inflation_from,
+    noise_inflation,
+)
+from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-PARTS = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
-WIDTHS = 3  # of noise, from what the linear model would leave to what is left
-BELIEFS = (0.5, 0.25)  # powers of the present width at which it is chosen what the course looks like; the first at first
-FINALISTS = 5  # that get a second step
-BEHIND = (3.0, 1.3, 1.15, 1.1)  # ratio to the least error left above which a hypothesis is given up, step by step
-FAST = 0.75  # to this part an error must fall in a step for the hypothesis to stay as far behind as at first
-ENOUGH = 0.95  # of the squares before: a step that leaves more is the last
+STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)  # of a linear step that are simulated
+INFLATION_COUNT = 3  # noise variances, from what the linear model would leave to what is left now
+TEMPERING_POWERS = (0.5, 0.25)  # of the present inflation, under which the prior is chosen; the first alone at first
 
 
 @dataclass(frozen=True)
 class RefinedHypothesis:
-    """A hypothesis on its way: where its courses are, its linear problem around an earlier place, what simulation leaves.
+    """A hypothesis between steps: the point that its inputs have reached, its linear problem around an earlier one.
 
-    `squares`: over the bins; `doubt`: by how much noise is to be widened for what is left; `settled`: it gets no further;
-    `fell`: to which part the error fell in the last step.
+    `squares`: over the bins, left by the simulation; `inflation`: the factor on the noise variance that these residuals call
+    for; `converged`: no step leaves less; `reduction`: the error after the last step over that before.
     """
 
-    place: Place
-    weighed: Weighed
+    point: LinearizationPoint
+    evidence: HypothesisEvidence
     squares: float
-    doubt: float
-    settled: bool = False
-    fell: float = 1.0
+    inflation: float
+    converged: bool = False
+    reduction: float = 1.0
+
+    @property
+    def hypothesis(self) -> InputHypothesis:
+        """What may be missing."""
+        return self.evidence.hypothesis
 
     @property
     def error(self) -> float:
-        """Error over noise that is left, simulated."""
-        return error_of(self.weighed.design, self.squares)
+        """Error over noise that the simulation leaves."""
+        return error_from_squares(self.evidence.design, self.squares)
 
     @property
     def u(self) -> Vector:
-        """The courses (m,), in probes, by run and port."""
-        ports = self.weighed.hypothesis.ports
-        return np.concatenate([own[port] / port.probe for own in self.place.courses for port in ports])
+        """The inputs (m,), in probes, by run and port."""
+        ports = self.hypothesis.ports
+        return np.concatenate([inputs[port] / port.probe for inputs in self.point.inputs for port in ports])
 
 
-def refined(
-    start: Place, weighed: Sequence[Weighed], T_E: float, pool: Executor, stop: Event, on_progress: OnProgress
+def refine_hypotheses(
+    start: LinearizationPoint, evidences: Sequence[HypothesisEvidence], context: SearchContext
 ) -> list[RefinedHypothesis]:
-    """Those that lead after one step of all, as far as they came; the best first. Raises Stopped."""
-    left = left_at(start, pool)
-    on_progress(f'simulating each of {len(weighed)} hypotheses')
-    tried = [RefinedHypothesis(without_any(start, one.hypothesis), one, *left) for one in weighed]
-    tried = leading(
-        run_in_threads([partial(stepped, one, BELIEFS[:1], T_E, pool, stop) for one in tried], stop, workers_of(pool))
-    )
+    """The best after one step of all, followed to where they lead; the best first. Raises Stopped."""
+    stop, workers = context.stop, workers_of(context.pool)
+    squares, inflation = simulated_squares(start, context.pool)
+    context.on_progress(f'simulating each of {len(evidences)} hypotheses')
+    refined = [
+        RefinedHypothesis(with_zero_inputs(start, evidence.hypothesis), evidence, squares, inflation)
+        for evidence in evidences
+    ]
+    first_steps = [partial(best_step, hypothesis, TEMPERING_POWERS[:1], context) for hypothesis in refined]
+    refined = best_by_quantity(run_in_threads(first_steps, stop, workers))
     if stop.is_set():
         raise Stopped
     given_up: list[RefinedHypothesis] = []
-    for behind in BEHIND:
-        given_up += [one for one in tried if not keeps_up(one, tried[0], behind)]
-        tried = [one for one in tried if keeps_up(one, tried[0], behind)]
-        if all(one.settled for one in tried):
+    for ratio in LATENT_CRITERIA.give_up_ratios:
+        given_up += [hypothesis for hypothesis in refined if not is_contender(hypothesis, refined[0], ratio)]
+        refined = [hypothesis for hypothesis in refined if is_contender(hypothesis, refined[0], ratio)]
+        if all(hypothesis.converged for hypothesis in refined):
             break
-        on_progress(f'simulating {", ".join(one.weighed.hypothesis.name for one in tried if not one.settled)}')
+        context.on_progress(f'simulating {names_of([hypothesis for hypothesis in refined if not hypothesis.converged])}')
         try:
-            tried = run_in_threads([partial(linearised, one, pool, stop) for one in tried], stop)
+            refined = run_in_threads([partial(relinearized, hypothesis, context) for hypothesis in refined], stop)
         except Stopped:
             break
-        steps_on = [partial(stepped, one, BELIEFS, T_E, pool, stop) for one in tried]
-        tried = in_order(run_in_threads(steps_on, stop, workers_of(pool)))
-    near = [one for one in tried if one.error <= BEHIND[-1] * tried[0].error]
-    return in_order([*tried, *given_up, *on_one_wire(near, T_E, pool, stop, on_progress)])
+        next_steps = [partial(best_step, hypothesis, TEMPERING_POWERS, context) for hypothesis in refined]
+        refined = by_squares(run_in_threads(next_steps, stop, workers))
+    limit = LATENT_CRITERIA.give_up_ratios[-1] * refined[0].error
+    near = [hypothesis for hypothesis in refined if hypothesis.error <= limit]
+    return by_squares([*refined, *given_up, *single_wire_variants(near, context)])
 
 
-def keeps_up(one: RefinedHypothesis, best: RefinedHypothesis, behind: float) -> bool:
+def names_of(refined: Sequence[RefinedHypothesis]) -> str:
+    """Their names, for a message."""
+    return ', '.join(hypothesis.hypothesis.name for hypothesis in refined)
+
+
+def is_contender(hypothesis: RefinedHypothesis, best: RefinedHypothesis, ratio: float) -> bool:
     """Whether another step is worth its time."""
-    return one.error <= behind * best.error or (one.fell <= FAST and one.error <= BEHIND[0] * best.error)
+    fast = hypothesis.reduction <= LATENT_CRITERIA.fast_reduction
+    return hypothesis.error <= ratio * best.error or (
+        fast and hypothesis.error <= LATENT_CRITERIA.give_up_ratios[0] * best.error
+    )
 
 
-def on_one_wire(
-    tried: Sequence[RefinedHypothesis], T_E: float, pool: Executor, stop: Event, on_progress: OnProgress
-) -> list[RefinedHypothesis]:
-    """What is on both wires, on either of them alone, after two steps."""
-    alone = [
+def single_wire_variants(refined: Sequence[RefinedHypothesis], context: SearchContext) -> list[RefinedHypothesis]:
+    """Hypotheses of both wires on either of them alone, after two steps."""
+    variants = [
         replace(
-            one, settled=False, weighed=replace(one.weighed, hypothesis=Hypothesis(port.name, (port,))),
-            place=replace(one.place, courses=tuple({port: own[port]} for own in one.place.courses)),
+            both, converged=False, evidence=replace(both.evidence, hypothesis=InputHypothesis(port.name, (port,))),
+            point=replace(both.point, inputs=tuple({port: inputs[port]} for inputs in both.point.inputs)),
         )
-        for one in tried for port in one.weighed.hypothesis.ports if len(one.weighed.hypothesis.ports) > 1
+        for both in refined for port in both.hypothesis.ports if len(both.hypothesis.ports) > 1
     ]  # fmt: skip
-    if not alone:
+    if not variants:
         return []
-    on_progress(f'simulating {", ".join(one.weighed.hypothesis.name for one in alone)}')
+    context.on_progress(f'simulating {names_of(variants)}')
     try:
-        return run_in_threads([partial(initial_refinements, one, T_E, pool, stop) for one in alone], stop, workers_of(pool))
+        return run_in_threads(
+            [partial(two_steps, variant, context) for variant in variants], context.stop, workers_of(context.pool)
+        )
     except Stopped:
         return []
 
 
-def initial_refinements(tried: RefinedHypothesis, T_E: float, pool: Executor, stop: Event) -> RefinedHypothesis:
-    """Two steps from what the simulation leaves at its place. Raises Stopped."""
-    squares, doubt = left_at(tried.place, pool)
-    one = stepped(replace(tried, squares=squares, doubt=doubt), BELIEFS, T_E, pool, stop)
-    return stepped(linearised(one, pool, stop), BELIEFS, T_E, pool, stop)
+def two_steps(hypothesis: RefinedHypothesis, context: SearchContext) -> RefinedHypothesis:
+    """Two steps from what the simulation leaves at its point. Raises Stopped."""
+    squares, inflation = simulated_squares(hypothesis.point, context.pool)
+    first = best_step(replace(hypothesis, squares=squares, inflation=inflation), TEMPERING_POWERS, context)
+    return best_step(relinearized(first, context), TEMPERING_POWERS, context)
 
 
-def in_order(tried: Sequence[RefinedHypothesis]) -> list[RefinedHypothesis]:
+def by_squares(refined: Sequence[RefinedHypothesis]) -> list[RefinedHypothesis]:
     """What leaves the least first."""
-    return sorted(tried, key=lambda one: one.squares)
+    return sorted(refined, key=lambda hypothesis: hypothesis.squares)
 
 
-def without_any(start: Place, one: Hypothesis) -> Place:
-    """With courses that are zero."""
-    zero = np.zeros(sum(len(grid.knots) for grid in start.grids) * len(one.ports))
-    return replace(start, courses=tuple(courses_of(start, one, zero)))
+def with_zero_inputs(start: LinearizationPoint, hypothesis: InputHypothesis) -> LinearizationPoint:
+    """The point with inputs of zero at the ports of a hypothesis."""
+    zero = np.zeros(sum(len(grid.knots) for grid in start.grids) * len(hypothesis.ports))
+    return replace(start, inputs=tuple(inputs_by_run(start, hypothesis, zero)))
 
 
-def leading(tried: Sequence[RefinedHypothesis]) -> list[RefinedHypothesis]:
+def best_by_quantity(refined: Sequence[RefinedHypothesis]) -> list[RefinedHypothesis]:
     """The quantities that leave the least, the best first; on both wires, from where the best on one or both has come."""
-    by_group: dict[str, RefinedHypothesis] = {}
-    widest = {one.weighed.hypothesis.group: one for one in sorted(tried, key=lambda one: len(one.weighed.hypothesis.ports))}
-    for one in in_order(tried):
-        by_group.setdefault(one.weighed.hypothesis.group, one)
-    return [with_both(one, widest[group]) for group, one in by_group.items()][:FINALISTS]
+    best: dict[str, RefinedHypothesis] = {}
+    widest = {
+        hypothesis.hypothesis.group: hypothesis
+        for hypothesis in sorted(refined, key=lambda hypothesis: len(hypothesis.hypothesis.ports))
+    }
+    for hypothesis in by_squares(refined):
+        best.setdefault(hypothesis.hypothesis.group, hypothesis)
+    extended = [extended_to(hypothesis, widest[group]) for group, hypothesis in best.items()]
+    return extended[: LATENT_CRITERIA.max_finalists]
 
 
-def with_both(best: RefinedHypothesis, both: RefinedHypothesis) -> RefinedHypothesis:
-    """A hypothesis that has all ports of the other, which have no course yet where that has none."""
-    courses = tuple({port: own.get(port, 0.0 * next(iter(own.values()))) for port in both.weighed.hypothesis.ports}
-                    for own in best.place.courses)  # fmt: skip
-    return replace(best, place=replace(best.place, courses=courses), weighed=both.weighed)
+def extended_to(best: RefinedHypothesis, both: RefinedHypothesis) -> RefinedHypothesis:
+    """A hypothesis with all ports of the other one, whose inputs are zero where it has none yet."""
+    inputs = tuple(
+        {port: own.get(port, 0.0 * next(iter(own.values()))) for port in both.hypothesis.ports} for own in best.point.inputs
+    )
+    return replace(best, point=replace(best.point, inputs=inputs), evidence=both.evidence)
 
 
-def linearised(tried: RefinedHypothesis, pool: Executor, stop: Event) -> RefinedHypothesis:
-    """With the linear problem around its place. Raises Stopped."""
-    if tried.settled:
-        return tried
-    design = design_of(tried.place, tried.weighed.hypothesis.ports, pool, stop, lambda words: None)
-    return replace(tried, weighed=replace(tried.weighed, design=design))
+def relinearized(hypothesis: RefinedHypothesis, context: SearchContext) -> RefinedHypothesis:
+    """With the linear problem around its point. Raises Stopped."""
+    if hypothesis.converged:
+        return hypothesis
+    silent = replace(context, on_progress=lambda words: None)
+    design = design_matrix(hypothesis.point, hypothesis.hypothesis.ports, silent)
+    return replace(hypothesis, evidence=replace(hypothesis.evidence, design=design))
 
 
-def stepped(
-    tried: RefinedHypothesis, beliefs: Sequence[float], T_E: float, pool: Executor, stop: Event
-) -> RefinedHypothesis:
-    """The best of several steps; settled where none leaves much less than before."""
-    if tried.settled or stop.is_set():
-        return tried
-    best = tried
-    for weighed, there in steps(tried, beliefs, T_E):
-        squares, doubt = left_at(there, pool)
+def best_step(hypothesis: RefinedHypothesis, powers: Sequence[float], context: SearchContext) -> RefinedHypothesis:
+    """The best of several steps; converged where none leaves much less than before."""
+    if hypothesis.converged or context.stop.is_set():
+        return hypothesis
+    best = hypothesis
+    for evidence, point in trial_steps(hypothesis, powers):
+        squares, inflation = simulated_squares(point, context.pool)
         if squares < best.squares:
-            best = RefinedHypothesis(there, weighed, squares, doubt)
-    if best.squares > ENOUGH * tried.squares:
-        return replace(tried, settled=True, fell=1.0)
-    return replace(best, fell=best.error / tried.error)
+            best = RefinedHypothesis(point, evidence, squares, inflation)
+    if best.squares > LATENT_CRITERIA.converged_reduction * hypothesis.squares:
+        return replace(hypothesis, converged=True, reduction=1.0)
+    return replace(best, reduction=best.error / hypothesis.error)
 
 
-def steps(tried: RefinedHypothesis, beliefs: Sequence[float], T_E: float) -> Iterator[tuple[Weighed, Place]]:
-    """What a course may look like, and a place that this leads to."""
-    low, high = tried.place.problem.limits()
-    hypothesis, design = tried.weighed.hypothesis, tried.weighed.design
-    for belief in beliefs:
-        one = weigh(design, hypothesis, T_E, (), tried.doubt**belief, mixed=False)
-        least = min(widening(one, 1.0), tried.doubt)
-        for width in dict.fromkeys(np.geomspace(least, tried.doubt, WIDTHS).tolist()):
-            found = estimate_of(one, width)
-            target, z = courses_of(tried.place, hypothesis, found.u), design.z + found.z
-            for part in PARTS:
-                courses = zip(tried.place.courses, target, strict=True)
-                yield one, replace(
-                    tried.place, z=np.clip(tried.place.z + part * (z - tried.place.z), low, high),
-                    courses=tuple(between(now, later, part) for now, later in courses),
+def trial_steps(
+    refined: RefinedHypothesis, powers: Sequence[float]
+) -> Iterator[tuple[HypothesisEvidence, LinearizationPoint]]:
+    """Priors of the inputs, and the points to which they lead."""
+    point, design = refined.point, refined.evidence.design
+    low, high = point.problem.limits()
+    for power in powers:
+        evidence = evidence_of(design, refined.hypothesis, (), refined.inflation**power, mixed=False)
+        least = min(noise_inflation(evidence, 1.0), refined.inflation)
+        for inflation in dict.fromkeys(np.geomspace(least, refined.inflation, INFLATION_COUNT).tolist()):
+            estimate = estimate_of(evidence, inflation)
+            target, z = inputs_by_run(point, refined.hypothesis, estimate.u), design.z + estimate.z
+            for fraction in STEP_FRACTIONS:
+                pairs = zip(point.inputs, target, strict=True)
+                yield evidence, replace(
+                    point, z=np.clip(point.z + fraction * (z - point.z), low, high),
+                    inputs=tuple(blended(now, then, fraction) for now, then in pairs),
                 )  # fmt: skip
 
 
-def left_at(place: Place, pool: Executor) -> tuple[float, float]:
-    """Sum of the squared residuals, simulated, and by how much noise is to be widened; inf where a run cannot be made."""
+def simulated_squares(point: LinearizationPoint, pool: Executor) -> tuple[float, float]:
+    """Sum of the squared residuals and the noise inflation they call for; inf where a run cannot be simulated."""
     try:
-        found = place.residuals(pool)
+        by_run = point.residuals(pool)
     except SimulationError:
         return np.inf, np.inf
-    shown = [one for one in found if one is not None]
-    if len(shown) < len(found):
+    residuals = [run for run in by_run if run is not None]
+    if len(residuals) < len(by_run):
         return np.inf, np.inf
-    return float(sum(np.sum(one**2) for one in shown)), widened_for(shown)
+    return float(sum(np.sum(run**2) for run in residuals)), inflation_from(residuals)
 
 
-def courses_of(place: Place, one: Hypothesis, u: Vector) -> list[dict[Port, Vector]]:
+def inputs_by_run(point: LinearizationPoint, hypothesis: InputHypothesis, u: Vector) -> list[dict[Port, Vector]]:
     """u (m,), in probes, by run and port, in the ports' units."""
-    found, at = [], 0
-    for grid in place.grids:
-        own = {}
-        for port in one.ports:
-            own[port] = port.probe * u[at : at + len(grid.knots)]
+    by_run, at = [], 0
+    for grid in point.grids:
+        inputs = {}
+        for port in hypothesis.ports:
+            inputs[port] = port.probe * u[at : at + len(grid.knots)]
             at += len(grid.knots)
-        found.append(own)
-    return found
+        by_run.append(inputs)
+    return by_run
 
 
-def between(now: Mapping[Port, Vector], later: Mapping[Port, Vector], part: float) -> dict[Port, Vector]:
-    """Courses a part of the way on."""
-    return {port: (1.0 - part) * now[port] + part * u for port, u in later.items()}
+def blended(now: Mapping[Port, Vector], then: Mapping[Port, Vector], fraction: float) -> dict[Port, Vector]:
+    """Inputs a fraction of the way on."""
+    return {port: (1.0 - fraction) * now[port] + fraction * u for port, u in then.items()}

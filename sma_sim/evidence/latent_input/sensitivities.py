@@ -1,6 +1,6 @@
-"""What a recording would show if something acted at a port: the response of all samples to a hat of time at each knot.
+"""Responses of a recording to an input at a port: the change of all samples for a hat function of time at each knot.
 
-The measured samples are taken together in bins of time, whose means keep all that is slower than a bin.
+The measured samples are averaged in bins of time, which keep everything that is slower than a bin.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, started, weighted_residuals, with_switches
+from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS
@@ -24,19 +25,19 @@ from sma_sim.solver.simulate import Model, SimulationError, simulate
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-COURSES = Path(__file__).parent / 'time_functions'
-NAMES = {
+TIME_FUNCTION_FOLDER = Path(__file__).parent / 'time_functions'
+EFFECT_BY_HOOK = {
     'structure_force': 'latent_force', 'wire_heat': 'latent_heat', 'wire_strain': 'latent_strain',
     'transformation_stress': 'latent_stress', 'actuation': 'latent_power',
 }  # fmt: skip
-MOST_KNOTS, LEAST_SPACING = 101, 1.0  # per run, as in courses/course.py; [s]
-BINS_PER_KNOT = 5
-KNOTS_AT_ONCE = 5  # of one task
-MARK = 1e-9  # [K] of ambient temperature: rows that differ make the solver begin a step at every knot
+MIN_KNOT_SPACING = 1.0  # [s]: heat and bending take about as long
+BINS_PER_KNOT = 5  # so that a hat function is resolved
+KNOTS_PER_TASK = 5  # they share the simulation up to the first of them
+AMBIENT_MARK = 1e-9  # [K] of ambient temperature: rows that differ make the solver begin a step at every knot
 
 
 @dataclass(frozen=True)
-class Grid:
+class KnotGrid:
     """The knots (k,) [s] of a run, one `spacing` apart, and the bin of every sample (samples,), -1 for none."""
 
     knots: Vector
@@ -52,23 +53,23 @@ class Grid:
 
 
 @cache
-def courses() -> dict[str, FoundEffect]:
-    """The effects with a given time course, by the port of effects on which they act."""
-    found = find_effects([COURSES])
-    return {hook: found[name] for hook, name in NAMES.items()}
+def time_function_effects() -> dict[str, FoundEffect]:
+    """The effects that are a given function of time, by the port of effects on which they act."""
+    found = find_effects([TIME_FUNCTION_FOLDER])
+    return {hook: found[name] for hook, name in EFFECT_BY_HOOK.items()}
 
 
-def grid_of(run: FitData, most: int = MOST_KNOTS - 1) -> Grid:
-    """Knots from the first to the last sample of a run, with `most` spacings at the most."""
+def knot_grid(run: FitData, max_spacings: int = KNOT_COUNT - 1) -> KnotGrid:
+    """Knots from the first to the last sample of a run."""
     first, last = float(run.time[0]), float(run.time[-1])
-    count = int(np.clip(round((last - first) / LEAST_SPACING), 4, min(most, MOST_KNOTS - 1)))
+    count = int(np.clip(round((last - first) / MIN_KNOT_SPACING), 4, min(max_spacings, KNOT_COUNT - 1)))
     spacing, bins = (last - first) / count, count * BINS_PER_KNOT
     knots = np.asarray(first + spacing * np.arange(count + 1), dtype=np.float64)
-    at = np.minimum(((run.time - first) / spacing * BINS_PER_KNOT).astype(np.int64), bins - 1)
-    return Grid(knots, spacing, at, bins)
+    bin_of = np.minimum(((run.time - first) / spacing * BINS_PER_KNOT).astype(np.int64), bins - 1)
+    return KnotGrid(knots, spacing, bin_of, bins)
 
 
-def binned(values: Matrix, run: FitData, grid: Grid) -> Matrix:
+def binned(values: Matrix, run: FitData, grid: KnotGrid) -> Matrix:
     """Weighted residuals (channels, samples) as sums over bins over the root of their count: (channels, bins).
 
     White noise of variance 1 keeps it.
@@ -80,125 +81,127 @@ def binned(values: Matrix, run: FitData, grid: Grid) -> Matrix:
     return np.array(rows)
 
 
-def marked(source: Input, knots: Vector) -> Input:
-    """The input with a row at every knot, so that no step of the solver passes over a hat."""
+def with_rows_at_knots(source: Input, knots: Vector) -> Input:
+    """The input with a row at every knot, so that no step of the solver passes over a hat function."""
     inside = knots[(knots > source.times[0]) & (knots < source.times[-1])]
     times = np.union1d(source.times, inside)
     held = np.searchsorted(source.times, times, side='right') - 1
     values = source.values[held].copy()
     for k in np.flatnonzero(source.linear):
         values[:, k] = np.interp(times, source.times, source.values[:, k])
-    values[:, -1] += MARK * (np.arange(len(times)) % 2)
+    values[:, -1] += AMBIENT_MARK * (np.arange(len(times)) % 2)
     return Input(times, values, source.linear)
 
 
-def ready(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Config, FitData, Nuisance]:
-    """The run with its start in the configuration and its commands where they were."""
+def initialized(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Config, FitData, Nuisance]:
+    """The configuration with the run's initial state, the run with its switching instants fixed, and its delay."""
     source = with_switches(run, nuisance.switches)
     initial_state = started(config, source, nuisance.start)
     none = np.zeros(0)
-    plain = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
-    return initial_state, plain, Nuisance(delay=nuisance.delay)
+    run = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
+    return initial_state, run, Nuisance(delay=nuisance.delay)
 
 
-def acting(port: Port, grid: Grid, course: Vector) -> ActiveEffect:
-    """The effect that acts at a port with values (knots,) at the knots."""
-    beyond = np.full(MOST_KNOTS - len(course), course[-1])
+def input_effect(port: Port, grid: KnotGrid, values: Vector) -> ActiveEffect:
+    """The effect that acts at a port with `values` (knots,) at the knots."""
+    beyond = np.full(KNOT_COUNT - len(values), values[-1])
     return ActiveEffect(
-        courses()[port.hook],
-        (float(grid.knots[0]), grid.spacing, float(port.component), *course.tolist(), *beyond.tolist()),
+        time_function_effects()[port.hook],
+        (float(grid.knots[0]), grid.spacing, float(port.component), *values.tolist(), *beyond.tolist()),
     )
 
 
 @dataclass(frozen=True)
-class Part:
-    """What of a run may feel a knock at some `knots`.
+class RunSegment:
+    """The part of a run that an input at some `knots` can affect.
 
-    `run` begins in the state that the model has there, `late` (samples,) tells which samples of the whole run it has, and
-    `base` (channels, those) are its weighted residuals without a knock.
+    `run` begins in the state that the model has there, `affected` (samples,) tells which samples of the whole run it has,
+    and `nominal` (channels, affected samples) are its weighted residuals without an input.
     """
 
     knots: tuple[int, ...]
     run: FitData
-    late: NDArray[np.bool_]
-    base: Matrix
+    affected: NDArray[np.bool_]
+    nominal: Matrix
 
 
-def parts_of(port: Port, config: Config, run: FitData, nuisance: Nuisance, grid: Grid) -> list[Part]:
-    """The parts of a (ready) run, each for a few knots; what lies before them is simulated once, not for every knot.
+def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, grid: KnotGrid) -> list[RunSegment]:
+    """The segments of an initialized run, each for a few knots; what precedes them is simulated once, not for every knot.
 
-    A course that is zero acts at the port, for its effect may have states.
+    An input of zero acts at the port, since its effect may have states.
     """
-    config = replace(config, effects=(*config.effects, acting(port, grid, np.zeros(len(grid.knots)))))
-    base, source = weighted_residuals(config, run, nuisance), run.source
-    found: list[Part] = []
-    at, state = float(source.times[0]), None
-    for first in range(0, len(grid.knots), KNOTS_AT_ONCE):
-        until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], at)][-1])
-        if until > at:
-            state = simulate(Model(config), between(source, at, until), np.zeros(0), initial_state=state).state
-            at = until
-        late = (run.time - nuisance.delay >= at) | (state is None)
+    config = replace(config, effects=(*config.effects, input_effect(port, grid, np.zeros(len(grid.knots)))))
+    nominal, source = weighted_residuals(config, run, nuisance), run.source
+    segments: list[RunSegment] = []
+    begin, state = float(source.times[0]), None
+    for first in range(0, len(grid.knots), KNOTS_PER_TASK):
+        until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], begin)][-1])
+        if until > begin:
+            state = simulate(Model(config), between(source, begin, until), np.zeros(0), initial_state=state).state
+            begin = until
+        affected = (run.time - nuisance.delay >= begin) | (state is None)
         later = replace(
-            run, time=run.time[late], measured=run.measured[:, late], weight=run.weight[:, late],
-            source=between(source, at, float(source.times[-1])), initial_state=state,
+            run, time=run.time[affected], measured=run.measured[:, affected], weight=run.weight[:, affected],
+            source=between(source, begin, float(source.times[-1])), initial_state=state,
         )  # fmt: skip
-        knots = tuple(range(first, min(first + KNOTS_AT_ONCE, len(grid.knots))))
-        found.append(Part(knots, later, late, base[:, late]))
-    return found
+        knots = tuple(range(first, min(first + KNOTS_PER_TASK, len(grid.knots))))
+        segments.append(RunSegment(knots, later, affected, nominal[:, affected]))
+    return segments
 
 
 @dataclass(frozen=True)
-class KnotResponses:
-    """A part of a run that is to be knocked through a port at each of its knots in turn; `whole`: all of that run."""
+class KnotResponseTask:
+    """A segment of a run, to be simulated with an input at each of its knots in turn; `whole`: all of that run."""
 
-    part: Part
+    segment: RunSegment
     whole: FitData
-    grid: Grid
-    parcel: PickledConfig
+    grid: KnotGrid
+    config: PickledConfig
     nuisance: Nuisance
     port: Port
 
 
-def knot_response(task: KnotResponses) -> NDArray[np.float32]:
+def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
     """Change of the binned residuals per probe, (knots, channels, bins); 0 where the model cannot be run."""
-    part, grid, config = task.part, task.grid, task.parcel.config
-    found = np.zeros((len(part.knots), len(task.whole.channels), grid.bins), dtype=np.float32)
-    for k, knot in enumerate(part.knots):
-        active = acting(task.port, grid, task.port.probe * (np.arange(len(grid.knots)) == knot))
+    segment, grid, config = task.segment, task.grid, task.config.config
+    responses = np.zeros((len(segment.knots), len(task.whole.channels), grid.bins), dtype=np.float32)
+    for k, knot in enumerate(segment.knots):
+        effect = input_effect(task.port, grid, task.port.probe * (np.arange(len(grid.knots)) == knot))
         try:
-            shown = weighted_residuals(replace(config, effects=(*config.effects, active)), part.run, task.nuisance)
+            residuals = weighted_residuals(replace(config, effects=(*config.effects, effect)), segment.run, task.nuisance)
         except SimulationError:
             continue
         change = np.zeros_like(task.whole.weight)
-        change[:, part.late] = shown - part.base
-        found[k] = binned(change, task.whole, grid)
-    return found
+        change[:, segment.affected] = residuals - segment.nominal
+        responses[k] = binned(change, task.whole, grid)
+    return responses
 
 
-def course_at(grid: Grid, values: Vector, time: Vector) -> Vector:
-    """The course through values (knots,) at times (k,) [s], as courses/course.py has it."""
+def interpolated(grid: KnotGrid, values: Vector, time: Vector) -> Vector:
+    """The function through values (knots,) at times (k,) [s], as time_functions/time_function.py has it."""
     at = np.clip((time - grid.knots[0]) / grid.spacing, 0.0, len(values) - 1.000001)
     k = at.astype(np.int64)
     part = np.sin(0.5 * np.pi * (at - k)) ** 2
-    found: Vector = values[k] * (1.0 - part) + values[k + 1] * part
-    return found
+    interpolation: Vector = values[k] * (1.0 - part) + values[k + 1] * part
+    return interpolation
 
 
-def sensed(port: Port, run: FitData, grid: Grid, delay: float) -> NDArray[np.float32]:
+def sensor_responses(port: Port, run: FitData, grid: KnotGrid, delay: float) -> NDArray[np.float32]:
     """Change of the binned residuals per probe by an offset of what a channel shows, (knots, channels, bins)."""
-    found = np.zeros((len(grid.knots), len(run.channels), grid.bins), dtype=np.float32)
+    responses = np.zeros((len(grid.knots), len(run.channels), grid.bins), dtype=np.float32)
     row = run.channels.index(CHANNELS[port.component])
-    shown = np.zeros_like(run.weight)
+    change = np.zeros_like(run.weight)
     for k, values in enumerate(port.probe * np.eye(len(grid.knots))):
-        shown[row] = course_at(grid, values, run.time - delay) * run.weight[row]
-        found[k] = binned(shown, run, grid)
-    return found
+        change[row] = interpolated(grid, values, run.time - delay) * run.weight[row]
+        responses[k] = binned(change, run, grid)
+    return responses
 
 
-def submitted(
-    port: Port, run: FitData, grid: Grid, config: Config, nuisance: Nuisance, pool: Executor
+def submit_responses(
+    port: Port, run: FitData, grid: KnotGrid, config: Config, nuisance: Nuisance, pool: Executor
 ) -> list[Future[NDArray[np.float32]]]:
-    """The work of one port on one (ready) run, dealt out."""
-    parts, parcel = parts_of(port, config, run, nuisance, grid), PickledConfig(config)
-    return [pool.submit(knot_response, KnotResponses(part, run, grid, parcel, nuisance, port)) for part in parts]
+    """Start the simulations of one port on one initialized run."""
+    segments, pickled = run_segments(port, config, run, nuisance, grid), PickledConfig(config)
+    return [
+        pool.submit(knot_responses, KnotResponseTask(segment, run, grid, pickled, nuisance, port)) for segment in segments
+    ]

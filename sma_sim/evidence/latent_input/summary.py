@@ -1,22 +1,22 @@
-"""What the search for a missing quantity found, in a few lines for people and as plain data for programs."""
+"""What the search for a missing input found, in a few lines for people and as plain data for programs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
-from sma_sim.evidence.latent_input.latent_search import Course, Finding, Latent
+from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, Latent
 
-HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evidence', 'depends on')
+RANKING_HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evidence', 'depends on')
 
 
-def sentences(found: Latent) -> Iterator[str]:
+def verdict_sentences(found: Latent) -> Iterator[str]:
     """The verdict."""
     if found.interrupted and not found.findings:
-        yield 'stopped early, before any port could be judged'
+        yield 'stopped early, before any port was evaluated'
         return
     if found.verdict == 'none':
-        yield 'none: no port shows structure beyond its band'
+        yield 'none: no port shows an input that leaves its band around zero'
     else:
         best = found.findings[0]
         what = ' and '.join(port.description for port in best.hypothesis.ports)
@@ -30,24 +30,24 @@ def sentences(found: Latent) -> Iterator[str]:
         yield 'stopped early'
 
 
-def rows(found: Latent) -> list[tuple[str, ...]]:
+def ranking_rows(found: Latent) -> list[tuple[str, ...]]:
     """A row per port, the best first."""
     return [
         (
-            one.name, f'{one.error:.2f}', f'{one.held_out:.2f}', f'{one.dof:.0f}', f'{removed(found, one):.3g}',
-            f'{one.evidence:.0f}', one.prior,
+            finding.name, f'{finding.error:.2f}', f'{finding.held_out:.2f}', f'{finding.dof:.0f}',
+            f'{removed_per_value(found, finding):.3g}', f'{finding.log_evidence:.0f}', finding.prior,
         )
-        for one in found.findings
+        for finding in found.findings
     ]  # fmt: skip
 
 
-def removed(found: Latent, one: Finding) -> float:
+def removed_per_value(found: Latent, finding: InputFinding) -> float:
     """Squared error over noise that it removes in gaps of the data, per effective value that was fitted."""
-    return (found.held_out**2 - one.held_out**2) / max(one.dof, 1.0)
+    return (found.held_out**2 - finding.held_out**2) / max(finding.dof, 1.0)
 
 
-def as_data(found: Latent) -> dict[str, Any]:
-    """All of it, JSON's types only; time courses in SI units."""
+def latent_data(found: Latent) -> dict[str, Any]:
+    """All of it, JSON's types only; inputs over time in SI units."""
     return {
         'verdict': found.verdict,
         'alike': dict(found.indistinguishable),
@@ -55,38 +55,38 @@ def as_data(found: Latent) -> dict[str, Any]:
         'error': found.error,
         'held_out': found.held_out,
         'p_value': found.p_value,
-        'noise_widened': found.widened,
+        'noise_widened': found.noise_inflation,
         'runs': list(found.runs),
-        'ports': [finding_data(found, one) for one in found.findings],
+        'ports': [finding_data(found, finding) for finding in found.findings],
         'interrupted': found.interrupted,
         'seconds': found.seconds,
     }
 
 
-def finding_data(found: Latent, one: Finding) -> dict[str, Any]:
+def finding_data(found: Latent, finding: InputFinding) -> dict[str, Any]:
     """One hypothesis."""
     return {
-        'name': one.name,
-        'ports': [port.name for port in one.hypothesis.ports],
-        'log_evidence': one.evidence,
-        'effective_values': one.dof,
-        'error': one.error,
-        'held_out': one.held_out,
-        'removed_per_value': removed(found, one),
-        'beyond_band': one.beyond,
-        'depends_on': one.prior,
-        'parameters': dict(one.parameters),
-        'courses': [course_data(course) for course in one.courses],
+        'name': finding.name,
+        'ports': [port.name for port in finding.hypothesis.ports],
+        'log_evidence': finding.log_evidence,
+        'effective_values': finding.dof,
+        'error': finding.error,
+        'held_out': finding.held_out,
+        'removed_per_value': removed_per_value(found, finding),
+        'beyond_band': finding.outside_band,
+        'depends_on': finding.prior,
+        'parameters': dict(finding.parameters),
+        'courses': [input_data(estimate) for estimate in finding.inputs],
     }
 
 
-def course_data(course: Course) -> dict[str, Any]:
-    """One time course."""
+def input_data(estimate: InputEstimate) -> dict[str, Any]:
+    """One input over time."""
     return {
-        'run': course.run,
-        'port': course.port.name,
-        'unit': course.port.unit,
-        'time_s': course.time.tolist(),
-        'mean': course.mean.tolist(),
-        'band_95': course.band.tolist(),
+        'run': estimate.run,
+        'port': estimate.port.name,
+        'unit': estimate.port.unit,
+        'time_s': estimate.time.tolist(),
+        'mean': estimate.mean.tolist(),
+        'band_95': estimate.band.tolist(),
     }

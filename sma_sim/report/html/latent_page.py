@@ -7,17 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.latent_input.latent_search import Finding, Latent
-from sma_sim.evidence.latent_input.summary import HEADER, rows, sentences
+from sma_sim.evidence.latent_input.results import InputFinding, Latent
+from sma_sim.evidence.latent_input.summary import RANKING_HEADER, ranking_rows, verdict_sentences
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import SHOWN, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
 
-ROW = 150  # height of one time course [px]
+ROW = 150  # height of one input over time [px]
 EXPLAINED = (
-    'error left: over noise, of all data; in gaps: of blocks of time that were left out in turn; values: how many numbers '
-    'the time course amounts to; removed per value: squared error over noise that it removes in gaps, per such number; '
+    'error left: over noise, of all data; in gaps: of blocks of time that were left out in turn; values: how many '
+    'numbers were estimated, effectively; removed per value: squared error over noise that it removes in gaps, per '
+    'such number; '
     'evidence: logarithm of the odds against nothing missing. Of the ports that leave nearly as little as any the '
     'most credible force, heat or power comes first'
 )
@@ -25,58 +26,58 @@ EXPLAINED = (
 
 def write_latent_page(path: Path, found: Latent, training: Campaign, held: Campaign | None) -> None:
     """The page. Raises UserError."""
-    sections = [verdict_section(found), courses_section(found), data_section(training, held)]
+    sections = [verdict_section(found), inputs_section(found), data_section(training, held)]
     write_page(path, f'Missing quantity: {found.verdict}', sections)
 
 
 def verdict_section(found: Latent) -> Section:
     """The verdict, and the error that each port leaves."""
-    first, *rest = sentences(found)
+    first, *rest = verdict_sentences(found)
     blocks: list[Block] = [Paragraph(first, 'lead')]
     if rest:
         blocks.append(Bullets([line.strip() for line in rest]))
     if found.findings:
         blocks += [Plot(error_figure(found), 'Error over noise that each port leaves; 1 is the noise.', 300),
-                   Table(HEADER, rows(found)), Paragraph(EXPLAINED, 'note')]  # fmt: skip
+                   Table(RANKING_HEADER, ranking_rows(found)), Paragraph(EXPLAINED, 'note')]  # fmt: skip
     return Section('What is missing', blocks)
 
 
 def error_figure(found: Latent) -> object:
     """Error over noise by port."""
     figure = new_figure()
-    names = ['nothing', *(one.name for one in found.findings)]
-    values = [found.error, *(one.error for one in found.findings)]
+    names = ['nothing', *(finding.name for finding in found.findings)]
+    values = [found.error, *(finding.error for finding in found.findings)]
     figure.add_bar(x=names, y=values, marker={'color': [GREY, *[SHOWN] * len(found.findings)]}, name='error over noise')
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'}, annotation_text='noise')
     figure.update_yaxes(title_text='error over noise')
     return figure
 
 
-def courses_section(found: Latent) -> Section:
-    """A tab per port with its time courses."""
-    tabs = [(one.name, [course_plot(one)]) for one in found.findings if one.courses]
+def inputs_section(found: Latent) -> Section:
+    """A tab per hypothesis with its inputs over time."""
+    tabs = [(finding.name, [input_plot(finding)]) for finding in found.findings if finding.inputs]
     words = 'What would have to act there for the model to meet the measurement, with its 95 % band (of noise, of what else '
     words += 'the model lacks, and of the choice of kinetics). Where zero lies within the band nothing is needed.'
     return Section('The missing quantity over time', [Paragraph(words), Tabs(tabs)] if tabs else [])
 
 
-def course_plot(one: Finding) -> Plot:
-    """The time courses of one hypothesis, a row for each run and port."""
-    figure = new_figure(len(one.courses), gap=0.2 / len(one.courses))
-    for row, course in enumerate(one.courses, start=1):
-        time = small(np.concatenate([course.time, course.time[::-1]]))
-        edge = small(np.concatenate([course.mean + course.band, (course.mean - course.band)[::-1]]))
+def input_plot(finding: InputFinding) -> Plot:
+    """The inputs of one hypothesis, a row for each run and port."""
+    figure = new_figure(len(finding.inputs), gap=0.2 / len(finding.inputs))
+    for row, estimate in enumerate(finding.inputs, start=1):
+        time = small(np.concatenate([estimate.time, estimate.time[::-1]]))
+        edge = small(np.concatenate([estimate.mean + estimate.band, (estimate.mean - estimate.band)[::-1]]))
         figure.add_scatter(
             x=time, y=edge, fill='toself', mode='lines', line={'width': 0}, fillcolor='rgba(0, 90, 181, 0.18)',
             name='95 %', legendgroup='band', showlegend=row == 1, hoverinfo='skip', row=row, col=1,
         )  # fmt: skip
         figure.add_scatter(
-            x=small(course.time), y=small(course.mean), mode='lines', line={'color': SHOWN, 'width': 1.5}, name='estimate',
-            legendgroup='mean', showlegend=row == 1, hovertemplate=f'%{{y:.3g}} {course.port.unit} at %{{x:.1f}} s',
-            row=row, col=1,
+            x=small(estimate.time), y=small(estimate.mean), mode='lines', line={'color': SHOWN, 'width': 1.5},
+            name='estimate', legendgroup='mean', showlegend=row == 1,
+            hovertemplate=f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s', row=row, col=1,
         )  # fmt: skip
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
-        figure.update_yaxes(title_text=f'{course.port.name}<br>{course.run} [{course.port.unit}]', row=row, col=1)
-    figure.update_xaxes(title_text='time [s]', row=len(one.courses), col=1)
-    words = ' and '.join(port.description for port in one.hypothesis.ports)
-    return Plot(figure, words, ROW * len(one.courses) + 90)
+        figure.update_yaxes(title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', row=row, col=1)
+    figure.update_xaxes(title_text='time [s]', row=len(finding.inputs), col=1)
+    words = ' and '.join(port.description for port in finding.hypothesis.ports)
+    return Plot(figure, words, ROW * len(finding.inputs) + 90)

@@ -1,16 +1,16 @@
-"""A force on the plate, or a moment, or the part of the beam's stiffness that is lost, with a given time course."""
+"""A force on the plate, a moment on it, or a loss of beam stiffness, as a given function of time."""
 
 from typing import Any
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.latent_input.time_functions.time_function import time_function, values
+from sma_sim.evidence.latent_input.time_functions.time_function import knot_parameters, time_function
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
 
 
 def force(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
-    """The course on one of the three coordinates, or along K q."""
+    """The force on one of the three coordinates, or along K q."""
     u = time_function(s.t, p)
     if p.wire == STIFFNESS:
         return u * b.k_x * s.U_x, u * (b.k_y * s.U_y - b.k_ya * s.alpha), u * (b.k_a * s.alpha - b.k_ya * s.U_y)
@@ -23,6 +23,6 @@ EFFECT = Effect(
     systems=('module',),
     equation='F = u(t) on one coordinate, or u(t) K q',
     source='a basis, not a law of nature',
-    parameters=values('N, N m, -'),
+    parameters=knot_parameters('N, N m, -'),
     kernel=force,
 )
