@@ -15,28 +15,31 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.locations import places_for
+from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.propose import propose
-from sma_sim.evidence.symbolic_regression.shape_grids import Scope, grid_of
+from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, shape_grid
 from sma_sim.evidence.symbolic_regression.stability import stabilities
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
-from sma_sim.evidence.symbolic_regression.universal_term import any_term
-from sma_sim.evidence.symbolic_regression.visited_states import Course, along, fields_of
+from sma_sim.evidence.symbolic_regression.universal_term import universal_term
+from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
 from sma_sim.model.config import read_config
 from sma_sim.solver.simulate import Model
 
 CHANNELS = ('U_x', 'U_y', 'alpha')
-PLACES = {place.name: place for place in places_for('module', CHANNELS)}
-SHAPES = {'place': 0.02, 'width': 0.03, 'waves': 80.0, 'phase': 0.5, 'instant': 9.0, 'pace': 4.0, 'peaks': 0.1, 'fixed': 1.5}
+LOCATIONS = {location.name: location for location in locations_for('module', CHANNELS)}
+SHAPES = {
+    'threshold': 0.02, 'width': 0.03, 'wavenumber': 80.0, 'phase': 0.5, 'instant': 9.0, 'time_constant': 4.0,
+    'frequency': 0.1, 'fixed': 1.5,
+}  # fmt: skip
 TIMES = np.linspace(0.0, 30.0, 121)
 
 
-def guess(place, term, amount):
+def fit_of(location, term, coefficient):
     """A term with some shapes; thresholds of temperature lie above the ambient one."""
-    chosen = next(one for one in PLACES[place].terms if one.name == term)
+    chosen = next(candidate for candidate in LOCATIONS[location].terms if candidate.name == term)
     shapes = tuple(SHAPES[s.grid] * (1.0 if s.of != 'T' else 400.0 if s.grid == 'width' else 16000.0) for s in chosen.shapes)
-    return TermFit(PLACES[place], chosen, shapes, amount, 0.0, tuple((0.5 * s, 2.0 * s) for s in shapes))
+    return TermFit(LOCATIONS[location], chosen, shapes, coefficient, 0.0, tuple((0.5 * s, 2.0 * s) for s in shapes))
 
 
 def shown(model):
@@ -46,7 +49,7 @@ def shown(model):
 
 
 @pytest.mark.parametrize(
-    ('place', 'term', 'amount'),
+    ('location', 'term', 'coefficient'),
     [
         ('moment_alpha', 'alpha_wave', 3e-3), ('moment_alpha', 'hinge_leaking', -5e-3), ('force_U_y', 'oscillation', 0.05),
         ('stiffness', 'slow_warmth', 3e-3), ('heat', 'dT_switched', -1e-3), ('heat_2', 'T_bump', 0.05),
@@ -54,39 +57,41 @@ def shown(model):
         ('stress_1', 'T_above', 1e5), ('sense_alpha', 'play', 1.0), ('sense_U_y', 'settling', 1e-4),
     ],
 )  # fmt: skip
-def test_a_formula_in_a_file_is_the_term_that_was_tried(place, term, amount):
-    """The compiled chooser and the file come from one text; they must do the same, and without an amount nothing."""
-    one = guess(place, term, amount)
-    formula, chooser = Formula((one,)), any_term(one.place.hook, bool(one.term.rate))
-    bare = config()
-    tried = with_effect(bare, chooser.found, chooser.values(one.place, one.term, amount, one.shapes))
+def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coefficient):
+    """The universal term and the file come from one text; they must do the same, and nothing with a coefficient of 0."""
+    fit = fit_of(location, term, coefficient)
+    formula, chooser = Formula((fit,)), universal_term(fit.location.hook, bool(fit.term.rate))
+    nominal = config()
+    compiled = with_effect(nominal, chooser.found, chooser.values(fit.location, fit.term, coefficient, fit.shapes))
     values = {p.name: p.default for p in formula.parameters}
-    written = with_effect(bare, formula.found(), values)
-    neutral = with_effect(bare, formula.found(), {**values, 'c': 0.0})
-    there = shown(tried)
-    assert np.abs(there - shown(bare)).max() > 1e-3
-    assert shown(written) == pytest.approx(there, abs=2e-3 * np.abs(there - shown(bare)).max() + 1e-6)
-    assert shown(neutral) == pytest.approx(shown(bare), abs=1e-4)
+    written = with_effect(nominal, formula.load(), values)
+    neutral = with_effect(nominal, formula.load(), {**values, 'c': 0.0})
+    there = shown(compiled)
+    assert np.abs(there - shown(nominal)).max() > 1e-3
+    assert shown(written) == pytest.approx(there, abs=2e-3 * np.abs(there - shown(nominal)).max() + 1e-6)
+    assert shown(neutral) == pytest.approx(shown(nominal), abs=1e-4)
 
 
 def test_every_term_makes_a_file_that_loads():
-    for place in places_for('module', (*CHANNELS, 'F_1')):
-        for term in place.terms:
-            one = TermFit(place, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes))
-            formula = Formula((one,))
-            effect = formula.found().effect
-            assert isinstance(effect, Effect) and effect.port == place.hook and effect.equation == formula.equation
+    for location in locations_for('module', (*CHANNELS, 'F_1')):
+        for term in location.terms:
+            fit = TermFit(
+                location, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes)
+            )
+            formula = Formula((fit,))
+            effect = formula.load().effect
+            assert isinstance(effect, Effect) and effect.port == location.hook and effect.equation == formula.equation
             strength, *shapes = effect.parameters
             assert strength.neutral == 0.0 and strength.default == -1.2e-3 and all(p.neutral is None for p in shapes)
             assert all(p.bounds[0] < p.default < p.bounds[1] and p.unit and 'unit' not in p.unit for p in effect.parameters)
 
 
 def test_a_formula_of_several_terms_keeps_their_names_apart():
-    terms = [guess('moment_alpha', name, 1e-3) for name in ('hinge_leaking', 'hinge_relaxing', 'alpha_well')]
-    effect = Formula(tuple(terms)).found().effect
+    terms = [fit_of('moment_alpha', name, 1e-3) for name in ('hinge_leaking', 'hinge_relaxing', 'alpha_well')]
+    effect = Formula(tuple(terms)).load().effect
     names = [p.name for p in effect.parameters]
     assert names[:3] == ['c_1', 'c_2', 'c_3'] and len(set(names)) == len(names) and effect.states == ('z_1', 'z_2')
-    assert np.isfinite(shown(with_effect(config(), Formula(tuple(terms)).found(), {}))).all()
+    assert np.isfinite(shown(with_effect(config(), Formula(tuple(terms)).load(), {}))).all()
 
 
 def test_units_of_coefficients():
@@ -97,15 +102,17 @@ def test_units_of_coefficients():
 
 def test_terms_along_a_run_are_those_of_the_simulator():
     """The state of a slow average, integrated at the samples, beside the exact answer to a step of temperature."""
-    term = next(one for one in PLACES['stress'].terms if one.name == 'slow_T')
+    term = next(term for term in LOCATIONS['stress'].terms if term.name == 'slow_T')
     time = np.linspace(0.0, 20.0, 201)
     hot = {'T_E_K': np.full(201, 298.0), 'alpha_rad': 0 * time, 'U_x_m': 0 * time, 'U_y_m': 0 * time, 'J_eq_W': 0 * time}
     hot |= {f'{kind}_{k}{unit}': np.full(201, value) for k in (1, 2)
             for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))}  # fmt: skip
-    fields = fields_of(time, hot, config().parameters, 0, 1)
-    from sma_sim.evidence.symbolic_regression.visited_states import Course
+    fields = kernel_fields(time, hot, config().parameters, 0)
+    from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
-    assert along(term, (4.0,), Course('run', 0, fields)) == pytest.approx(10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1)
+    assert term_values(term, (4.0,), VisitedStates('run', 0, fields)) == pytest.approx(
+        10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1
+    )
 
 
 def test_effects_on_the_structure_see_the_temperatures(tmp_path):
@@ -127,17 +134,17 @@ def ripple():
     case = make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0)
     training, held = hold_out_last(case.campaign, None)
     with ThreadPoolExecutor(2) as pool:
-        place = SearchContext(pool, Event(), lambda words: None)
+        context = SearchContext(pool, Event(), lambda words: None)
         request = DiagnosisRequest('mas')
-        bare = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), place)
-        return case, bare, propose([bare], place)
+        nominal = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), context)
+        return case, nominal, propose([nominal], context)
 
 
 def test_the_equation_of_a_hidden_effect_is_found(ripple):
-    case, bare, proposal = ripple
-    assert proposal is not None and bare.validated > 1.3
-    assert proposal.formula.place.name == 'moment_alpha' and proposal.formula.variables == ('alpha',)
-    assert proposal.fitted.validated < 1.15 < proposal.before
+    case, nominal, proposal = ripple
+    assert proposal is not None and nominal.validated > 1.3
+    assert proposal.formula.location.name == 'moment_alpha' and proposal.formula.variables == ('alpha',)
+    assert proposal.fitted.validated < 1.15 < proposal.error_before
     values = proposal.fitted.values_of(proposal.effect)
     true = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
     assert abs(values['c']) == pytest.approx(true['M_0'], rel=0.1)
@@ -146,12 +153,12 @@ def test_the_equation_of_a_hidden_effect_is_found(ripple):
 
 def test_the_choice_is_as_firm_as_the_data(ripple):
     """Of fits that leave the same none is firmer; one that leaves twice as much is never chosen."""
-    _, bare, proposal = ripple
-    assert sum(one.stability for one in proposal.judged) == pytest.approx(1.0)
+    _, nominal, proposal = ripple
+    assert sum(fit.stability for fit in proposal.ranking) == pytest.approx(1.0)
     assert proposal.by_variable['alpha'] > 0.9 and proposal.stability > 0.3
     with ThreadPoolExecutor(2) as pool:
-        assert stabilities([proposal.fitted, bare, proposal.fitted], pool) == pytest.approx([0.5, 0.0, 0.5])
-        assert stabilities([bare], pool) == pytest.approx([1.0])
+        assert stabilities([proposal.fitted, nominal, proposal.fitted], pool) == pytest.approx([0.5, 0.0, 0.5])
+        assert stabilities([nominal], pool) == pytest.approx([1.0])
 
 
 def test_the_proposal_as_a_file_runs(ripple, tmp_path):
@@ -167,27 +174,27 @@ def test_the_proposal_as_a_file_runs(ripple, tmp_path):
 
 def test_the_quantity_is_drawn_over_its_variable(ripple):
     _, _, proposal = ripple
-    portrait = proposal.portrait
-    assert (portrait.variable, portrait.variable_unit, portrait.unit) == ('alpha', 'rad', 'N m')
-    for trace in portrait.traces:
-        within = np.abs(trace.quantity - trace.formula) <= 3.0 * trace.error + 0.1 * np.abs(trace.formula).max()
+    plot = proposal.plot
+    assert (plot.variable, plot.variable_unit, plot.unit) == ('alpha', 'rad', 'N m')
+    for run in plot.runs:
+        within = np.abs(run.quantity - run.formula) <= 3.0 * run.std + 0.1 * np.abs(run.formula).max()
         assert within.mean() > 0.9
 
 
-def test_a_variable_that_stays_where_it_is_has_no_places_to_try():
+def test_a_constant_variable_has_no_thresholds():
     """The temperature of an isotherm, the power of a wire that nobody heats: no threshold can be found in them."""
     still, moving = np.full(50, 300.0), np.linspace(290.0, 340.0, 50)
-    step = next(one for one in PLACES['heat'].terms if one.shapes and {shape.of for shape in one.shapes} == {'T'})
+    step = next(term for term in LOCATIONS['heat'].terms if term.shapes and {shape.of for shape in term.shapes} == {'T'})
     for values, count in ((still, 0), (moving, 1)):
-        scope = Scope([Course('run', 0, {'T': values})], 10.0, ())
-        assert min(len(grid_of(step, scope)), 1) == count
+        ranges = VisitedRanges([VisitedStates('run', 0, {'T': values})], 10.0, ())
+        assert min(len(shape_grid(step, ranges)), 1) == count
 
 
 def test_effect_files_are_loaded_by_several_threads_at_once(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     with ThreadPoolExecutor(16) as pool:
-        for amount in (1e-4, 2e-4, 3e-4, 4e-4):
-            formula = Formula((guess('moment_alpha', PLACES['moment_alpha'].terms[1].name, amount),))
-            found = list(pool.map(lambda _, formula=formula: formula.found(), range(16)))
-            assert {one.effect.parameters[0].default for one in found} == {amount}
+        for coefficient in (1e-4, 2e-4, 3e-4, 4e-4):
+            formula = Formula((fit_of('moment_alpha', LOCATIONS['moment_alpha'].terms[1].name, coefficient),))
+            loaded = list(pool.map(lambda _, formula=formula: formula.load(), range(16)))
+            assert {found.effect.parameters[0].default for found in loaded} == {coefficient}
     assert not list(tmp_path.rglob('*.part'))

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
-from sma_sim.evidence.symbolic_regression.propose import Judged, Proposal
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.symbolic_regression.propose import FormulaFit, Proposal
 
 LITTLE = 0.005  # share of the halves that is not worth a word
 
@@ -21,9 +21,9 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
     formula = proposal.formula
     return {
         'effect': proposal.effect,
-        'port': formula.place.hook,
+        'port': formula.location.hook,
         'ports': list(proposal.ports),
-        'place': formula.place.name,
+        'place': formula.location.name,
         'formula': formula.equation,
         'term': [term.name for term in formula.terms],
         'variables': list(formula.variables),
@@ -33,9 +33,9 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'file': str(file) if file else None,
         'source': formula.with_values(values_of(diagnosis)).text(),
         'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
-        'cross_validated': {'before': finite(proposal.before), 'after': finite(proposal.fitted.validated)},
+        'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fitted.validated)},
         'alike': list(proposal.indistinguishable),
-        'ranking': [ranked(one) for one in proposal.judged],
+        'ranking': [ranked(fit) for fit in proposal.ranking],
     }
 
 
@@ -71,13 +71,13 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     return found
 
 
-def ranked(one: Judged) -> dict[str, Any]:
-    """A formula that was tried."""
-    fitted = one.tried.fitted.values_of(one.formula.name)
+def ranked(fit: FormulaFit) -> dict[str, Any]:
+    """A formula that was refitted."""
+    fitted = fit.candidate.fitted.values_of(fit.formula.name)
     return {
-        'effect': one.formula.name, 'port': one.formula.place.hook, 'formula': one.formula.equation,
-        'cross_validated_error': finite(one.error), 'parameters': fitted,
-        'variables': list(one.formula.variables), 'stability': finite(one.stability),
+        'effect': fit.formula.name, 'port': fit.formula.location.hook, 'formula': fit.formula.equation,
+        'cross_validated_error': finite(fit.error), 'parameters': fitted,
+        'variables': list(fit.formula.variables), 'stability': finite(fit.stability),
     }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""An equation for what no known effect explains: found, written as an effect, refitted, judged on runs left out."""
+"""An equation for what no known effect explains: found, written as an effect, refitted, cross-validated."""
 
 from __future__ import annotations
 
@@ -27,53 +27,64 @@ from sma_sim.evidence.model_selection.forward_selection import (
 from sma_sim.evidence.model_selection.refit import FitResult, refit
 from sma_sim.evidence.model_selection.score_tests import Screened
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit
+from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.partial_residuals import Portrait, portrait
-from sma_sim.evidence.symbolic_regression.search import search
-from sma_sim.evidence.symbolic_regression.stability import by_variable, stabilities
+from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot, partial_residual_plot
+from sma_sim.evidence.symbolic_regression.search import search_formulas
+from sma_sim.evidence.symbolic_regression.stability import stabilities, stability_by_variable
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-FINALISTS = 4  # formulas that are refitted through the simulator and cross-validated
-RATHER_GOOD = 1.5  # times the least error: formulas beyond it are not
-LEAST_FALL = 0.1  # part of the cross-validated error that a formula must take away to be proposed
-MATERIAL = ('wire_strain', 'transformation_stress')  # ports that are taken only where no load or heat explains as much
-JOIN = StopCriteria(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)
+MATERIAL_HOOKS = ('wire_strain', 'transformation_stress')  # taken only where no load or heat explains as much
+FORMULA_STOP_CRITERIA = StopCriteria(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)  # it starts at its optimum
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One formula after its refit: `error` on runs left out in turn, its parameters with standard errors (SI).
+class FormulaFit:
+    """One formula after its refit as an effect.
 
     `stability`: the share of random halves of the data in which it is the best of all that were refitted.
     """
 
     formula: Formula
-    tried: CandidateFit
+    candidate: CandidateFit
     stability: float = float('nan')
 
     @property
     def error(self) -> float:
         """Cross-validated error over noise."""
-        return prediction_error(self.tried.fitted)
+        return prediction_error(self.candidate.fitted)
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What is proposed: the best formula as an effect, the others that were tried (best first), which are as good.
+    """The best formula as an effect, and those that were refitted beside it.
 
-    `before`: the cross-validated error without it; `fitted`: the model with it; `indistinguishable`: names of
-    formulas that these data cannot tell from it; `portrait`: the quantity over its variable; `std`: standard errors by full
-    name (SI), with the model's priors.
+    Attributes
+    ----------
+    formula
+        What is proposed.
+    fitted
+        The model with it.
+    error_before
+        The cross-validated error over noise without it.
+    ranking
+        All formulas that were refitted, the best first.
+    indistinguishable
+        Names of formulas that these data cannot tell from it.
+    plot
+        The quantity over its variable.
+    std
+        Standard errors of the parameters by full name (SI), with the model's priors.
     """
 
     formula: Formula
     fitted: FitResult
-    before: float
-    judged: tuple[Judged, ...]
+    error_before: float
+    ranking: tuple[FormulaFit, ...]
     indistinguishable: tuple[str, ...]
-    portrait: Portrait
+    plot: PartialResidualPlot
     std: Mapping[str, float]
 
     @property
@@ -84,92 +95,112 @@ class Proposal:
     @property
     def ports(self) -> tuple[str, ...]:
         """The effects' port, once for every port on which the formula or one that is as good acts."""
-        others = [one.formula.place.hook for one in self.judged if one.formula.name in self.indistinguishable]
-        return tuple(dict.fromkeys([self.formula.place.hook, *others]))
+        others = [fit.formula.location.hook for fit in self.ranking if fit.formula.name in self.indistinguishable]
+        return tuple(dict.fromkeys([self.formula.location.hook, *others]))
 
     @property
     def stability(self) -> float:
         """The share of random halves of the data that choose this formula."""
-        return next(one.stability for one in self.judged if one.formula.name == self.formula.name)
+        return next(fit.stability for fit in self.ranking if fit.formula.name == self.formula.name)
 
     @property
     def by_variable(self) -> Mapping[str, float]:
         """The share of random halves of the data whose choice depends on each variable."""
-        return by_variable([one.formula.variables for one in self.judged], [one.stability for one in self.judged])
+        variables = [fit.formula.variables for fit in self.ranking]
+        return stability_by_variable(variables, [fit.stability for fit in self.ranking])
 
-    def write(self, folder: Path, values: dict[str, float], origin: str) -> Path:
+    def write(self, folder: Path, values: dict[str, float], source: str) -> Path:
         """Write the effect file with fitted values (by the short names) as defaults; returns its path."""
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f'{self.effect}.py'
-        text = self.formula.with_values(values).text(origin)
+        text = self.formula.with_values(values).text(source)
         write_whole(path, lambda file: file.write(text))
         return path
 
 
-def propose(bases: Sequence[FitResult], place: SearchContext) -> Proposal | None:
-    """An equation that explains what is left of the best of some fits; None where none does.
+def propose(bases: Sequence[FitResult], context: SearchContext) -> Proposal | None:
+    """Find an equation that explains what is left of the best of some fits.
 
-    `bases`: the bare model first, then those with known effects; later ones are tried where nothing helps the first.
+    Parameters
+    ----------
+    bases
+        Fits to the training runs: the nominal model first, then those with known effects. Later ones are used where no
+        formula helps the first.
+    context
+        Runs the simulations; its `seed` is that of the random halves of the data.
+
+    Returns
+    -------
+    Proposal or None
+        The formula as an effect, with the model refitted and the others that were considered; None where no formula removes
+        `TERM_SEARCH_CRITERIA.min_error_reduction` of the least cross-validated error, or the search was stopped.
     """
-    least = min(prediction_error(one) for one in bases)
+    least_error = min(prediction_error(base) for base in bases)
     for base in bases:
-        if place.stop.is_set():
+        if context.stop.is_set():
             break
-        found = proposed_for(base, least, place)
-        if found is not None:
-            return found
+        proposal = proposal_for(base, least_error, context)
+        if proposal is not None:
+            return proposal
     return None
 
 
-def proposed_for(base: FitResult, least: float, place: SearchContext) -> Proposal | None:
-    """The best formula on one model, if it takes enough of the least error so far."""
-    try:
-        grown = search(base, place)
-    except SimulationError:
+def proposal_for(base: FitResult, least_error: float, context: SearchContext) -> Proposal | None:
+    """The best formula on one model, if it removes enough of the least error so far."""
+    ranking = refitted_formulas(base, context)
+    if not ranking or ranking[0].error > (1.0 - TERM_SEARCH_CRITERIA.min_error_reduction) * least_error:
         return None
-    best = [one for one in grown if one.fitted.error <= RATHER_GOOD * grown[0].fitted.error][:FINALISTS]
-    judged = (
-        [one for one in run_in_threads([partial(judge, base, one, place) for one in best], place.stop) if one]
-        if best
-        else []
-    )
-    judged.sort(key=lambda one: one.error)
-    if not judged or judged[0].error > (1.0 - LEAST_FALL) * least:
-        return None
-    shares = stabilities([one.tried.fitted for one in judged], place.pool, place.seed)
-    judged = [replace(one, stability=float(share)) for one, share in zip(judged, shares, strict=True)]
-    close = [one for one in judged if one.error <= (1.0 + SAME) * judged[0].error]
-    chosen = min(close, key=lambda one: (len(one.formula.parameters), one.formula.place.hook in MATERIAL, one.error))
-    place.on_progress(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
-    fitted = better_kinetics(chosen.tried.fitted, place)
-    indistinguishable = tuple(one.formula.name for one in close if one is not chosen)
+    shares = stabilities([fit.candidate.fitted for fit in ranking], context.pool, context.seed)
+    ranking = [replace(fit, stability=float(share)) for fit, share in zip(ranking, shares, strict=True)]
+    close = [fit for fit in ranking if fit.error <= (1.0 + SAME) * ranking[0].error]
+    chosen = min(close, key=simplicity)
+    context.on_progress(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
+    fitted = better_kinetics(chosen.candidate.fitted, context)
     formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
     return Proposal(
-        formula, fitted, least, tuple(judged), indistinguishable, portrait(fitted, formula, place.pool), chosen.tried.std
-    )
+        formula, fitted, least_error, tuple(ranking), tuple(fit.formula.name for fit in close if fit is not chosen),
+        partial_residual_plot(fitted, formula, context.pool), chosen.candidate.std,
+    )  # fmt: skip
 
 
-def judge(base: FitResult, grown: AugmentedFit, place: SearchContext) -> Judged | None:
-    """A formula refitted as an effect of its own, and cross-validated."""
-    formula = Formula(grown.guesses)
-    found = formula.found()
-    problem, z = with_formula(base, grown, formula)
-    fitted = refit(problem, z, place.pool, place.stop, JOIN)
-    if fitted is None or place.stop.is_set():
+def simplicity(fit: FormulaFit) -> tuple[int, bool, float]:
+    """The order in which formulas that predict equally well are taken."""
+    return len(fit.formula.parameters), fit.formula.location.hook in MATERIAL_HOOKS, fit.error
+
+
+def refitted_formulas(base: FitResult, context: SearchContext) -> list[FormulaFit]:
+    """The best formulas of the search as effects, by their cross-validated error; none where no model can be run."""
+    try:
+        fits = search_formulas(base, context)
+    except SimulationError:
+        return []
+    criteria = TERM_SEARCH_CRITERIA
+    best = [fit for fit in fits if fit.fitted.error <= criteria.refit_error_ratio * fits[0].fitted.error]
+    jobs = [partial(fit_formula, base, fit, context) for fit in best[: criteria.max_refitted]]
+    refitted = [fit for fit in run_in_threads(jobs, context.stop) if fit] if jobs else []
+    return sorted(refitted, key=lambda fit: fit.error)
+
+
+def fit_formula(base: FitResult, fit: AugmentedFit, context: SearchContext) -> FormulaFit | None:
+    """A formula refitted as an effect of its own, and cross-validated; None where it cannot be run, or after Ctrl-C."""
+    formula = Formula(fit.terms)
+    effect = formula.load()
+    problem, z = problem_with_formula(base, fit, formula)
+    fitted = refit(problem, z, context.pool, context.stop, FORMULA_STOP_CRITERIA)
+    if fitted is None or context.stop.is_set():
         return None
-    return Judged(
-        formula, candidate_fit(base, Screened(Candidate(found, ()), base.cost - fitted.cost, {}, 1.0), fitted, place)
-    )
+    screened = Screened(Candidate(effect, ()), base.cost - fitted.cost, {}, 1.0)
+    return FormulaFit(formula, candidate_fit(base, screened, fitted, context))
 
 
-def with_formula(base: FitResult, grown: AugmentedFit, formula: Formula) -> tuple[Problem, Vector]:
+def problem_with_formula(base: FitResult, fit: AugmentedFit, formula: Formula) -> tuple[Problem, Vector]:
     """The problem with the formula's effect, at the fit that was found with the terms."""
     config = base.problem.config
     values = tuple(p.default for p in formula.parameters)
-    config = replace(config, effects=(*config.effects, ActiveEffect(formula.found(), values)))
+    config = replace(config, effects=(*config.effects, ActiveEffect(formula.load(), values)))
     declared = declared_parameters(config)
     names = [f'effects.{formula.name}.{p.name}' for p in formula.parameters]
-    new = [free_parameter(name, value, declared[name]) for name, value in zip(names, values, strict=True)]
-    n, more = len(base.problem.free), len(grown.fitted.problem.free)
-    z = np.concatenate([grown.fitted.z[:n], np.zeros(len(new)), grown.fitted.z[more:]])
-    return replace(base.problem, config=config, free=(*base.problem.free, *new)), z
+    free = [free_parameter(name, value, declared[name]) for name, value in zip(names, values, strict=True)]
+    n, with_terms = len(base.problem.free), len(fit.fitted.problem.free)
+    z = np.concatenate([fit.fitted.z[:n], np.zeros(len(free)), fit.fitted.z[with_terms:]])
+    return replace(base.problem, config=config, free=(*base.problem.free, *free)), z

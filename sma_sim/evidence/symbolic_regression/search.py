@@ -1,4 +1,4 @@
-"""The search for the equation of what is missing: try all terms, fit the best, try again where those fits lead."""
+"""The search for the equation of what is missing: regress all terms, fit the best, exchange terms where those fits lead."""
 
 from __future__ import annotations
 
@@ -12,88 +12,86 @@ from sma_sim.evidence.estimation.calibrate import run_in_threads
 from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.evidence.model_selection.refit import FitResult
 from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered
-from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, grow
-from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, everywhere
-
-FIRST, PER_PLACE = 9, 2  # terms that are fitted after the first look, and of one place
-AGAIN, SWAPPED = 2, 6  # fits from which it goes on, and terms that are tried in place of theirs
-CLOSE = 1.5  # times the least error: fits beyond it are not gone on from
-WELL = 1.03  # error over noise below which nothing is exchanged
-WARMER = 4.0  # times k at which terms are exchanged
-PAIRED = 3  # second terms that are tried
-ENOUGH = 1.1  # error over noise below which no second term is looked for
+from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, fit_with_terms
+from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
+from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, fit_all_terms
 
 
-def search(bare: FitResult, place: SearchContext) -> list[AugmentedFit]:
-    """Fits with an equation, the best first; `bare` is the fit without. Raises SimulationError."""
-    soft, k = tempered(bare, place.pool, place.stop)
-    place.on_progress('trying the terms of an equation at every port')
-    guesses = everywhere(LinearizedFit(soft.problem.weighted(1.0 / k), soft.z, place.pool))
-    found = fitted_with(soft, k, [(one,) for one in spread_out(guesses, FIRST)], place)
-    for again in leading(found):
-        if again.fitted.error > WELL and not place.stop.is_set():
-            found += exchanged(soft, again, place)
-    found.sort(key=lambda one: one.fitted.cost)
-    if found and found[0].fitted.error > ENOUGH and not place.stop.is_set():
-        found += paired(soft, found[0], place)
-        found.sort(key=lambda one: one.fitted.cost)
-    return found
+def search_formulas(nominal: FitResult, context: SearchContext) -> list[AugmentedFit]:
+    """Fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
+    criteria = TERM_SEARCH_CRITERIA
+    base, tempering = tempered(nominal, context.pool, context.stop)
+    context.on_progress('fitting the terms of an equation at every port')
+    terms = fit_all_terms(LinearizedFit(base.problem.weighted(1.0 / tempering), base.z, context.pool))
+    first = [(term,) for term in best_by_location(terms, criteria.max_first_terms)]
+    fits = fit_formulas(base, tempering, first, context)
+    for lead in leads(fits):
+        if lead.fitted.error > criteria.good_fit_error and not context.stop.is_set():
+            fits += with_exchanged_term(base, lead, context)
+    fits.sort(key=lambda fit: fit.fitted.cost)
+    if fits and fits[0].fitted.error > criteria.sufficient_error and not context.stop.is_set():
+        fits += with_second_term(base, fits[0], context)
+        fits.sort(key=lambda fit: fit.fitted.cost)
+    return fits
 
 
-def spread_out(guesses: Sequence[TermFit], most: int) -> list[TermFit]:
-    """The best, not too many of one place."""
+def best_by_location(terms: Sequence[TermFit], most: int) -> list[TermFit]:
+    """The best terms, not too many of one location."""
     chosen: list[TermFit] = []
-    for one in guesses:
-        if sum(other.place == one.place for other in chosen) < PER_PLACE:
-            chosen.append(one)
+    for term in terms:
+        if sum(other.location == term.location for other in chosen) < TERM_SEARCH_CRITERIA.max_per_location:
+            chosen.append(term)
     return chosen[:most]
 
 
-def fitted_with(
-    base: FitResult, k: float, formulas: Sequence[tuple[TermFit, ...]], place: SearchContext
+def fit_formulas(
+    base: FitResult, tempering: float, formulas: Sequence[tuple[TermFit, ...]], context: SearchContext
 ) -> list[AugmentedFit]:
-    """Fits with each of some formulas."""
+    """Fits with each of some formulas, at a factor on the noise variance."""
     if not formulas:
         return []
-    jobs = [partial(grow, base, k, guesses, place.pool, place.stop) for guesses in formulas]
-    return [one for one in run_in_threads(jobs, place.stop) if one is not None]
+    jobs = [partial(fit_with_terms, base, tempering, terms, context.pool, context.stop) for terms in formulas]
+    return [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
 
 
-def leading(found: Sequence[AugmentedFit]) -> list[AugmentedFit]:
-    """The best fits of different ports from which it goes on."""
+def leads(fits: Sequence[AugmentedFit]) -> list[AugmentedFit]:
+    """The best fits of different ports around which terms are exchanged."""
     chosen: list[AugmentedFit] = []
-    for one in sorted(found, key=lambda one: one.fitted.cost):
-        new = all(one.guesses[0].place.hook != other.guesses[0].place.hook for other in chosen)
-        if new and len(chosen) < AGAIN and one.fitted.error <= CLOSE * (chosen or [one])[0].fitted.error:
-            chosen.append(one)
+    for fit in sorted(fits, key=lambda fit: fit.fitted.cost):
+        new_port = all(fit.terms[0].location.hook != other.terms[0].location.hook for other in chosen)
+        limit = TERM_SEARCH_CRITERIA.lead_error_ratio * (chosen or [fit])[0].fitted.error
+        if new_port and len(chosen) < TERM_SEARCH_CRITERIA.max_leads and fit.fitted.error <= limit:
+            chosen.append(fit)
     return chosen
 
 
-def without_terms(soft: FitResult, grown: AugmentedFit) -> FitResult:
+def without_terms(base: FitResult, fit: AugmentedFit) -> FitResult:
     """The model without the terms, its parameters where the fit with them has left them."""
-    n, more = len(soft.problem.free), len(grown.fitted.problem.free)
-    return replace(soft, z=np.concatenate([grown.fitted.z[:n], grown.fitted.z[more:]]))
+    n, with_terms = len(base.problem.free), len(fit.fitted.problem.free)
+    return replace(base, z=np.concatenate([fit.fitted.z[:n], fit.fitted.z[with_terms:]]))
 
 
-def exchanged(soft: FitResult, grown: AugmentedFit, place: SearchContext) -> list[AugmentedFit]:
+def with_exchanged_term(base: FitResult, lead: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:
     """Fits with other terms of its port in place of those of a fit.
 
-    All terms are tried again on the model without any, but with the parameters that the fit has led to: they are nearer
+    All terms are regressed again on the model without any, but with the parameters that the fit has led to: they are nearer
     to the true ones than those of a fit without a term.
     """
-    place.on_progress(f'{grown.name}: error over noise {grown.fitted.error:.2f}; trying others in its place')
-    k = overdispersion(grown.fitted.problem, grown.fitted.z, place.pool)
-    base = without_terms(soft, grown)
-    bench = LinearizedFit(base.problem.weighted(1.0 / k), base.z, place.pool)
-    guesses = spread_out(everywhere(bench, (grown.guesses[0].place.hook,)), SWAPPED)
-    return fitted_with(base, WARMER * k, [(one,) for one in guesses], place)
+    context.on_progress(f'{lead.name}: error over noise {lead.fitted.error:.2f}; fitting other terms in its place')
+    tempering = overdispersion(lead.fitted.problem, lead.fitted.z, context.pool)
+    start = without_terms(base, lead)
+    linearized = LinearizedFit(start.problem.weighted(1.0 / tempering), start.z, context.pool)
+    terms = fit_all_terms(linearized, (lead.terms[0].location.hook,))
+    formulas = [(term,) for term in best_by_location(terms, TERM_SEARCH_CRITERIA.max_exchanged)]
+    return fit_formulas(start, TERM_SEARCH_CRITERIA.exchange_tempering * tempering, formulas, context)
 
 
-def paired(soft: FitResult, grown: AugmentedFit, place: SearchContext) -> list[AugmentedFit]:
-    """Fits with a second term at the same place, those that could add most to a fit."""
-    place.on_progress(f'{grown.name}: error over noise {grown.fitted.error:.2f}; trying second terms')
-    k = overdispersion(grown.fitted.problem, grown.fitted.z, place.pool)
-    bench = LinearizedFit(grown.fitted.problem.weighted(1.0 / k), grown.fitted.z, place.pool)
-    first = grown.guesses[0]
-    same = [one for one in everywhere(bench, (first.place.hook,)) if one.place == first.place][:PAIRED]
-    return fitted_with(without_terms(soft, grown), k, [(*grown.guesses, one) for one in same], place)
+def with_second_term(base: FitResult, best: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:
+    """Fits with a second term at the same location, those that could add most to a fit."""
+    context.on_progress(f'{best.name}: error over noise {best.fitted.error:.2f}; fitting second terms')
+    tempering = overdispersion(best.fitted.problem, best.fitted.z, context.pool)
+    linearized = LinearizedFit(best.fitted.problem.weighted(1.0 / tempering), best.fitted.z, context.pool)
+    location = best.terms[0].location
+    terms = [term for term in fit_all_terms(linearized, (location.hook,)) if term.location == location]
+    formulas = [(*best.terms, term) for term in terms[: TERM_SEARCH_CRITERIA.max_second_terms]]
+    return fit_formulas(without_terms(base, best), tempering, formulas, context)

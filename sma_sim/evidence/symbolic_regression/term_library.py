@@ -6,32 +6,34 @@ from functools import cache
 
 from sma_sim.evidence.symbolic_regression.terms import Shape, Term, times
 
-EDGE = 0.3  # [s] over which a switch in time is smoothed
+SWITCH_TIME = 0.3  # [s] over which a switch in time is smoothed: below it the solver only takes more steps
 MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
-# A hat in time: no term of a formula, but what shows the time course of a quantity.
-PULSE = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
-    Shape('t_0', 's', 'instant'), Shape('width', 's', 'pace')))  # fmt: skip
-FADING = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it fades with the distance')
-ONE = Term('constant', '1.0', '-', ('constant',))
+# A hat function of time: no term of a formula, but the basis of a partial-residual plot.
+HAT_FUNCTION = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
+    Shape('t_0', 's', 'instant'), Shape('width', 's', 'time_constant')))  # fmt: skip
+DECAY_POWER = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it decays with the distance')
+CONSTANT = Term('constant', '1.0', '-', ('constant',))
 
 
 def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '') -> list[Term]:
-    """Functions of one variable: powers, one-sided ramps, a step, a bump, wells that draw to one place, waves.
+    """Functions of one variable: powers, one-sided ramps, a step, a bump, wells that attract to one value, waves.
 
     `offset` is what powers leave out of the value (T_E of a temperature).
     """
     u = f'({value} - {offset})' if offset else value
-    size = u if offset else f'({u})'
-    at = Shape(f'{name}_0', unit, 'place', variable, description=f'{name} at which it begins, or its middle')
+    in_brackets = u if offset else f'({u})'
+    at = Shape(f'{name}_0', unit, 'threshold', variable, description=f'{name} at which it begins, or its middle')
     width = Shape('width', unit, 'width', variable, description='width')
-    waves = Shape('k', f'rad/({unit})' if unit != 'rad' else '-', 'waves', variable, description='2 pi over the period')
+    wavenumber = Shape(
+        'k', f'rad/({unit})' if unit != 'rad' else '-', 'wavenumber', variable, description='2 pi over the period'
+    )
     away = f'{value} - {{{at.name}}}'
     ratio = f'(({away}) / {{width}})'
     on = (variable,)
     return [
         Term(name, u, unit, on),
-        Term(f'{name}_abs', f'abs{size} * {u}', f'{unit}^2', on),
+        Term(f'{name}_abs', f'abs{in_brackets} * {u}', f'{unit}^2', on),
         Term(f'{name}_square', f'{u} ** 2', f'{unit}^2', on),
         Term(f'{name}_cube', f'{u} ** 3', f'{unit}^3', on),
         Term(f'{name}_above', f'max(0.0, {away})', unit, on, (at,)),
@@ -39,35 +41,35 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
         Term(f'{name}_step', f'0.5 * (1.0 + math.tanh{ratio})', '-', on, (at, width)),
         Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
-        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, FADING)),
+        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
         Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (
-            waves, Shape('phase', 'rad', 'phase', description='phase'))),
+            wavenumber, Shape('phase', 'rad', 'phase', description='phase'))),
     ]  # fmt: skip
 
 
 @cache
 def of_time() -> tuple[Term, ...]:
-    """Functions of time: drift, settling, a switch, the beginning of a drift, oscillation, a duty cycle."""
+    """Functions of time: drift, settling, a switch, the onset of a drift, oscillation, a duty cycle."""
     instant = Shape('t_0', 's', 'instant', description='instant, counted from the beginning of the run')
-    pace = Shape('tau', 's', 'pace', description='time constant')
-    pitch = Shape('f', 'Hz', 'peaks', description='frequency')
+    time_constant = Shape('tau', 's', 'time_constant', description='time constant')
+    frequency = Shape('f', 'Hz', 'frequency', description='frequency')
     phase = Shape('phase', 'rad', 'phase', description='phase at the beginning of the run')
-    turn = '2.0 * math.pi * {f} * s.t + {phase}'
+    angle = '2.0 * math.pi * {f} * s.t + {phase}'
     on = ('t',)
     return (
         Term('time', 's.t', 's', on),
-        Term('settling', '1.0 - math.exp(-s.t / {tau})', '-', on, (pace,)),
-        Term('switched', f'0.5 * (1.0 + math.tanh((s.t - {{t_0}}) / {EDGE}))', '-', on, (instant,)),
+        Term('settling', '1.0 - math.exp(-s.t / {tau})', '-', on, (time_constant,)),
+        Term('switched', f'0.5 * (1.0 + math.tanh((s.t - {{t_0}}) / {SWITCH_TIME}))', '-', on, (instant,)),
         Term('since', 'max(0.0, s.t - {t_0})', 's', on, (instant,)),
-        Term('oscillation', f'math.sin({turn})', '-', on, (pitch, phase)),
-        Term('duty', f'0.5 * (1.0 + math.tanh(6.0 * math.sin({turn})))', '-', on, (pitch, phase)),
+        Term('oscillation', f'math.sin({angle})', '-', on, (frequency, phase)),
+        Term('duty', f'0.5 * (1.0 + math.tanh(6.0 * math.sin({angle})))', '-', on, (frequency, phase)),
     )
 
 
-def filtered(name: str, value: str, unit: str, variables: tuple[str, ...], what: str, start: str = '0.0') -> Term:
-    """A term that reads ``m.z``, the slow first-order average of `value`."""
-    pace = Shape('tau', 's', 'pace', description='time constant')
-    return Term(name, what, unit, (*variables, 'memory'), (pace,), f'({value} - m.z) / {{tau}}', start, 10.0)
+def filtered(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str, start: str = '0.0') -> Term:
+    """A term `expression` that reads ``m.z``, the slow first-order average of `value`."""
+    time_constant = Shape('tau', 's', 'time_constant', description='time constant')
+    return Term(name, expression, unit, (*variables, 'memory'), (time_constant,), f'({value} - m.z) / {{tau}}', start, 10.0)
 
 
 @cache
@@ -76,14 +78,14 @@ def heat_terms() -> tuple[Term, ...]:
     above = Term('dT', 's.T - s.T_E', 'K', ('T',))
     fraction = Term('x', 's.x', '-', ('x',))
     return (
-        ONE,
+        CONSTANT,
         *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
         fraction,
         times(fraction, above),
         times(Term('speed', 'abs(s.deps)', '1/s', ('deps',)), above),
         Term('exchange', 's.T_other - s.T', 'K', ('T_other', 'T')),
         *of_time(),
-        *(times(above, one) for one in of_time()),
+        *(times(above, term) for term in of_time()),
         filtered('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
         filtered('slow_other', '(s.T_other - s.T_E)', 'K', ('T_other',), 'm.z'),
     )
@@ -94,24 +96,24 @@ def power_terms() -> tuple[Term, ...]:
     """Electrical heating: all in proportion to a power of the command of the wire."""
     command = Term('J', 's.J', 'W', ('J',))
     return (
-        *(one for one in of_variable('J', 's.J', 'W', 'J') if one.name in ('J', 'J_square', 'J_cube', 'J_above')),
+        *(term for term in of_variable('J', 's.J', 'W', 'J') if term.name in ('J', 'J_square', 'J_cube', 'J_above')),
         Term('J_bent', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (
             Shape('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
         times(command, Term('x', 's.x', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
-        *(times(command, one) for one in of_time()),
+        *(times(command, term) for term in of_time()),
         filtered('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
     )  # fmt: skip
 
 
 @cache
 def strain_terms() -> tuple[Term, ...]:
-    """Offsets of strain, or shifts of both transformation stresses: of temperature, time and what the wire went through."""
-    reach = Shape('z_0', '-', 'fixed', values=(1.0, 5.0), description='transformation after which 63 % of it is there')
-    hot = Shape('T_0', 'K', 'place', 'T', description='temperature at which it begins')
+    """Offsets of strain, or shifts of both transformation stresses: of temperature, time and the history of the wire."""
+    reach = Shape('z_0', '-', 'fixed', values=(1.0, 5.0), description='transformation after which 63 % of it is reached')
+    hot = Shape('T_0', 'K', 'threshold', 'T', description='temperature at which it begins')
     scale = Shape('T_w', 'K', 'fixed', values=(10.0, 25.0), description='temperature over which it grows e-fold')
     return (
-        ONE,
+        CONSTANT,
         *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
         *of_time(),
         Term('worked', 'm.z', '-', ('dx', 'memory'), (), 'abs(s.dx)'),
@@ -122,18 +124,20 @@ def strain_terms() -> tuple[Term, ...]:
     )
 
 
-def friction(name: str, rate: str, unit: str, variable: str, size: float) -> list[Term]:
-    """Dry friction, and hysteresis with an elastic beginning that may leak away at rest."""
-    speed = Shape('w', f'{unit}/s', 'fixed', values=(size, 10.0 * size), description='speed at which it is fully there')
-    reach = Shape('z_0', unit, 'fixed', values=(0.3 * size, size, 3.0 * size), description='way over which it builds up')
-    leak = Shape('tau', 's', 'pace', description='time in which it fades at rest')
+def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> list[Term]:
+    """Dry friction, and hysteresis that begins elastically and may relax at rest."""
+    speed = Shape('w', f'{unit}/s', 'fixed', values=(scale, 10.0 * scale), description='speed of full friction')
+    reach = Shape(
+        'z_0', unit, 'fixed', values=(0.3 * scale, scale, 3.0 * scale), description='travel over which it builds up'
+    )
+    leak = Shape('tau', 's', 'time_constant', description='time in which it decays at rest')
     on = (f'd{variable}', 'memory')
     return [
         Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
-        Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=size),
+        Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=scale),
         Term(f'{name}_leaking', 'm.z / {z_0}', '-', on, (reach, leak),
-             f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}', scale=size),
-        Term(f'{name}_relaxing', 'm.z', unit, on, (leak,), f'{rate} - m.z / {{tau}}', scale=10.0 * size),
+             f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}', scale=scale),
+        Term(f'{name}_relaxing', 'm.z', unit, on, (leak,), f'{rate} - m.z / {{tau}}', scale=10.0 * scale),
     ]  # fmt: skip
 
 
@@ -142,13 +146,13 @@ def moment_terms() -> tuple[Term, ...]:
     """A moment on the plate."""
     angle = Term('alpha', 's.alpha', 'rad', ('alpha',))
     return (
-        ONE,
+        CONSTANT,
         *of_variable('alpha', 's.alpha', 'rad', 'alpha'),
         *friction('hinge', 's.dalpha', 'rad', 'alpha', 1e-2),
         Term('warmth', MEAN_T, 'K', ('T',)),
         Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',)),
         *of_time(),
-        *(times(angle, one) for one in of_time()),
+        *(times(angle, term) for term in of_time()),
     )
 
 
@@ -156,7 +160,7 @@ def moment_terms() -> tuple[Term, ...]:
 def force_terms() -> tuple[Term, ...]:
     """A force on the plate along or across the beam."""
     return (
-        ONE,
+        CONSTANT,
         *of_variable('U_y', 's.U_y', 'm', 'U_y')[:6],
         *friction('slide', 's.dU_y', 'm', 'U_y', 3e-4),
         Term('warmth', MEAN_T, 'K', ('T',)),
@@ -180,11 +184,11 @@ def stiffness_terms() -> tuple[Term, ...]:
 def sensor_terms() -> tuple[Term, ...]:
     """An error of the shown value."""
     play = Shape('half', 'unit', 'width', 'value', description='half of the play')
-    pace = 's.dU_x if s.channel == 0.0 else s.dU_y if s.channel == 1.0 else s.dalpha'
-    ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, ({pace}) * m.z)))'
+    rate = 's.dU_x if s.channel == 0.0 else s.dU_y if s.channel == 1.0 else s.dalpha'
+    ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, ({rate}) * m.z)))'
     return (
-        ONE,
-        *(one for one in of_variable('value', 's.value', 'unit', 'value') if one.name in SENSOR_SHAPES),
+        CONSTANT,
+        *(term for term in of_variable('value', 's.value', 'unit', 'value') if term.name in SENSOR_SHAPES),
         *of_time(),
-        Term('play', '-m.z', 'unit', ('value', 'memory'), (play,), f'({pace}) * {ahead}', scale=0.1),
+        Term('play', '-m.z', 'unit', ('value', 'memory'), (play,), f'({rate}) * {ahead}', scale=0.1),
     )

@@ -1,23 +1,23 @@
 """What a term of an equation is: an expression of the states at a port, with a few shape parameters.
 
-One text serves twice: all terms of a port in one compiled kernel that tries them, and the effect file that is written in
-the end. In the texts ``{name}`` stands for a shape parameter and ``m.z`` for the extra state.
+One text serves twice: in a compiled kernel that can be any term of a port, and in the effect file that is written in the
+end. In the texts ``{name}`` stands for a shape parameter and ``m.z`` for the extra state.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-MOST_SHAPES = 3
+MAX_SHAPES = 3  # of one term: parameters of the compiled kernel are declared for so many
 
 
 @dataclass(frozen=True)
 class Shape:
     """A parameter inside a term: `grid` says how its values to try follow from the data.
 
-    place: over the range of the variable `of`; width: parts of that range; waves: whole and half waves within it [rad per
-    unit]; phase: a half turn (the sign of the coefficient does the rest); instant: over the run; pace: time constants up to
-    the run's length; peaks: the frequencies [Hz] that stand out of the residuals; fixed: `values` themselves.
+    threshold: over the range of the variable `of`; width: fractions of that range; wavenumber: whole and half waves within
+    it [rad per unit]; phase: a half turn (the sign of the coefficient does the rest); instant: over the run; time_constant:
+    up to the run's length; frequency: peaks of the residuals' spectrum [Hz]; fixed: `values` themselves.
     """
 
     name: str
@@ -44,21 +44,21 @@ class Term:
     start: str = '0.0'
     scale: float = 1.0
 
-    def text(self, what: str, **names: str) -> str:
+    def text(self, attribute: str, **names: str) -> str:
         """One of its expressions (`value`, `rate`, `start`) with the shape parameters as `names` say."""
-        expression: str = getattr(self, what)
+        expression: str = getattr(self, attribute)
         return expression.format(**names)
 
 
-def times(one: Term, other: Term) -> Term:
+def times(term: Term, other: Term) -> Term:
     """The product of a term and one without a state."""
     return replace(
-        one,
-        name=f'{one.name}_{other.name}',
-        value=f'{factor(one.value)} * {factor(other.value)}',
-        unit=product_unit(one.unit, other.unit),
-        variables=tuple(dict.fromkeys((*one.variables, *other.variables))),
-        shapes=(*one.shapes, *other.shapes),
+        term,
+        name=f'{term.name}_{other.name}',
+        value=f'{factor(term.value)} * {factor(other.value)}',
+        unit=product_unit(term.unit, other.unit),
+        variables=tuple(dict.fromkeys((*term.variables, *other.variables))),
+        shapes=(*term.shapes, *other.shapes),
     )
 
 
@@ -73,7 +73,7 @@ def factor(text: str) -> str:
 
 
 def product_unit(*units: str) -> str:
-    """Units next to each other; '-' is none."""
+    """Units next to each other; '-' is nterm."""
     return ' '.join(unit for unit in units if unit != '-') or '-'
 
 

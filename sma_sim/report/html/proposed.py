@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, ranked, stability_words
-from sma_sim.evidence.symbolic_regression.partial_residuals import Portrait
+from sma_sim.evidence.diagnosis.proposed_equation import coefficients, number, ranked, stability_words
+from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
 from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
@@ -15,7 +15,7 @@ from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 
 COLOURS = (BLUE, RED, GREY, '#7a5195')
 CAPTION = (
-    'The missing quantity in the training runs (points: the formula plus what the residuals still ask for, with two '
+    'The missing quantity in the training runs (points: the formula plus what the residuals still call for, with two '
     'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
 )
 OTHERS = 'Formulas that were refitted, best first. Chosen: share of random halves of the data in which each is the best.'
@@ -33,14 +33,14 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     ]  # fmt: skip
     others = [
         (one['formula'], f'{one["cross_validated_error"]:.3f}', f'{100 * one["stability"]:.0f} %', listed(one['parameters']))
-        for one in map(ranked, proposal.judged) if one['cross_validated_error'] is not None
+        for one in map(ranked, proposal.ranking) if one['cross_validated_error'] is not None
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
         Paragraph(f'{error_words(before, after)} {rival_words(proposal)}'),
         Paragraph(stability_words(proposal)),
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
-        Plot(portrait_figure(proposal.portrait), CAPTION, 380),
+        Plot(residual_figure(proposal.plot), CAPTION, 380),
         channel_plot(before, after),
         Table(('formula', 'cross-validated error', 'chosen', 'parameters'), others, OTHERS),
     ]  # fmt: skip
@@ -59,24 +59,24 @@ def rival_words(proposal: Proposal) -> str:
     return f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
 
 
-def portrait_figure(portrait: Portrait) -> object:
+def residual_figure(plot: PartialResidualPlot) -> object:
     """The quantity over its variable."""
     figure = new_figure()
-    for k, trace in enumerate(portrait.traces):
+    for k, run in enumerate(plot.runs):
         figure.add_scatter(
-            x=trace.x, y=trace.quantity, mode='markers', name=trace.label,
+            x=run.x, y=run.quantity, mode='markers', name=run.label,
             marker={'color': COLOURS[k % len(COLOURS)], 'size': 6},
-            error_y={'type': 'data', 'array': 2.0 * trace.error, 'thickness': 1, 'width': 0},
+            error_y={'type': 'data', 'array': 2.0 * run.std, 'thickness': 1, 'width': 0},
         )  # fmt: skip
-    if portrait.curve is not None:
-        x, y = portrait.curve
+    if plot.curve is not None:
+        x, y = plot.curve
         figure.add_scatter(x=x, y=y, mode='lines', name='formula', line={'color': ORANGE, 'width': 2})
-    for k, trace in enumerate(portrait.traces if portrait.curve is None else ()):
+    for k, run in enumerate(plot.runs if plot.curve is None else ()):
         figure.add_scatter(
-            x=trace.x, y=trace.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
+            x=run.x, y=run.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
             marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
         )  # fmt: skip
-    figure.update_xaxes(title_text=f'{portrait.variable} [{portrait.variable_unit}]')
-    figure.update_yaxes(title_text=f'{portrait.quantity} [{portrait.unit}]', title_standoff=14)
+    figure.update_xaxes(title_text=f'{plot.variable} [{plot.variable_unit}]')
+    figure.update_yaxes(title_text=f'{plot.quantity} [{plot.unit}]', title_standoff=14)
     figure.update_layout(margin={'l': 96})
     return figure
