@@ -1,4 +1,4 @@
-"""Which unknown input, acting where, would make a calibrated model reproduce the measurement (docs/latent.md)."""
+"""Which unknown input, acting where, would make a calibrated model reproduce the data (docs/explanation/latent.md)."""
 
 from __future__ import annotations
 
