@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
 from sma_sim.evidence.symbolic_regression.propose import FormulaFit, Proposal
 
 LITTLE = 0.005  # share of the halves that is not worth a word

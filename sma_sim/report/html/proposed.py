@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import coefficients, number, ranked, stability_words
+from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, ranked, stability_words
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
 from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
