@@ -7,6 +7,7 @@ from sma_sim import Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.structures.geometry import shape_of
+from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.module_figure import draw_module
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 from sma_sim.report.run_figure import draw_run
@@ -67,6 +68,31 @@ def test_nothing_is_drawn_over_anything(columns):
     boxes = [axis.get_window_extent() for axis in figure.axes]
     assert all(upper.y0 > lower.y1 for upper, lower in zip(boxes, boxes[1:], strict=False))
     assert all(axis.get_tightbbox().x0 >= 0.0 for axis in figure.axes)
+
+
+def labels_in_view(axis):
+    """The labels of the ticks within the limits, of each of the two axes."""
+    for one, (low, high) in ((axis.xaxis, sorted(axis.get_xlim())), (axis.yaxis, sorted(axis.get_ylim()))):
+        texts = [tick.label1.get_text() for tick in one.get_major_ticks() if low <= tick.get_loc() <= high]
+        yield [text for text in texts if text]
+
+
+def test_every_axis_has_two_labelled_ticks(columns):
+    halves = {name: column[: len(column) // 20] for name, column in columns.items()}
+    errors = [(1.05, 1.0), (1.6, 1.02), (7.5, 1.0), (40.0, 9.6, 1.0), (3000.0, 20.0, 1.0)]
+    reductions = [
+        draw_error_reduction(
+            [{'effects': ['gravity'] * (k > 0), 'train': e, 'held_out': 1.3 * e} for k, e in enumerate(part)]
+        )
+        for part in errors
+    ]
+    for figure in (draw_run(columns), draw_run(halves), draw_module(columns, [9.0], Model().compiled.beam), *reductions):
+        figure.draw_without_rendering()
+        for axis in figure.axes:
+            if axis.axison:
+                x, y = labels_in_view(axis)
+                assert len(y) >= 2, axis.get_ylabel()
+                assert len(x) >= 2 or axis.get_shared_x_axes().get_siblings(axis) != [axis], axis.get_ylabel()
 
 
 def test_bands_follow_the_modes():

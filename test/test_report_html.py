@@ -15,7 +15,7 @@ from measured_runs import truth, write_isotherm, write_module_runs
 from sma_sim import UserError
 from sma_sim.cli.main import main
 from sma_sim.report.html.figure_json import GAP, figure_json, packed_curve
-from sma_sim.report.html.figures import envelope, stretches
+from sma_sim.report.html.figures import envelope, log_axis, new_figure, stretches
 from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, write_page
 
 PATIENCE = 60.0  # [s]
@@ -92,6 +92,21 @@ def see_everything(driver):
             until(driver, look, f'the figure {name}')
 
 
+AXES = """
+return [...document.querySelectorAll('.plot')].filter(p => p._fullLayout).flatMap(p => {
+  const shown = e => getComputedStyle(e).display !== 'none' && e.style.opacity !== '0' && e.textContent !== '';
+  const isShown = ([name, a]) => /^[xy]axis[0-9]*$/.test(name) && a.visible && a.showticklabels;
+  const axes = Object.entries(p._fullLayout).filter(isShown);
+  return axes.map(([name, a]) => ({figure: p.id, axis: name, type: a.type, categories: (a._categories || []).length,
+    labels: [...p.querySelectorAll('.' + a._id + 'tick text')].filter(shown).map(e => e.textContent)}));
+})"""
+
+
+def poorly_labelled(driver):
+    """Axes of the figures in view with fewer than two labelled ticks; what has but one category needs no more."""
+    return [one for one in driver.execute_script(AXES) if len(one['labels']) < 2 and one['categories'] != 1]
+
+
 def complaints(driver):
     """What the browser's console says."""
     return [entry['message'] for entry in driver.get_log('browser') if entry['level'] in ('SEVERE', 'WARNING')]
@@ -112,6 +127,33 @@ def test_every_figure_is_drawn_without_an_error(desktop):
     empty = "p => p.querySelectorAll('.trace, .hm').length === 0"
     assert desktop.execute_script(f"return [...document.querySelectorAll('.plot')].filter({empty}).length") == 0
     assert complaints(desktop) == []
+
+
+def test_every_axis_has_two_labelled_ticks(desktop):
+    for k in range(desktop.execute_script(f'return Math.max(1, ...{TABS}.map(b => b.children.length))')):
+        desktop.execute_script(f'{TABS}.forEach(b => b.children[{k}]?.click())')
+        assert poorly_labelled(desktop) == []
+
+
+def test_logarithmic_axes_are_labelled_within_a_decade_and_over_many(tmp_path):
+    plots = []
+    for low, high in ((0.97, 1.04), (0.8, 2.0), (0.7, 6.9), (2.0, 9.0), (0.3, 70.0), (1e-6, 3e-4), (0.8, 4e4)):
+        figure = new_figure()
+        figure.add_scatter(x=[low, high], y=[low, high])
+        figure.update_xaxes(**log_axis(low, high))
+        figure.update_yaxes(**log_axis(low, high))
+        plots.append(Plot(figure, f'{low:g} to {high:g}', 300))
+    write_page(tmp_path / 'page.html', 'Axes', [Section('Axes', [Grid(plots)])])
+    driver = open_browser()
+    try:
+        driver.get((tmp_path / 'page.html').as_uri())
+        see_everything(driver)
+        assert driver.execute_script('return window.smaPage.drawn') == len(plots)
+        assert poorly_labelled(driver) == []
+        numbers = [[float(label) for label in one['labels']] for one in driver.execute_script(AXES)]
+        assert all(found == sorted(found) for found in numbers)  # whole numbers, not the digits between two decades
+    finally:
+        driver.quit()
 
 
 def runs_figure(driver):

@@ -11,7 +11,7 @@ from typing import Any
 
 from sma_sim.cli import challenge, compare, diagnose, fit
 from sma_sim.model.errors import UserError
-from sma_sim.report.error_reduction_figure import draw_fall
+from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.style import save
 
 DATA = Path(__file__).parent / 'tour_data'
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         code = perform(verb, words, out)
         if code != 0:
             return code
-    save(draw_fall(json.loads((out / 'verdict.json').read_text())['error']), out / FALL)
+    save(draw_error_reduction(json.loads((out / 'verdict.json').read_text())['error']), out / FALL)
     pages = ', '.join(sorted(path.name for path in out.glob('*.html')))
     print(f'\nThe end, after {time.monotonic() - begun:.0f} s. Look at {FALL} and {pages} in {out}; run the improved model:')
     print(f'$ sma_module_sim --ros-args --params-file {out / "better.yaml"}')

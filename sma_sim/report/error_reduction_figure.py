@@ -1,4 +1,4 @@
-"""How the error fell, as a picture: error over noise from the bare model through each added effect."""
+"""The reduction of the error as a picture: error over noise from the nominal model through each added effect."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from sma_sim.report.style import new_figure, plain
 TICKS = tuple(step * decade for decade in (1, 10, 100, 1000) for step in (1, 2, 5))
 
 
-def draw_fall(steps: Sequence[Mapping[str, Any]]) -> Figure:
+def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
     """`steps`: the `error` of a verdict (effects, model, train, held_out)."""
     figure = new_figure(6.4, 3.6)
     axis = figure.subplots()
     plain(axis)
-    places = np.arange(len(steps))
+    positions = np.arange(len(steps))
     for name, label, colour in (('train', 'fitted runs', BLUE), ('held_out', 'held-out runs', RED)):
         values = [np.nan if step[name] is None else float(step[name]) for step in steps]
-        axis.plot(places, values, 'o-', color=colour, label=label)
-        for place, value in zip(places, values, strict=True):
+        axis.plot(positions, values, 'o-', color=colour, label=label)
+        for position, value in zip(positions, values, strict=True):
             if name == 'held_out' and np.isfinite(value):
-                axis.annotate(f'{value:.2f}', (float(place), value), (8, 6), textcoords='offset points', color=colour)
+                axis.annotate(f'{value:.2f}', (float(position), value), (8, 6), textcoords='offset points', color=colour)
     axis.axhline(1.0, color=GREY, ls=':', label='noise')
     axis.set_yscale('log')
     axis.minorticks_off()
@@ -34,7 +34,7 @@ def draw_fall(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axis.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
     axis.set_ylim(0.85, 1.4 * largest)
     axis.set_xlim(-0.3, len(steps) - 0.5)
-    axis.set_xticks(places, [f'+ {step["effects"][-1]}' if step['effects'] else 'bare model' for step in steps])
+    axis.set_xticks(positions, [f'+ {step["effects"][-1]}' if step['effects'] else 'nominal model' for step in steps])
     axis.set_ylabel('error over noise')
     axis.legend(frameon=False)
     return figure

@@ -15,7 +15,7 @@ from sma_sim.evidence.residual_analysis.summary import summarise
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
-from sma_sim.report.html.figures import HELD_OUT, LOG, SHOWN, new_figure
+from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
@@ -67,7 +67,7 @@ def fall_figure(found: Diagnosis) -> object:
             )  # fmt: skip
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
     largest = max(value for step in found.steps for value in (step.train, step.held_out) if math.isfinite(value))
-    figure.update_yaxes(title_text='error over noise', **LOG, range=[-0.12, math.log10(1.5 * largest)])
+    figure.update_yaxes(title_text='error over noise', **log_axis(0.76, 1.3 * max(largest, 1.5) ** 1.1))
     figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ Vector = NDArray[np.float64]
 MEASURED, SHOWN = GREY, BLUE
 HELD_OUT = RED
 GRID = '#e5e8ec'
-LOG = {'type': 'log', 'nticks': 8, 'tickformat': '~r'}  # an axis with whole numbers at its ticks, also between decades
+NARROW, BROAD = 0.7, 3.0  # decades: below, ticks at equal steps; above, at the decades; between, at 1, 2 and 5 of each
 FONT = {'family': 'system-ui, -apple-system, Segoe UI, Roboto, sans-serif', 'size': 12, 'color': '#1f2328'}
 
 
@@ -33,6 +34,14 @@ def new_figure(rows: int = 1, heights: Sequence[float] | None = None, gap: float
     figure.update_xaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, ticks='outside', tickcolor=GREY)
     figure.update_yaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, title_standoff=6)
     return figure
+
+
+def log_axis(low: float, high: float) -> dict[str, Any]:
+    """A logarithmic axis from `low` to `high` (both above 0), labelled such that several ticks have their number."""
+    ends = [math.log10(low), math.log10(high)]
+    decades = ends[1] - ends[0]
+    ticks: dict[str, Any] = {'nticks': 6} if decades < NARROW else {'dtick': 'D2' if decades < BROAD else 1}
+    return {'type': 'log', 'range': ends, 'tickformat': '~g', **ticks}
 
 
 def small(values: Vector) -> NDArray[np.float32]:

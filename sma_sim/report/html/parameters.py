@@ -8,7 +8,7 @@ import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
-from sma_sim.report.html.figures import LOG, new_figure, small
+from sma_sim.report.html.figures import log_axis, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
@@ -66,7 +66,7 @@ def interval_figure(sure: Uncertainty, before: Mapping[str, float]) -> object:
         )  # fmt: skip
     figure.add_vline(x=1.0, line={'color': GREY, 'dash': 'dot'})
     reach = max((abs(np.log10(edge / before[one.name])) for one in told for edge in edges(one)), default=0.1)
-    figure.update_xaxes(title_text='over the value before', **LOG, range=[-1.1 * reach, 1.1 * reach])
+    figure.update_xaxes(title_text='over the value before', **log_axis(10.0 ** (-1.1 * reach), 10.0 ** (1.1 * reach)))
     figure.update_yaxes(automargin=True, categoryorder='array', categoryarray=[one.name for one in told], type='category')
     return figure
 

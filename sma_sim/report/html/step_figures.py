@@ -11,7 +11,7 @@ from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.evidence.model_selection.forward_selection import CandidateFit, SelectionStep
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.model.parameters import Parameter
-from sma_sim.report.html.figures import LOG, MEASURED, SHOWN, envelope, new_figure, small
+from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new_figure, small
 from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
@@ -82,8 +82,9 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
     }  # fmt: skip
     figure.add_scatter(x=[value], y=[0], mode='markers', name='fitted', marker={'color': BLUE, 'size': 11}, error_x=error)
     figure.update_xaxes(title_text=f'{parameter.name} [{parameter.unit}]', nticks=6)
-    if wide:
-        figure.update_xaxes(**LOG)
+    if real is not None and wide:
+        low, high = min(real[0], value), max(real[1], value)
+        figure.update_xaxes(**log_axis(low / 1.3, 1.3 * high))
     figure.update_yaxes(visible=False, range=[-1, 1], fixedrange=True)
     figure.update_layout(margin={'l': 24, 'r': 24, 't': 30, 'b': 44})
     interval = '' if math.isnan(std) else f' ({value - reach:.4g} to {value + reach:.4g})'
