@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from sma_sim import Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
-from sma_sim.evidence.data.rosbag.reader import BYTES, JOINT_STATE, NUMBER, NUMBERS, read_bag
+from sma_sim.evidence.data.rosbag.reader import FLOAT64, FLOAT64_ARRAY, JOINT_STATE, UINT8_ARRAY, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.evidence.data.tables import read_columns, write_columns
@@ -23,7 +23,7 @@ MILLISECOND = 10**6
 
 
 def number(value):
-    return bytes(typestore().serialize_cdr(typestore().types[NUMBER](data=value), NUMBER))
+    return bytes(typestore().serialize_cdr(typestore().types[FLOAT64](data=value), FLOAT64))
 
 
 def joint_state(nanoseconds, position, names=('U_x', 'U_y', 'alpha')):
@@ -35,10 +35,10 @@ def joint_state(nanoseconds, position, names=('U_x', 'U_y', 'alpha')):
     return bytes(typestore().serialize_cdr(message, JOINT_STATE))
 
 
-def pair(values, kind=NUMBERS):
+def pair(values, kind=FLOAT64_ARRAY):
     types = typestore().types
     layout = types['std_msgs/msg/MultiArrayLayout'](dim=[], data_offset=0)
-    dtype = np.uint8 if kind == BYTES else float
+    dtype = np.uint8 if kind == UINT8_ARRAY else float
     return bytes(typestore().serialize_cdr(types[kind](layout=layout, data=np.array(values, dtype=dtype)), kind))
 
 
@@ -62,7 +62,7 @@ def run():
 @pytest.mark.parametrize('limits', [{}, {'longest': 100 * MILLISECOND}, {'most_bytes': 5000}])
 def test_what_was_written_is_read_by_rosbags(tmp_path, limits):
     bag = BagWriter(tmp_path / 'bag', {'key': 'value'}, **limits)
-    bag.add('/J_eq', NUMBER)
+    bag.add('/J_eq', FLOAT64)
     for first in range(0, 1000, 50):
         fill(bag, 50, first)
         bag.flush()
@@ -70,7 +70,7 @@ def test_what_was_written_is_read_by_rosbags(tmp_path, limits):
     with Reader(tmp_path / 'bag') as reader:
         assert reader.message_count == 1000 and reader.duration == 999 * MILLISECOND + 1
         assert [t for _, t, _ in reader.messages()] == [k * MILLISECOND for k in range(1000)]
-        assert reader.topics['/J_eq'].msgtype == NUMBER
+        assert reader.topics['/J_eq'].msgtype == FLOAT64
     found = open_bag(tmp_path / 'bag')
     assert found.whole and found.about == {'key': 'value'} and data_of(found.messages()) == list(range(1000))
     files = len(list((tmp_path / 'bag').glob('*.mcap')))
@@ -90,7 +90,7 @@ def unfinished(tmp_path_factory):
     """The bytes of a bag whose writer never came to an end; 40 flushes of 25 messages."""
     path = tmp_path_factory.mktemp('unfinished') / 'bag'
     bag = BagWriter(path, {'epoch': '0'})
-    bag.add('/J_eq', NUMBER)
+    bag.add('/J_eq', FLOAT64)
     for first in range(0, 1000, 25):
         fill(bag, 25, first)
         bag.flush()
@@ -184,9 +184,9 @@ def test_a_robots_own_bag(tmp_path, storage, offset):
     generator = np.random.default_rng(1)
     with Writer(tmp_path / 'bag', version=9, storage_plugin=storage) as writer:
         joints = writer.add_connection('/arm/joint_states', JOINT_STATE, typestore=typestore())
-        forces = writer.add_connection('/arm/wire_forces', NUMBERS, typestore=typestore())
-        command = writer.add_connection('/arm/J_eq', NUMBER, typestore=typestore())
-        writer.add_connection('/arm/other', NUMBER, typestore=typestore())
+        forces = writer.add_connection('/arm/wire_forces', FLOAT64_ARRAY, typestore=typestore())
+        command = writer.add_connection('/arm/J_eq', FLOAT64, typestore=typestore())
+        writer.add_connection('/arm/other', FLOAT64, typestore=typestore())
         for k in range(200):
             stamp = 5 * 10**9 + k * 20 * MILLISECOND
             log = stamp + offset + int(generator.uniform(0.2, 1.5) * MILLISECOND)
@@ -209,7 +209,7 @@ def test_a_robots_own_bag(tmp_path, storage, offset):
 
 def test_a_killed_sqlite_recording_is_read_without_its_metadata(tmp_path):
     with Writer(tmp_path / 'bag', version=9) as writer:
-        command = writer.add_connection('/J_eq', NUMBER, typestore=typestore())
+        command = writer.add_connection('/J_eq', FLOAT64, typestore=typestore())
         for k in range(10):
             writer.write(command, k * MILLISECOND, number(float(k)))
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
@@ -220,7 +220,7 @@ def test_a_killed_sqlite_recording_is_read_without_its_metadata(tmp_path):
 def two_modules(path):
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for number_, name in enumerate(('left', 'right')):
-            command = writer.add_connection(f'/{name}/J_eq', NUMBER, typestore=typestore())
+            command = writer.add_connection(f'/{name}/J_eq', FLOAT64, typestore=typestore())
             for k in range(10):
                 writer.write(command, k * MILLISECOND, number(float(10 * number_ + k)))
 
@@ -244,10 +244,10 @@ WRONG = {
     'an empty folder': (lambda p: p.mkdir(), 'is not a bag'),
     'a text file': (lambda p: p.write_text('hello'), 'is not a bag'),
     'only metadata': (lambda p: (p.mkdir(), (p / 'metadata.yaml').write_text('{}')), 'no file'),
-    'no module': (lambda p: bag_with(p, '/chatter', NUMBER, number(1.0)), 'holds no module'),
+    'no module': (lambda p: bag_with(p, '/chatter', FLOAT64, number(1.0)), 'holds no module'),
     'no command': (lambda p: bag_with(p, '/joint_states', JOINT_STATE, joint_state(1, [1, 2, 3])), 'has no command'),
-    'wrong type': (lambda p: bag_with(p, '/J_eq', NUMBERS, pair([1, 2])), 'expected messages of std_msgs/msg/Float64'),
-    'short message': (lambda p: bag_with(p, '/J_eq', NUMBER, b'\0\1\0\0\0'), 'message of 5 bytes is not'),
+    'wrong type': (lambda p: bag_with(p, '/J_eq', FLOAT64_ARRAY, pair([1, 2])), 'expected messages of std_msgs/msg/Float64'),
+    'short message': (lambda p: bag_with(p, '/J_eq', FLOAT64, b'\0\1\0\0\0'), 'message of 5 bytes is not'),
 }
 
 

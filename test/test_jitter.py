@@ -7,7 +7,7 @@ import pytest
 from campaigns import command, config, recording
 
 from sma_sim import Model, Recording, simulate, wire_input
-from sma_sim.evidence.data.input_simplification import corners, straightened
+from sma_sim.evidence.data.input_simplification import corners, simplified_input
 from sma_sim.evidence.estimation.residuals import fit_data, predict
 
 NOISE = {'stress': 1e6}
@@ -34,26 +34,26 @@ def test_jitter_costs_no_stretches_and_changes_no_stress():
 
 
 def test_rows_that_switch_the_heating_stay():
-    assert 500.0 in straightened(wire_recording(1e-5), NOISE).times
+    assert 500.0 in simplified_input(wire_recording(1e-5), NOISE).times
 
 
 @pytest.mark.parametrize('noise', [1e6, 1e4])
 def test_what_is_left_out_is_within_the_noise_of_the_stress(noise):
     """A gauge that is far noisier than the load cell moves the stress, and is believed."""
     run = wire_recording(1e-4)
-    kept = straightened(run, {'stress': noise})
+    kept = simplified_input(run, {'stress': noise})
     apart = np.interp(run.source.times, kept.times, kept.values[:, 0]) - run.source.values[:, 0]
     assert np.abs(apart).max() <= 2.0 * noise / 6e10 * (1.0 + 1e-9)
 
 
 def test_a_strain_without_noise_keeps_its_corners():
-    kept = straightened(wire_recording(0.0), NOISE)
+    kept = simplified_input(wire_recording(0.0), NOISE)
     assert set(RAMP[0]) <= set(kept.times) and len(kept.times) < 10
 
 
 def test_a_module_keeps_its_commands():
     run = recording(config(), command(1))
-    assert straightened(run, {}) is run.source
+    assert simplified_input(run, {}) is run.source
 
 
 def test_a_polyline_passes_all_points_within_the_width():

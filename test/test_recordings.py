@@ -10,6 +10,7 @@ from made_recordings import RATE, cells_of, module_columns, text_of, write_recor
 
 from sma_sim.evidence.data.cleaning import outliers
 from sma_sim.evidence.data.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter
@@ -182,12 +183,12 @@ def test_a_folder_stands_for_its_recordings(tmp_path):
         write_recording(tmp_path / f'{name}.csv', module_columns())
     (tmp_path / 'commands.csv').write_text('time_s,J_eq_W\n0,1\n1,2\n')
     (tmp_path / 'readme.txt').write_text('no recording')
-    said = []
-    campaign = read_campaign([tmp_path, tmp_path / 'a.csv'], 'module', 298.0, told=said.append)
+    campaign = read_campaign([tmp_path, tmp_path / 'a.csv'], 'module', 298.0)
     assert [recording.name for recording in campaign.recordings] == ['a', 'b', 'c'] and campaign.system == 'module'
-    assert any('commands.csv: nothing measured in it' in note for note in said)
-    assert any('a.csv was given twice' in note for note in said)
-    assert sum(note.startswith('b: ') for note in said) == len(campaign.recordings[1].notes)
+    assert any('commands.csv: nothing measured in it' in note for note in campaign.notes)
+    assert any('a.csv was given twice' in note for note in campaign.notes)
+    said = grouped_notes([campaign])
+    assert all(any('b' in line and line.endswith(f': {note}') for line in said) for note in campaign.recordings[1].notes)
 
 
 def test_bags_of_a_folder(tmp_path):
@@ -203,10 +204,9 @@ def test_bags_of_a_folder(tmp_path):
         if message.log_time >= 7 * 10**9:
             break
     plain.flush()
-    said = []
-    campaign = read_campaign([tmp_path], 'module', 298.0, told=said.append)
+    campaign = read_campaign([tmp_path], 'module', 298.0)
     assert [recording.name for recording in campaign.recordings] == ['a', 'killed']
-    assert any(note.startswith('killed: the bag breaks off') for note in said)
+    assert any(note.startswith('killed: the bag breaks off') for note in grouped_notes([campaign]))
     assert campaign.recordings[0].time[-1] > 11.0 and 6.9 < campaign.recordings[1].time[-1] < 7.1
     for recording in campaign.recordings:
         assert recording.exact_commands and np.isfinite(recording.channels['alpha']).all()

@@ -9,7 +9,7 @@ from typing import Any
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.cli.common.recorded_parameters import recorded_parameters
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
-from sma_sim.evidence.data.rosbag.reader import ORDER, read_bag
+from sma_sim.evidence.data.rosbag.reader import COLUMN_ORDER, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import check_writable, read_columns, read_header, write_columns
 from sma_sim.model.errors import UserError
@@ -71,7 +71,7 @@ def convert_run(arguments: argparse.Namespace) -> int:
         write_columns(target, read_bag(source, arguments.namespace))
     elif target.suffix == '.mcap':
         header = read_header(source)
-        others = [name for name in ORDER if name in header and name not in ('time_s', 'J_eq_W', 'T_E_K')]
+        others = [name for name in COLUMN_ORDER if name in header and name not in ('time_s', 'J_eq_W', 'T_E_K')]
         write_mcap(target, read_columns(source, ('time_s', 'J_eq_W'), ('T_E_K',), others))
     else:
         raise UserError(f'{target}: expected a name that ends in .csv or .mcap')

@@ -18,7 +18,7 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_overriding_options, announce_compilation
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import Score, total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import Change, changes
@@ -111,7 +111,7 @@ def kinds(summary: Summary) -> list[tuple[str, list[Score]]]:
 def score_row(kind: str, one: Score) -> tuple[str, ...]:
     """One channel."""
     return (
-        one.channel, kind, shown(one.channel, one.rmse), f'{100.0 * one.share:.2f} %', f'{one.over_noise:.3f}',
+        one.channel, kind, in_display_unit(one.channel, one.rmse), f'{100.0 * one.share:.2f} %', f'{one.over_noise:.3f}',
         f'{one.whiteness.p:.2g}' if one.whiteness.p >= 1e-16 else '<1e-16',
     )  # fmt: skip
 

@@ -21,12 +21,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, Change
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
-from sma_sim.ros.messages import FREEZING, JOINTS, WIRES
+from sma_sim.ros.messages import JOINTS, WIRES
 from sma_sim.ros.publishers import LATEST
 
 Vector = NDArray[np.float64]
@@ -233,7 +234,7 @@ class Intake:
         if not math.isfinite(message.temperature):
             self.complain(f'temperatures of {WIRES[wire]} that are not finite', 'they are not compared')
             return
-        self._beside[1 + wire].append((nanoseconds(message.header.stamp), message.temperature + FREEZING))
+        self._beside[1 + wire].append((nanoseconds(message.header.stamp), message.temperature + ZERO_CELSIUS))
 
 
 def arrival_of(info: Mapping[str, Any]) -> int:

@@ -12,8 +12,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.ros.messages import FREEZING
 
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 
@@ -93,13 +93,13 @@ class Ambient:
     def accepted(self, message: Temperature) -> float | None:
         """The temperature [K] that a message tells, None for one out of range."""
         low, high = DEFAULTS['environment.T_E'].bounds
-        kelvin = float(message.temperature) + FREEZING
+        kelvin = float(message.temperature) + ZERO_CELSIUS
         if low <= kelvin <= high:
             return kelvin
         self.rejected += 1
         self._logger.warning(
-            f'ambient_temperature = {message.temperature} deg C refused: expected {low - FREEZING:g} to '
-            f'{high - FREEZING:g} deg C',
+            f'ambient_temperature = {message.temperature} deg C refused: expected {low - ZERO_CELSIUS:g} to '
+            f'{high - ZERO_CELSIUS:g} deg C',
             throttle_duration_sec=WARNING_PERIOD,
         )
         return None

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Y_POSE, Y_RATE, Y_SENSED, Y_TAU, Y_WIRE
 
 JOINTS = ('U_x', 'U_y', 'alpha')
 WIRES = ('wire_1', 'wire_2')
-FREEZING = 273.15  # 0 deg C [K]
 SENSED_FORCE, SENSED_TEMPERATURE = Y_SENSED + 3, Y_SENSED + 5
 
 
@@ -54,7 +54,7 @@ def wire_state(stamp: Time, row: NDArray[Any]) -> JointState:
 
 def temperature(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
     """Temperature of a wire (REP 103: in deg C)."""
-    return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - FREEZING)
+    return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - ZERO_CELSIUS)
 
 
 def layout(label: str, size: int = 2) -> MultiArrayLayout:

@@ -17,7 +17,7 @@ from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.recordings import read_campaign
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable, write_whole
-from sma_sim.evidence.data.train_test_split import files_held_out, split_campaign
+from sma_sim.evidence.data.train_test_split import held_out_files, split_campaign
 from sma_sim.evidence.estimation.executors import dask_executor, some_executor
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -79,7 +79,7 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, 
     """The recordings to fit and those held out; what was repaired is said on stderr. Raises UserError."""
     known = {path.resolve() for path in arguments.data}
     inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
-    further = [file for file in files_held_out(arguments.hold_out) if file.resolve() not in known | inside]
+    further = [file for file in held_out_files(arguments.hold_out) if file.resolve() not in known | inside]
     campaign = read_campaign(
         [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
         noise_from(arguments.noise), namespace=arguments.namespace,

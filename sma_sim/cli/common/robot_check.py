@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sma_sim.cli.common.units import FREEZING
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.config import Config
 from sma_sim.model.layout import O_EPS, O_SIGMA
 from sma_sim.solver.inputs import module_input
@@ -42,7 +42,7 @@ def when_heated(config: Config) -> str:
     angles = np.degrees(run['alpha_rad'])
     return (
         f'{words}the plate turns from {angles[0]:.3g} to {angles[np.argmax(np.abs(angles - angles[0]))]:.3g} deg, '
-        f'the wires reach {run["T_1_K"].max() - FREEZING:.0f} degC.'
+        f'the wires reach {run["T_1_K"].max() - ZERO_CELSIUS:.0f} degC.'
     )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.errors import UserError
 
-FREEZING = 273.15  # 0 deg C [K]
 PREFIXES = {'G': 1e9, 'M': 1e6, 'k': 1e3, '': 1.0, 'm': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'μ': 1e-6}
 SCALES: dict[str, dict[str, float]] = {
     'm': {f'{prefix}m': PREFIXES[prefix] for prefix in ('', 'm', 'u', 'µ', 'μ')} | {'cm': 1e-2},
@@ -41,11 +41,11 @@ def to_si(text: str, si: str, usual: str) -> float:
     if unit not in units_of(si):
         raise UserError(f'unit {unit!r} is not known here: expected {units or "a number without a unit"}')
     if unit in CELSIUS and si == 'K':
-        return float(number + Decimal(repr(FREEZING)))
+        return float(number + Decimal(repr(ZERO_CELSIUS)))
     return float(number * Decimal(repr(SCALES.get(si, {si: 1.0})[unit])))  # in decimals: 0.15 mm is 1.5e-4 m
 
 
 def in_unit(value: float, si: str, unit: str) -> str:
     """An SI value in another unit, for a person to read, such as `98 mm`."""
-    shown = value - FREEZING if unit in CELSIUS and si == 'K' else value / SCALES.get(si, {si: 1.0})[unit]
+    shown = value - ZERO_CELSIUS if unit in CELSIUS and si == 'K' else value / SCALES.get(si, {si: 1.0})[unit]
     return f'{shown:.10g} {unit}'.rstrip()

@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.cleaning import gap_notes, held, outliers, rate_note
+from sma_sim.evidence.data.cleaning import forward_filled, gap_notes, outliers, rate_note
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, INPUT_COLUMNS, NEEDED_COLUMNS, Recording, Vector
 from sma_sim.evidence.data.sessions import (
     Rows,
-    changes_of,
-    first_known,
+    command_changes,
+    first_finite,
     group_starts,
-    kept_rows,
     last_of_groups,
     ordered_sessions,
+    rows_with_changes,
 )
 from sma_sim.evidence.data.units import check_duration, check_unit, slow_sampling
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
-COMMAND = {'module': 'J_eq_W', 'wire': 'J_W'}
-INFINITE = 1e100  # no unit makes so much of anything
-EPOCH = 1e6  # [s] a first time beyond this is a date
-FEWEST = 2  # samples of a session
+COMMAND_COLUMN = {'module': 'J_eq_W', 'wire': 'J_W'}
+LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
+LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
+MIN_SESSION_SAMPLES = 2  # fewer span no time
 
 
 class NothingMeasuredError(UserError):
@@ -35,8 +35,8 @@ class NothingMeasuredError(UserError):
 
 
 @dataclass(frozen=True)
-class Place:
-    """Which file is read, as which system, and the ambient temperature [K] where the file does not tell.
+class SourceFile:
+    """Which file is read, as which system, and the ambient temperature [K] where it records none.
 
     `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag.
     """
@@ -48,53 +48,55 @@ class Place:
     namespace: str | None = None
 
 
-def recordings_of(place: Place, name: str, columns: dict[str, Vector], notes: list[str]) -> tuple[Recording, ...]:
+def recordings_from_columns(
+    file: SourceFile, name: str, columns: dict[str, Vector], notes: list[str]
+) -> tuple[Recording, ...]:
     """The sessions of a file, `columns` (k,) by the names of the file contract (emptied on the way). Raises UserError."""
-    check_needed(place, columns)
-    columns_at_known_times(place, columns, notes)
-    take_out_infinities(columns, notes)
-    sampled = sampled_rows(place.system, columns)
+    check_required_columns(file, columns)
+    drop_rows_without_time(file, columns, notes)
+    discard_infinities(columns, notes)
+    sampled = sampled_rows(file.system, columns)
     if not sampled.any():
-        measurable = ', '.join(CHANNEL_COLUMNS[channel] for channel in CHANNELS_OF[place.system])
-        raise NothingMeasuredError(f'{place.path}: nothing measured in it; expected some of the columns {measurable}')
-    sessions, more = ordered_sessions(place.path, columns['time_s'], sampled)
-    notes += more
-    found = [session for session in sessions if sampled[session].sum() >= FEWEST]
+        measurable = ', '.join(CHANNEL_COLUMNS[channel] for channel in CHANNELS_OF[file.system])
+        raise NothingMeasuredError(f'{file.path}: nothing measured in it; expected some of the columns {measurable}')
+    sessions, order_notes = ordered_sessions(file.path, columns['time_s'], sampled)
+    notes += order_notes
+    found = [session for session in sessions if sampled[session].sum() >= MIN_SESSION_SAMPLES]
     if len(found) < len(sessions):
-        notes.append(f'{len(sessions) - len(found)} sessions with fewer than {FEWEST} measured rows: dropped')
+        notes.append(f'{len(sessions) - len(found)} sessions with fewer than {MIN_SESSION_SAMPLES} measured rows: dropped')
     if not found:
-        raise UserError(f'{place.path}: expected at least {FEWEST} measured rows, got {int(sampled.sum())}')
+        raise UserError(f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows, got {int(sampled.sum())}')
     if len(found) == 1:
-        return (one_recording(place, name, taken(columns, found[0], last=True), notes),)
+        return (session_recording(file, name, selected_rows(columns, found[0], last=True), notes),)
     return tuple(
-        one_recording(place, f'{name}#{number}', taken(columns, session, number == len(found)), notes)
+        session_recording(file, f'{name}#{number}', selected_rows(columns, session, number == len(found)), notes)
         for number, session in enumerate(found, start=1)
     )
 
 
-def check_needed(place: Place, columns: Mapping[str, Vector]) -> None:
+def check_required_columns(file: SourceFile, columns: Mapping[str, Vector]) -> None:
     """Raise UserError where time or command is missing."""
-    missing = [name for name in NEEDED_COLUMNS[place.system] if name not in columns]
+    missing = [name for name in NEEDED_COLUMNS[file.system] if name not in columns]
     if missing:
-        raise UserError(f'{place.path} has no {", ".join(missing)}; expected the recording of a {place.system}')
+        raise UserError(f'{file.path} has no {", ".join(missing)}; expected the recording of a {file.system}')
 
 
-def columns_at_known_times(place: Place, columns: dict[str, Vector], notes: list[str]) -> None:
+def drop_rows_without_time(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> None:
     """Leave out the rows without a finite time."""
-    known = np.abs(columns['time_s']) < INFINITE
+    known = np.abs(columns['time_s']) < LARGEST_VALUE
     if known.all():
         return
     if not known.any():
-        raise UserError(f'{place.path}, column time_s: expected seconds, got no number')
+        raise UserError(f'{file.path}, column time_s: expected seconds, got no number')
     notes.append(f'{int((~known).sum())} rows without a time: dropped')
     for name in columns:
         columns[name] = columns[name][known]
 
 
-def take_out_infinities(columns: dict[str, Vector], notes: list[str]) -> None:
-    """NaN for what no sensor could mean, in place."""
+def discard_infinities(columns: dict[str, Vector], notes: list[str]) -> None:
+    """Replace infinite values by NaN, in place."""
     for name, values in columns.items():
-        infinite = np.abs(values) >= INFINITE
+        infinite = np.abs(values) >= LARGEST_VALUE
         if infinite.any():
             notes.append(f'{name}: {int(infinite.sum())} infinite values: taken as missing')
             values[infinite] = np.nan
@@ -109,80 +111,83 @@ def sampled_rows(system: str, columns: Mapping[str, Vector]) -> NDArray[np.bool_
     return sampled
 
 
-def taken(columns: dict[str, Vector], rows: Rows, last: bool) -> dict[str, Vector]:
-    """The rows of every column; the last taker empties `columns`, so that they are not in memory twice."""
+def selected_rows(columns: dict[str, Vector], rows: Rows, last: bool) -> dict[str, Vector]:
+    """The rows of every column; the `last` call empties `columns`, so that they are not in memory twice."""
     return {name: (columns.pop(name) if last else columns[name])[rows] for name in list(columns)}
 
 
-def one_recording(place: Place, name: str, columns: dict[str, Vector], notes: list[str]) -> Recording:
+def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], notes: list[str]) -> Recording:
     """One session, its times in order. Raises UserError."""
     notes = list(notes)
-    fill_inputs(place, columns, notes)
-    sampled = sampled_rows(place.system, columns)
-    command = columns[COMMAND[place.system]]
-    changes, told = changes_of(columns['time_s'], command, sampled)
-    exact = place.stamped or bool(told.all())
+    fill_inputs(file, columns, notes)
+    sampled = sampled_rows(file.system, columns)
+    command = columns[COMMAND_COLUMN[file.system]]
+    changes, is_exact = command_changes(columns['time_s'], command, sampled)
+    exact = file.stamped or bool(is_exact.all())
     if not exact:
-        notes.append(sampled_note(told))
+        notes.append(sampled_command_note(is_exact))
     merge_equal_times(columns, notes)
-    if len(columns['time_s']) < FEWEST:
+    if len(columns['time_s']) < MIN_SESSION_SAMPLES:
         only = columns['time_s'][0]
-        raise UserError(f'{place.path}, column time_s: expected times that increase, got {only:g} in every row')
-    check_duration(place.path, columns['time_s'])
-    if abs(columns['time_s'][0]) > EPOCH:
+        raise UserError(f'{file.path}, column time_s: expected times that increase, got {only:g} in every row')
+    check_duration(file.path, columns['time_s'])
+    if abs(columns['time_s'][0]) > LATEST_START:
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')
         changes = changes - columns['time_s'][0]
         columns['time_s'] = columns['time_s'] - columns['time_s'][0]
-    source = source_of(place, columns)
-    time, channels = measured(place, columns, notes)
-    if len(time) < FEWEST or not channels:
-        raise UserError(f'{place.path}: expected at least {FEWEST} measured rows after the first command, got {len(time)}')
-    if place.system == 'module':
+    source = input_from_columns(file, columns)
+    time, channels = measured_channels(file, columns, notes)
+    if len(time) < MIN_SESSION_SAMPLES or not channels:
+        raise UserError(
+            f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows after the first command, got {len(time)}'
+        )
+    if file.system == 'module':
         notes += slow_sampling(time)
-    known = () if exact else tuple(changes[told].tolist())
-    return Recording(name, place.system, time, channels, source, exact, tuple(notes), known)
+    known = () if exact else tuple(changes[is_exact].tolist())
+    return Recording(name, file.system, time, channels, source, exact, tuple(notes), known)
 
 
-def sampled_note(told: NDArray[np.bool_]) -> str:
-    """What is said of changes of the command, of which some (or none) tell when they were."""
-    if not told.any():
+def sampled_command_note(is_exact: NDArray[np.bool_]) -> str:
+    """The note on changes of the command (c,) of which not all have exact times."""
+    if not is_exact.any():
         return 'the command was sampled with the measurement: each change is uncertain within its interval'
-    return f'{int((~told).sum())} of {len(told)} changes of the command were only sampled: uncertain within their interval'
+    sampled = f'{int((~is_exact).sum())} of {len(is_exact)} changes of the command were only sampled'
+    return f'{sampled}: uncertain within their interval'
 
 
-def fill_inputs(place: Place, columns: dict[str, Vector], notes: list[str]) -> None:
-    """Inputs without gaps: held values hold, strain runs on between its rows, what is not recorded is said."""
+def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> None:
+    """Inputs without gaps: commands are held, strain is interpolated, and a note says what was not recorded."""
     rows = len(columns['time_s'])
-    if 'J_W' in INPUT_COLUMNS[place.system] and 'J_W' not in columns:
+    if 'J_W' in INPUT_COLUMNS[file.system] and 'J_W' not in columns:
         notes.append('J_W is not recorded: taken as 0')
         columns['J_W'] = np.zeros(rows)
     if 'T_E_K' not in columns or not np.isfinite(columns['T_E_K']).any():
-        notes.append(f'T_E_K is not recorded: taken as {place.T_E:g} K')
-        columns['T_E_K'] = np.full(rows, place.T_E)
+        notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
+        columns['T_E_K'] = np.full(rows, file.T_E)
     first = 0
-    for name in INPUT_COLUMNS[place.system][1:]:
+    for name in INPUT_COLUMNS[file.system][1:]:
         values = columns[name]
         how = 'interpolated' if name == 'strain' else 'the value before holds'
         empty = int(np.isnan(values).sum())
         if name in ('strain', 'T_E_K'):
-            take_out_spikes(name, columns['time_s'], values, how, notes)
-        columns[name], unknown = held(values)
+            discard_outliers(name, columns['time_s'], values, how, notes)
+        columns[name], unknown = forward_filled(values)
         if name == 'strain':
-            columns[name] = between(columns['time_s'], values)
+            columns[name] = interpolated(columns['time_s'], values)
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
         if empty > unknown:
             notes.append(f'{name}: {empty - unknown} rows without a value: {how}')
         first = max(first, unknown)
-    leave_out_start(place, columns, first, notes)
-    for name in INPUT_COLUMNS[place.system][1:]:
-        check_unit(place.path, name, columns[name])
+    drop_rows_before_input(file, columns, first, notes)
+    for name in INPUT_COLUMNS[file.system][1:]:
+        check_unit(file.path, name, columns[name])
     if 'J_W' in columns and (columns['J_W'] < 0.0).any():
         notes.append(f'J_W: slightly negative values, {columns["J_W"].min():.3g} W at the least: taken as 0')
         columns['J_W'] = np.maximum(columns['J_W'], 0.0)
 
 
-def take_out_spikes(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
+def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
     """NaN for outliers in the values (k,), changed in place."""
     wrong = outliers(time, values)
     if wrong.any():
@@ -190,7 +195,7 @@ def take_out_spikes(name: str, time: Vector, values: Vector, how: str, notes: li
         values[wrong] = np.nan
 
 
-def between(time: Vector, values: Vector) -> Vector:
+def interpolated(time: Vector, values: Vector) -> Vector:
     """Gaps (NaN) in values (k,) at time (k,) filled linearly, but not before the first."""
     known = np.isfinite(values)
     if known.all() or not known.any():
@@ -198,12 +203,12 @@ def between(time: Vector, values: Vector) -> Vector:
     return np.interp(time, time[known], values[known])
 
 
-def leave_out_start(place: Place, columns: dict[str, Vector], first: int, notes: list[str]) -> None:
-    """Without a command nobody knows what the robot was told: leave out the rows before the first."""
+def drop_rows_before_input(file: SourceFile, columns: dict[str, Vector], first: int, notes: list[str]) -> None:
+    """Leave out the `first` rows, in which an input is unknown, since no command was recorded yet."""
     if first == 0:
         return
     if first >= len(columns['time_s']) - 1:
-        raise UserError(f'{place.path}: expected a command before the last row, got {first} rows without one')
+        raise UserError(f'{file.path}: expected a command before the last row, got {first} rows without one')
     notes.append(f'{first} rows before the first command: left out')
     for name in columns:
         columns[name] = columns[name][first:]
@@ -214,31 +219,31 @@ def merge_equal_times(columns: dict[str, Vector], notes: list[str]) -> None:
     starts = group_starts(columns['time_s'])
     if starts is None:
         return
-    more = 0
+    repeated = 0
     for name, values in columns.items():
         if name in CHANNEL_COLUMNS.values():
-            columns[name], dropped = first_known(values, starts)
-            more = max(more, dropped)
+            columns[name], dropped = first_finite(values, starts)
+            repeated = max(repeated, dropped)
         else:
             columns[name] = last_of_groups(values, starts)
-    if more:
-        notes.append(f'{more} samples repeat the time of the one before: dropped')
+    if repeated:
+        notes.append(f'{repeated} samples repeat the time of the one before: dropped')
 
 
-def source_of(place: Place, columns: Mapping[str, Vector]) -> Input:
-    """The input: all rows where strain runs on, else those that tell when something changed."""
-    names = INPUT_COLUMNS[place.system][1:]
+def input_from_columns(file: SourceFile, columns: Mapping[str, Vector]) -> Input:
+    """The input: all rows of a wire, whose strain is linear between rows; of a module those at which something changed."""
+    names = INPUT_COLUMNS[file.system][1:]
     keep: NDArray[np.bool_] | slice = slice(None)
-    if place.system == 'module':
-        keep = kept_rows([columns[name] for name in names])
+    if file.system == 'module':
+        keep = rows_with_changes([columns[name] for name in names])
     values = np.column_stack([columns[name][keep] for name in names])
     return Input(columns['time_s'][keep], values, tuple(name == 'strain' for name in names))
 
 
-def measured(place: Place, columns: dict[str, Vector], notes: list[str]) -> tuple[Vector, dict[str, Vector]]:
+def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> tuple[Vector, dict[str, Vector]]:
     """Times and channels of the rows that hold a measurement, outliers taken out."""
-    names = {CHANNEL_COLUMNS[channel]: channel for channel in CHANNELS_OF[place.system]}
-    sampled = sampled_rows(place.system, columns)
+    names = {CHANNEL_COLUMNS[channel]: channel for channel in CHANNELS_OF[file.system]}
+    sampled = sampled_rows(file.system, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
     channels: dict[str, Vector] = {}
     for name, channel in names.items():
@@ -246,10 +251,10 @@ def measured(place: Place, columns: dict[str, Vector], notes: list[str]) -> tupl
         if not np.isfinite(values).any():
             continue
         channels[channel] = values = values[sampled] if not sampled.all() else values
-        take_out_spikes(name, time, values, 'taken as missing', notes)
-        check_unit(place.path, name, values)
+        discard_outliers(name, time, values, 'taken as missing', notes)
+        check_unit(file.path, name, values)
     notes += gap_notes(time, channels) + rate_note(time, channels)
-    missing = [channel for channel in CHANNELS_OF[place.system] if channel not in channels]
+    missing = [channel for channel in CHANNELS_OF[file.system] if channel not in channels]
     if missing:
         notes.append(f'not measured: {", ".join(missing)}')
     return time, channels

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-PIECE = 1 << 20  # characters
-LONGEST_LINE = 1_000_000  # characters
-GAPS = ('', 'nan')
+BLOCK_SIZE = 1 << 20  # characters of a file that are parsed at once: bounds the memory
+MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
+MISSING_CELLS = ('', 'nan')
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Where to look: `names` of the columns wanted, their `places` in a row of `width` cells.
+class CellLayout:
+    """Where to look: `names` of the columns to read, their `indices` in a row of `width` cells.
 
     Columns in `full` must hold finite numbers; others may have gaps. A `tolerant` reader leaves out a last line that is
     cut, and lets infinity pass: whoever asks for that looks at the numbers again.
@@ -29,22 +29,22 @@ class Layout:
 
     path: Path
     names: Sequence[str]
-    places: Sequence[int]
+    indices: Sequence[int]
     width: int
     full: Sequence[str] = ()
     tolerant: bool = False
 
 
-def read_cells(layout: Layout) -> tuple[dict[str, Vector], bool]:
+def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
     """The columns, (k,) each and NaN at gaps, and whether a cut last line was left out. Raises UserError."""
     path = layout.path
     try:
-        table = [np.empty(most_rows(path)) for _ in layout.names]
+        table = [np.empty(max_row_count(path)) for _ in layout.names]
         count, line, cut = 0, 2, False
-        for text, last in pieces(path):
+        for text, last in text_blocks(path):
             if last and layout.tolerant:
                 text, cut = without_cut_line(text, layout.width)
-            block = numbers(text, line, layout)
+            block = parsed_block(text, line, layout)
             for column, values in zip(table, block.T, strict=True):
                 column[count : count + len(block)] = values
             count, line = count + len(block), line + text.count('\n')
@@ -57,19 +57,19 @@ def read_cells(layout: Layout) -> tuple[dict[str, Vector], bool]:
     return {name: column[:count] for name, column in zip(layout.names, table, strict=True)}, cut
 
 
-def most_rows(path: Path) -> int:
+def max_row_count(path: Path) -> int:
     """At least as many as the file has rows; without decoding it."""
     feeds = returns = 1
     with path.open('rb') as file:
-        while piece := file.read(PIECE):
+        while piece := file.read(BLOCK_SIZE):
             feeds, returns = feeds + piece.count(b'\n'), returns + piece.count(b'\r')
     return max(feeds, returns)
 
 
-def pieces(path: Path) -> Iterator[tuple[str, bool]]:
-    """Whole lines after the header, some millions of characters at a time, and whether they are the last."""
+def text_blocks(path: Path) -> Iterator[tuple[str, bool]]:
+    """Whole lines after the header, about BLOCK_SIZE characters at a time, and whether they are the last."""
     with path.open(encoding='utf-8-sig') as file:
-        file.readline(LONGEST_LINE)
+        file.readline(MAX_LINE_LENGTH)
         text = read_lines(file, path)
         while text:
             following = read_lines(file, path)
@@ -79,10 +79,10 @@ def pieces(path: Path) -> Iterator[tuple[str, bool]]:
 
 def read_lines(file: io.TextIOWrapper, path: Path) -> str:
     """The next whole lines."""
-    text = file.read(PIECE)
-    rest = '' if text.endswith('\n') else file.readline(LONGEST_LINE)
-    if len(rest) == LONGEST_LINE:
-        raise UserError(f'{path} is not a CSV file: it has a line of more than {LONGEST_LINE} characters')
+    text = file.read(BLOCK_SIZE)
+    rest = '' if text.endswith('\n') else file.readline(MAX_LINE_LENGTH)
+    if len(rest) == MAX_LINE_LENGTH:
+        raise UserError(f'{path} is not a CSV file: it has a line of more than {MAX_LINE_LENGTH} characters')
     return text + rest
 
 
@@ -95,18 +95,18 @@ def without_cut_line(text: str, width: int) -> tuple[str, bool]:
     return text, False
 
 
-def numbers(text: str, line: int, layout: Layout) -> NDArray[np.float64]:
-    """The wanted cells (rows, columns) of whole lines, the first of which is `line` of the file. Raises UserError."""
+def parsed_block(text: str, line: int, layout: CellLayout) -> NDArray[np.float64]:
+    """The cells to read (rows, columns) of whole lines, the first of which is `line` of the file. Raises UserError."""
     if not text.strip():
         return np.empty((0, len(layout.names)))
-    block = numbers_at_once(text, layout)
+    block = parsed_at_once(text, layout)
     full = [k for k, name in enumerate(layout.names) if name in layout.full]
     if block is None or not np.isfinite(block[:, full]).all() or not layout.tolerant and np.isinf(block).any():
-        return numbers_by_cell(text, line, layout)
+        return parsed_by_cell(text, line, layout)
     return block
 
 
-def numbers_at_once(text: str, layout: Layout) -> NDArray[np.float64] | None:
+def parsed_at_once(text: str, layout: CellLayout) -> NDArray[np.float64] | None:
     """The fast way; None where a line does not look as it should."""
     while '\n\n' in text:
         text = text.replace('\n\n', '\n')
@@ -119,7 +119,7 @@ def numbers_at_once(text: str, layout: Layout) -> NDArray[np.float64] | None:
         text = 'nan' + text
     try:
         block: NDArray[np.float64] = np.loadtxt(
-            io.StringIO(text), delimiter=',', usecols=layout.places, ndmin=2, comments=None
+            io.StringIO(text), delimiter=',', usecols=layout.indices, ndmin=2, comments=None
         )
     except ValueError:
         return None
@@ -133,8 +133,8 @@ def has_width(text: str, width: int) -> bool:
     return bool((np.diff(commas, prepend=0) == width - 1).all())
 
 
-def numbers_by_cell(text: str, line: int, layout: Layout) -> NDArray[np.float64]:
-    """The slow way, which knows what to say of a wrong cell. Raises UserError."""
+def parsed_by_cell(text: str, line: int, layout: CellLayout) -> NDArray[np.float64]:
+    """The slow way, which names the cell that is wrong. Raises UserError."""
     rows = []
     for number, row in enumerate(csv.reader(text.split('\n')), start=line):
         if len(row) <= 1 and not ''.join(row).strip():
@@ -145,16 +145,16 @@ def numbers_by_cell(text: str, line: int, layout: Layout) -> NDArray[np.float64]
                 f'(decimals need points, not commas)'
             )
         rows.append([
-            cell_number(row, place, name, number, layout)
-            for name, place in zip(layout.names, layout.places, strict=True)
+            cell_number(row, index, name, number, layout)
+            for name, index in zip(layout.names, layout.indices, strict=True)
         ])  # fmt: skip
     return np.array(rows, float).reshape(-1, len(layout.names))
 
 
-def cell_number(row: Sequence[str], place: int, name: str, number: int, layout: Layout) -> float:
+def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: CellLayout) -> float:
     """The number in one cell, NaN at a gap. Raises UserError."""
-    cell = row[place].strip() if place < len(row) else ''
-    if place < len(row) and name not in layout.full and cell.lower() in GAPS:
+    cell = row[index].strip() if index < len(row) else ''
+    if index < len(row) and name not in layout.full and cell.lower() in MISSING_CELLS:
         return float('nan')
     try:
         value = float('x' if '_' in cell else cell)

@@ -1,4 +1,4 @@
-"""What is missing or wrong in the columns of one session: gaps, outliers, held inputs; each repair is said."""
+"""What is missing or wrong in the columns of one session: gaps, outliers, held inputs; each repair makes a note."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sma_sim.evidence.data.noise import Vector, estimate_noise
 from sma_sim.evidence.data.sessions import are_regular
 
 Mask = NDArray[np.bool_]
-SIDE = 4  # neighbours on either side
-SPREADS = 6.0  # an outlier is farther from its neighbours than so many times their own range
-NOISES = 10.0  # and than so many standard deviations of the noise
-SHARE = 0.01  # and than this part of what the channel spans
-PASSES = 3
-AT_ONCE = 1 << 16  # rows
+NEIGHBOURS_PER_SIDE = 4  # enough that two adjacent outliers do not hide each other
+OUTLIER_RANGES = 6.0  # an outlier is farther from its neighbours than so many times their own range
+OUTLIER_NOISE_STDS = 10.0  # ... and farther than so many standard deviations of the noise
+OUTLIER_SPAN_FRACTION = 0.01  # ... and farther than this part of what the channel spans
+MAX_PASSES = 3  # an outlier may hide another one until it is taken out
+ROWS_PER_BLOCK = 1 << 16  # bounds the memory for the neighbours of each row
 
 
 def outliers(time: Vector, values: Vector) -> Mask:
@@ -28,14 +28,14 @@ def outliers(time: Vector, values: Vector) -> Mask:
     """
     wrong = np.zeros(len(values), dtype=bool)
     known = np.flatnonzero(np.isfinite(values))
-    if len(known) < 5 * SIDE:
+    if len(known) < 5 * NEIGHBOURS_PER_SIDE:
         return wrong
     noise = estimate_noise(time, values)
     low, high = np.percentile(values[known], [1.0, 99.0])
-    floor = max(NOISES * noise.std if noise else 0.0, SHARE * float(high - low))
+    floor = max(OUTLIER_NOISE_STDS * noise.std if noise else 0.0, OUTLIER_SPAN_FRACTION * float(high - low))
     if noise:
         floor = max(floor, 2.0 * noise.step)
-    for _ in range(PASSES):
+    for _ in range(MAX_PASSES):
         found = known[spikes(values[known], floor)]
         if len(found) == 0:
             break
@@ -46,23 +46,23 @@ def outliers(time: Vector, values: Vector) -> Mask:
 
 def spikes(values: Vector, floor: float) -> Mask:
     """Which of the values (k,) stand out of their neighbours by more than `floor` and six times their range."""
-    count, width = len(values), 2 * SIDE + 1
+    count, width = len(values), 2 * NEIGHBOURS_PER_SIDE + 1
     found = np.zeros(count, dtype=bool)
     if count < width:
         return found
-    for start in range(0, count, AT_ONCE):
-        rows = np.arange(start, min(start + AT_ONCE, count))
-        first = np.clip(rows - SIDE, 0, count - width)
+    for start in range(0, count, ROWS_PER_BLOCK):
+        rows = np.arange(start, min(start + ROWS_PER_BLOCK, count))
+        first = np.clip(rows - NEIGHBOURS_PER_SIDE, 0, count - width)
         index = first[:, None] + np.arange(width - 1)
         index += index >= rows[:, None]  # all but the row itself
         around = np.sort(values[index], axis=1)
         low, high = around[:, 1], around[:, -2]
         beyond = np.maximum(values[rows] - high, low - values[rows])
-        found[rows] = beyond > np.maximum(SPREADS * (high - low), floor)
+        found[rows] = beyond > np.maximum(OUTLIER_RANGES * (high - low), floor)
     return found
 
 
-def held(values: Vector) -> tuple[Vector, int]:
+def forward_filled(values: Vector) -> tuple[Vector, int]:
     """Gaps (NaN) filled with the value before, and how many rows before the first value are left."""
     known = np.isfinite(values)
     if known.all():
@@ -76,7 +76,7 @@ def gap_notes(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
     """Samples that are missing in each channel's own grid; channels with the same gaps share a note."""
     same: dict[tuple[int, int, float, float], list[str]] = {}
     for name, values in channels.items():
-        times = known_times(time, values)
+        times = times_with_values(time, values)
         steps = np.diff(times)
         usual = float(np.median(steps)) if len(steps) else 0.0
         at = np.flatnonzero(steps > 1.5 * usual)
@@ -92,7 +92,7 @@ def gap_notes(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
     ]
 
 
-def known_times(time: Vector, values: Vector) -> Vector:
+def times_with_values(time: Vector, values: Vector) -> Vector:
     """The times at which there is a value."""
     known = np.isfinite(values)
     return time if known.all() else time[known]
@@ -102,7 +102,7 @@ def rate_note(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
     """One note where channels have different rates."""
     rates: dict[str, float] = {}
     for name, values in channels.items():
-        times = known_times(time, values)
+        times = times_with_values(time, values)
         if len(times) > 2:
             rates[name] = 1.0 / float(np.median(np.diff(times)))
     if not rates or max(rates.values()) < 1.1 * min(rates.values()):

@@ -14,7 +14,7 @@ import yaml
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 
-KEYS = ('column', 'value', 'scale', 'offset')
+ENTRY_KEYS = ('column', 'value', 'scale', 'offset')
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ColumnMap:
     path: Path | None = None
 
 
-def read_mapping(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
+def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
     """A map from YAML; `known` holds the columns of each system. Raises UserError."""
     try:
         given = yaml.safe_load(path.read_text(encoding='utf-8-sig'))
@@ -50,10 +50,12 @@ def read_mapping(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
     if system is not None and system not in known:
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
     names = known[system] if system else [name for columns in known.values() for name in columns]
-    return ColumnMap({str(name): origin(path, str(name), entry, names) for name, entry in given.items()}, system, path)
+    return ColumnMap(
+        {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}, system, path
+    )
 
 
-def origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
+def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
     """One line of a map. Raises UserError."""
     if name not in names:
         close = get_close_matches(name, names, n=1)
@@ -64,10 +66,10 @@ def origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
     where = f'the map {path}, {name}'
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
-    wrong = [key for key in entry if key not in KEYS]
+    wrong = [key for key in entry if key not in ENTRY_KEYS]
     if wrong:
-        raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(KEYS)}')
-    numbers = {key: number(where, key, entry[key]) for key in KEYS[1:] if key in entry}
+        raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(ENTRY_KEYS)}')
+    numbers = {key: finite_number(where, key, entry[key]) for key in ENTRY_KEYS[1:] if key in entry}
     if numbers.get('scale') == 0.0:
         raise UserError(f'{where}, scale: expected a number other than 0')
     if 'value' in entry and len(entry) > 1:
@@ -75,7 +77,7 @@ def origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
     return Origin(str(entry['column']) if 'column' in entry else None, **numbers)
 
 
-def number(where: str, key: str, given: Any) -> float:
+def finite_number(where: str, key: str, given: Any) -> float:
     """A finite number; also 1e6 without a point, which YAML reads as text. Raises UserError."""
     try:
         value = float('x' if isinstance(given, bool) else given)
@@ -86,7 +88,7 @@ def number(where: str, key: str, given: Any) -> float:
     return value
 
 
-def columns_of(path: Path, mapping: ColumnMap, names: Sequence[str], present: Sequence[str]) -> dict[str, Origin]:
+def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present: Sequence[str]) -> dict[str, Origin]:
     """The origin of every column among `names` that the file (with the columns `present`) or the map has."""
     found = {name: Origin(name) for name in names if name in present} | dict(mapping.origins)
     for name, entry in found.items():
@@ -94,18 +96,18 @@ def columns_of(path: Path, mapping: ColumnMap, names: Sequence[str], present: Se
             close = get_close_matches(entry.column, present, n=1)
             hint = f' (meant {close[0]}?)' if close else ''
             raise UserError(
-                f'{path} has no column {entry.column}{hint}, which the map {mapping.path} wants for {name}; '
+                f'{path} has no column {entry.column}{hint}, which the map {mapping.path} names for {name}; '
                 f'its columns are {", ".join(present)}'
             )
     return found
 
 
-def converted(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vector:
+def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vector:
     """The column (rows,) of the contract, in SI units."""
     if entry.column is None:
         return np.full(rows, entry.value)
     values = columns[entry.column]
     if entry.scale == 1.0 and entry.offset == 0.0:
         return values
-    with np.errstate(over='ignore', invalid='ignore'):  # infinite numbers are dealt with, and said, by the reader
+    with np.errstate(over='ignore', invalid='ignore'):  # the reader discards infinite numbers, with a note
         return entry.scale * values + entry.offset

@@ -16,12 +16,12 @@ from sma_sim.evidence.data.recording import Recording
 from sma_sim.solver.inputs import Input
 
 Vector = NDArray[np.float64]
-STIFF = 6e10  # [Pa] as stiff as a wire is along a strain: what a change of strain does to the stress, at the most
-WIDTH = 4.0  # of the jitter, in its standard deviations
-VISIBLE = 2.0  # of the stress, in standard deviations of its noise
+MAX_STIFFNESS = 6e10  # [Pa] as stiff as a wire is along a strain: what a change of strain does to the stress, at the most
+JITTER_WIDTH = 4.0  # of the jitter, in its standard deviations
+STRESS_WIDTH = 2.0  # of the stress, in standard deviations of its noise
 
 
-def straightened(recording: Recording, noise_std: Mapping[str, float]) -> Input:
+def simplified_input(recording: Recording, noise_std: Mapping[str, float]) -> Input:
     """The recording's input without rows whose strain is within its jitter, and the stress's noise, of a straight line.
 
     Rows at which another input changes stay. `noise_std` [SI] by channel; an input without strain stays as it is.
@@ -32,7 +32,7 @@ def straightened(recording: Recording, noise_std: Mapping[str, float]) -> Input:
     jitter = estimate_noise(times, strain) if recording.system == 'wire' else None
     if jitter is None:
         return source
-    width = min(WIDTH * jitter.std, VISIBLE * noise_std.get('stress', np.inf) / STIFF)
+    width = min(JITTER_WIDTH * jitter.std, STRESS_WIDTH * noise_std.get('stress', np.inf) / MAX_STIFFNESS)
     keep = corners(times, strain, width)
     keep[1:] |= (np.diff(others, axis=0) != 0.0).any(axis=1)
     return Input(times[keep], values[keep], source.linear)

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Recording
 
 Vector = NDArray[np.float64]
-ORDER = 3
-PART = 0.8  # of the differences: the smaller ones
-FAR = 5.0  # standard deviations: what is beyond is no noise
-FEWEST = 20  # samples
-BLOCK, BLOCKS = 20_000, 10  # a longer record is looked at in so many places of so many samples
-HELD_PART = 0.3  # more equal neighbours than this: held samples or a coarse step
-COMMON = 0.98  # of the samples show the resolution
-COARSE = 0.5  # below this many steps of the resolution the differences do not see the noise
+DIFFERENCE_ORDER = 3  # removes motion that is quadratic within four samples
+CENTRAL_FRACTION = 0.8  # of the differences: the smaller ones
+MAX_DEVIATION = 5.0  # standard deviations: what is beyond is no noise
+MIN_NOISE_SAMPLES = 20  # fewer give no useful standard deviation
+NOISE_BLOCK_LENGTH, NOISE_BLOCKS = 20_000, 10  # of a longer record only so many stretches of so many samples are used
+HELD_FRACTION = 0.3  # more equal neighbours than this: held samples or a coarse step
+COMMON_FRACTION = 0.98  # of the samples show the resolution
+COARSE_STEPS = 0.5  # below this many steps of the resolution the differences do not see the noise
 
 
 @dataclass(frozen=True)
@@ -55,28 +55,28 @@ def estimate_noise(time: Vector, values: Vector) -> Noise | None:
     """
     known = np.isfinite(values)
     time, values = representative(time[known], values[known])
-    if len(values) < FEWEST:
+    if len(values) < MIN_NOISE_SAMPLES:
         return None
     step = resolution(values)
     keep = values[1:] != values[:-1]
-    held = bool(1.0 - keep.mean() > HELD_PART and is_held(values))
+    held = bool(1.0 - keep.mean() > HELD_FRACTION and is_held(values))
     if held:
-        kept = np.concatenate([[True], keep])
-        time, values = time[kept], values[kept]
+        fresh = np.concatenate([[True], keep])
+        time, values = time[fresh], values[fresh]
     rough = difference_scale(time, values)
     if rough is None:
         return None
     rounding = step / sqrt(12.0)
-    std = rough if rough > COARSE * step else max(rough, rounding)
+    std = rough if rough > COARSE_STEPS * step else max(rough, rounding)
     return Noise(std, step, len(values), held)
 
 
 def representative(time: Vector, values: Vector) -> tuple[Vector, Vector]:
     """All of a short record, blocks evenly over a long one."""
-    if len(values) <= BLOCK * BLOCKS:
+    if len(values) <= NOISE_BLOCK_LENGTH * NOISE_BLOCKS:
         return time, values
-    starts = np.linspace(0, len(values) - BLOCK, BLOCKS).astype(int)
-    chosen = np.concatenate([np.arange(start, start + BLOCK) for start in starts])
+    starts = np.linspace(0, len(values) - NOISE_BLOCK_LENGTH, NOISE_BLOCKS).astype(int)
+    chosen = np.concatenate([np.arange(start, start + NOISE_BLOCK_LENGTH) for start in starts])
     return time[chosen], values[chosen]
 
 
@@ -88,7 +88,7 @@ def resolution(values: Vector) -> float:
     """
     distinct, counts = np.unique(values, return_counts=True)
     order = np.argsort(counts)[::-1]
-    common = np.cumsum(counts[order]) - counts[order] < COMMON * len(values)
+    common = np.cumsum(counts[order]) - counts[order] < COMMON_FRACTION * len(values)
     steps = np.diff(np.sort(distinct[order[common]]) if common.sum() > 1 else distinct[counts > 1])
     steps = steps[steps > 1e-12 * np.abs(distinct).max()]  # two spellings of one number
     if len(steps) == 0 or 4 * len(steps) > len(values):
@@ -99,7 +99,7 @@ def resolution(values: Vector) -> float:
 def is_held(values: Vector) -> bool:
     """Whether equal neighbours come from a sensor that is slower than the recording, not from a coarse resolution."""
     changes = np.flatnonzero(values[1:] != values[:-1])
-    if len(changes) < FEWEST:
+    if len(changes) < MIN_NOISE_SAMPLES:
         return False
     runs = np.diff(changes)
     even = np.mean(np.abs(runs - np.median(runs)) <= 1) > 0.9
@@ -111,29 +111,29 @@ def difference_scale(time: Vector, values: Vector) -> float | None:
 
     Only stretches without a gap in `time` count.
     """
-    differences = np.diff(values, n=ORDER)
+    differences = np.diff(values, n=DIFFERENCE_ORDER)
     steps = np.diff(time)
     if len(steps):
         gap = steps > 1.5 * np.median(steps)
-        near = np.convolve(gap, np.ones(ORDER), 'valid') > 0.5
+        near = np.convolve(gap, np.ones(DIFFERENCE_ORDER), 'valid') > 0.5
         differences = differences[~near]
-    if len(differences) < FEWEST - ORDER:
+    if len(differences) < MIN_NOISE_SAMPLES - DIFFERENCE_ORDER:
         return None
     sizes = np.abs(differences)
     rough = scale_of_smaller(sizes)
-    return scale_of_smaller(sizes[sizes <= FAR * rough]) / sqrt(comb(2 * ORDER, ORDER))
+    return scale_of_smaller(sizes[sizes <= MAX_DEVIATION * rough]) / sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
 
 
 def scale_of_smaller(sizes: Vector) -> float:
     """Standard deviation of a normal variable from the smaller ones of its absolute values (k,)."""
-    count = max(int(PART * len(sizes)), 1)
+    count = max(int(CENTRAL_FRACTION * len(sizes)), 1)
     smaller = np.partition(sizes, count - 1)[:count]
-    limit = NormalDist().inv_cdf(0.5 + 0.5 * PART)
-    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / PART  # variance within +-limit
+    limit = NormalDist().inv_cdf(0.5 + 0.5 * CENTRAL_FRACTION)
+    share = 1.0 - 2.0 * limit * NormalDist().pdf(limit) / CENTRAL_FRACTION  # variance within +-limit
     return float(sqrt(np.mean(smaller**2) / share))
 
 
-def noise_of(recordings: Sequence[Recording]) -> dict[str, Noise]:
+def noise_by_channel(recordings: Sequence[Recording]) -> dict[str, Noise]:
     """The noise of every channel over several recordings, each weighted by its samples."""
     found: dict[str, list[Noise]] = {}
     for recording in recordings:
@@ -141,10 +141,10 @@ def noise_of(recordings: Sequence[Recording]) -> dict[str, Noise]:
             noise = estimate_noise(recording.time, values)
             if noise is not None:
                 found.setdefault(name, []).append(noise)
-    return {name: pooled(parts) for name, parts in found.items()}
+    return {name: pooled_noise(parts) for name, parts in found.items()}
 
 
-def pooled(parts: Sequence[Noise]) -> Noise:
+def pooled_noise(parts: Sequence[Noise]) -> Noise:
     """One estimate from several."""
     samples = sum(part.samples for part in parts)
     variance = sum(part.samples * part.std**2 for part in parts) / samples

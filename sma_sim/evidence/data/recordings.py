@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.data.assemble import NothingMeasuredError, Place, recordings_of
-from sma_sim.evidence.data.column_map import ColumnMap, read_mapping
-from sma_sim.evidence.data.noise import noise_of
+from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
+from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
+from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign, Recording, Vector
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
-from sma_sim.evidence.data.sources import COLUMNS_OF, checked_noise, read_noise_file, read_source, recordings_in
+from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.errors import UserError
 
-INVISIBLE = 1e-4  # of what a channel spans: noise below it does not matter beside any model
-FALLBACK = {
+NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
+# [SI] for channels whose samples are too few or all the same: what common sensors have.
+ASSUMED_NOISE = {
     'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'F_1': 0.01, 'F_2': 0.01, 'T_1': 0.1, 'T_2': 0.1, 'stress': 1e5, 'T': 0.1,
 }  # fmt: skip
 
@@ -30,65 +31,61 @@ def read_campaign(
     T_E: float,
     mapping: Path | None = None,
     noise_std: Mapping[str, float] | None = None,
-    told: Callable[[str], None] = lambda note: None,
     namespace: str | None = None,
 ) -> Campaign:
     """All recordings that the paths stand for, with the noise of their channels. Raises UserError.
 
     A path is a CSV file, a bag (its folder or file) or a folder of them. `T_E` [K] is the ambient temperature of files
     that do not record it, `mapping` a file that names foreign columns. Noise [SI] is that of `noise_std`, else of the
-    folder's meta.json, else estimated. `told` hears every note. `namespace`: the module's, in bags of several.
+    folder's meta.json, else estimated. `namespace`: the module's, in bags of several.
     """
-    columns = mapping_for(system, mapping)
+    columns = column_map_for(system, mapping)
     given = checked_noise((noise_std or {}).items(), 'noise_std')
     notes: list[str] = []
-    files = files_of(paths, notes)
+    files = unique_files(paths, notes)
     found = [
         (path, recording)
-        for path, asked in files
-        for recording in sessions_of(Place(path, system, T_E, namespace=namespace), columns, asked, notes)
+        for path, named in files
+        for recording in sessions_in_file(SourceFile(path, system, T_E, namespace=namespace), columns, named, notes)
     ]
     if not found:
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
     recordings = with_distinct_names(found)
-    for recording in recordings:
-        for note in recording.notes:
-            told(f'{recording.name}: {note}')
-    noise = noise_for(recordings, noise_of_folders([path for path, _ in files], notes) | given, notes)
-    for note in notes:
-        told(note)
+    noise = campaign_noise(recordings, noise_from_folders([path for path, _ in files], notes) | given, notes)
     return Campaign(recordings, noise, tuple(notes))
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:
     """The recordings of one file: one, or `name#1`, `name#2` where time starts again. Raises UserError."""
-    return recordings_at(Place(Path(path), system, T_E), mapping_for(system, mapping))
+    return recordings_in_file(SourceFile(Path(path), system, T_E), column_map_for(system, mapping))
 
 
-def recordings_at(place: Place, mapping: ColumnMap) -> tuple[Recording, ...]:
+def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording, ...]:
     """The recordings of one file."""
-    columns, notes = read_source(place.path, place.system, mapping, place.namespace)
-    place = replace(place, stamped=is_bag(place.path))
-    name = place.path.stem if place.path.is_file() else place.path.name
-    return recordings_of(place, name, columns, notes)
+    columns, notes = read_source(file.path, file.system, mapping, file.namespace)
+    file = replace(file, stamped=is_bag(file.path))
+    name = file.path.stem if file.path.is_file() else file.path.name
+    return recordings_from_columns(file, name, columns, notes)
 
 
-def mapping_for(system: str, path: Path | None) -> ColumnMap:
+def column_map_for(system: str, path: Path | None) -> ColumnMap:
     """The map, if there is one, for the system. Raises UserError."""
-    if system not in COLUMNS_OF:
-        raise UserError(f'system: expected {" or ".join(COLUMNS_OF)}, got {system!r}')
+    if system not in COLUMNS_BY_SYSTEM:
+        raise UserError(f'system: expected {" or ".join(COLUMNS_BY_SYSTEM)}, got {system!r}')
     if path is None:
         return ColumnMap()
-    mapping = read_mapping(path, COLUMNS_OF)
+    mapping = read_column_map(path, COLUMNS_BY_SYSTEM)
     if mapping.system not in (None, system):
         raise UserError(f'the map {path} is for --system {mapping.system}, asked for was {system}')
-    foreign = [name for name in mapping.origins if name not in COLUMNS_OF[system]]
+    foreign = [name for name in mapping.origins if name not in COLUMNS_BY_SYSTEM[system]]
     if foreign:
-        raise UserError(f'the map {path}: a {system} has no column {foreign[0]}; expected {", ".join(COLUMNS_OF[system])}')
+        raise UserError(
+            f'the map {path}: a {system} has no column {foreign[0]}; expected {", ".join(COLUMNS_BY_SYSTEM[system])}'
+        )
     return mapping
 
 
-def files_of(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]:
+def unique_files(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]:
     """Every file once, and whether it was named itself rather than found in a folder. Raises UserError."""
     if not paths:
         raise UserError('expected at least one recording: CSV files, bags, or folders of them')
@@ -102,14 +99,14 @@ def files_of(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]
     return list(files.values())
 
 
-def sessions_of(place: Place, mapping: ColumnMap, asked: bool, notes: list[str]) -> tuple[Recording, ...]:
+def sessions_in_file(file: SourceFile, mapping: ColumnMap, named: bool, notes: list[str]) -> tuple[Recording, ...]:
     """The recordings of one file; one that holds only commands may lie in a folder, but not be asked for."""
     try:
-        return recordings_at(place, mapping)
+        return recordings_in_file(file, mapping)
     except NothingMeasuredError:
-        if asked:
+        if named:
             raise
-        notes.append(f'{place.path}: nothing measured in it, left out')
+        notes.append(f'{file.path}: nothing measured in it, left out')
         return ()
 
 
@@ -129,7 +126,7 @@ def with_distinct_names(found: Sequence[tuple[Path, Recording]]) -> tuple[Record
     )
 
 
-def noise_of_folders(files: Sequence[Path], notes: list[str]) -> dict[str, float]:
+def noise_from_folders(files: Sequence[Path], notes: list[str]) -> dict[str, float]:
     """Noise that the meta.json beside the files states; the root mean square where folders differ."""
     stated: dict[str, list[float]] = {}
     for folder in dict.fromkeys(file.parent for file in files):
@@ -141,9 +138,9 @@ def noise_of_folders(files: Sequence[Path], notes: list[str]) -> dict[str, float
     return {name: sqrt(sum(value**2 for value in values) / len(values)) for name, values in stated.items()}
 
 
-def noise_for(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
-    """The noise of every channel that was measured: as given, or estimated and said."""
-    estimated = noise_of(recordings)
+def campaign_noise(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
+    """The noise of every channel that was measured: as given, or estimated, with a note."""
+    estimated = noise_by_channel(recordings)
     noise: dict[str, float] = {}
     for name in CHANNEL_COLUMNS:
         if not any(name in recording.channels for recording in recordings):
@@ -151,22 +148,26 @@ def noise_for(recordings: Sequence[Recording], given: Mapping[str, float], notes
         if name in given:
             noise[name] = given[name]
             continue
-        least = max(INVISIBLE * span(recording.channels[name]) for recording in recordings if name in recording.channels)
-        found = estimated.get(name)
-        if found is None or max(found.std, least) == 0.0:
-            noise[name] = FALLBACK[name]
-            notes.append(f'noise of {name}: {FALLBACK[name]:g} assumed, the samples are too few or all the same')
-        elif found.std < least:
+        least = max(
+            NEGLIGIBLE_FRACTION * value_range(recording.channels[name])
+            for recording in recordings
+            if name in recording.channels
+        )
+        estimate = estimated.get(name)
+        if estimate is None or max(estimate.std, least) == 0.0:
+            noise[name] = ASSUMED_NOISE[name]
+            notes.append(f'noise of {name}: {ASSUMED_NOISE[name]:g} assumed, the samples are too few or all the same')
+        elif estimate.std < least:
             noise[name] = least
-            notes.append(f'noise of {name}: none to be seen, 1e-4 of its range is taken, {least:.3g}')
+            notes.append(f'noise of {name}: not visible, 1e-4 of its range is taken, {least:.3g}')
         else:
-            noise[name] = found.std
-            why = f', most of it the resolution {found.step:.3g}' if found.quantised else ''
-            why += ', values are repeated: the sensor is slower than the recording' if found.held else ''
-            notes.append(f'noise of {name}: {found.std:.3g}, estimated from the data{why}')
+            noise[name] = estimate.std
+            reason = f', most of it the resolution {estimate.step:.3g}' if estimate.quantised else ''
+            reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
+            notes.append(f'noise of {name}: {estimate.std:.3g}, estimated from the data{reason}')
     return noise
 
 
-def span(values: Vector) -> float:
+def value_range(values: Vector) -> float:
     """From the least to the largest of the values (k,), NaN where missing."""
     return float(np.nanmax(values) - np.nanmin(values))

@@ -1,4 +1,4 @@
-"""The rows of a recording in the order of time: shuffled rows, wrong stamps, clocks that jump back, times that repeat."""
+"""The rows of a recording in the order of time: shuffled rows, wrong stamps, clocks that go back, times that repeat."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from sma_sim.model.errors import UserError
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp] | slice
-NEAR = 10  # sampling intervals: a clock that jumps back by no more was set anew, by more it is another session
-IRREGULAR = 0.25  # of the interval
-LEAST_TOLD = 0.25  # of the changes: with fewer, a row without measured cells has lost them, and tells nothing
-REGULAR_PART = 0.95
-SHUFFLED_PART = 0.02  # of the rows step back
-REPEATED_PART = 0.05
+# Sampling intervals: a clock that goes back by no more was adjusted; by more, another session begins.
+CLOCK_STEP_INTERVALS = 10
+INTERVAL_TOLERANCE = 0.25  # of the usual interval: what a regular grid may deviate by
+MIN_EXACT_FRACTION = 0.25  # of the changes with exact times; with fewer, rows without measured cells have lost them
+REGULAR_FRACTION = 0.95  # of the intervals within the tolerance
+SHUFFLED_FRACTION = 0.02  # of the rows step back
+REPEATED_FRACTION = 0.05  # of the times there twice: two recordings are mixed
 
 
 def ordered_sessions(path: Path, time: Vector, sampled: Mask) -> tuple[list[Rows], list[str]]:
@@ -34,13 +35,13 @@ def ordered_sessions(path: Path, time: Vector, sampled: Mask) -> tuple[list[Rows
         return sorted_rows(everything, time)
     right = ~wrong_stamps(time)
     if right.all():
-        return split(everything, time)
+        return split_at_clock_steps(everything, time)
     rows = np.flatnonzero(right)
     note = f'{len(time) - len(rows)} rows with a time far from that of the rows around them: dropped'
     time, sampled = time[rows], sampled[rows]
     if not (np.diff(time) < 0.0).any():
         return [rows], [note]
-    sessions, notes = sorted_rows(rows, time) if is_shuffled(path, time, sampled) else split(rows, time)
+    sessions, notes = sorted_rows(rows, time) if is_shuffled(path, time, sampled) else split_at_clock_steps(rows, time)
     return sessions, [note, *notes]
 
 
@@ -48,11 +49,11 @@ def sorted_rows(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
     """One session, sorted."""
     order = np.argsort(time, kind='stable')
     moved = int((np.diff(time) < 0.0).sum())
-    return [of_rows(rows, order)], [f'the rows were not in the order of time ({moved} steps back): sorted']
+    return [chosen_rows(rows, order)], [f'the rows were not in the order of time ({moved} steps back): sorted']
 
 
-def of_rows(rows: Rows, chosen: NDArray[np.intp]) -> Rows:
-    """The chosen ones of some rows."""
+def chosen_rows(rows: Rows, chosen: NDArray[np.intp]) -> Rows:
+    """Rows of a selection of rows."""
     return chosen + rows.start if isinstance(rows, slice) else rows[chosen]
 
 
@@ -62,13 +63,13 @@ def is_shuffled(path: Path, time: Vector, sampled: Mask) -> bool:
     ordered = np.sort(time[sampled] if sampled.sum() > 2 else time)
     steps = np.diff(ordered)
     repeated = float(np.mean(steps == 0.0))
-    if back > 2 and back > SHUFFLED_PART * len(time):
-        if repeated > REPEATED_PART and back > 0.2 * len(time):
+    if back > 2 and back > SHUFFLED_FRACTION * len(time):
+        if repeated > REPEATED_FRACTION and back > 0.2 * len(time):
             raise UserError(
                 f'{path}: time steps back {back} times in {len(time)} rows and {100.0 * repeated:.0f} % of the times are '
                 f'there twice; expected one recording: are two mixed in this file?'
             )
-        return repeated <= REPEATED_PART
+        return repeated <= REPEATED_FRACTION
     return bool(repeated == 0.0 and steps.max() <= 1.5 * np.median(steps))
 
 
@@ -77,13 +78,16 @@ def are_regular(steps: Vector) -> bool:
     if len(steps) < 2:
         return False
     usual = np.median(steps)
-    return float(np.mean((steps >= (1.0 - IRREGULAR) * usual) & (steps <= (1.0 + IRREGULAR) * usual))) >= REGULAR_PART
+    return (
+        float(np.mean((steps >= (1.0 - INTERVAL_TOLERANCE) * usual) & (steps <= (1.0 + INTERVAL_TOLERANCE) * usual)))
+        >= REGULAR_FRACTION
+    )
 
 
 def wrong_stamps(time: Vector) -> Mask:
     """Rows whose time is far from that of both neighbours, while these are in order."""
     steps = np.diff(time)
-    far = NEAR * typical_step(time)
+    far = CLOCK_STEP_INTERVALS * typical_step(time)
     wrong = np.zeros(len(time), dtype=bool)
     forward, after = steps[:-1], steps[1:]
     in_order = forward + after > 0.0
@@ -100,10 +104,10 @@ def typical_step(time: Vector) -> float:
     return float(np.median(forward)) if len(forward) else 0.0
 
 
-def split(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
+def split_at_clock_steps(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
     """Sessions where the clock jumps back by much or starts again; rows dropped where it jumps back by little."""
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
-    far = NEAR * typical_step(time)
+    far = CLOCK_STEP_INTERVALS * typical_step(time)
     starts = [0]
     for at in back:
         first, last = time[starts[-1]], time[starts[-1] : at].max()
@@ -112,7 +116,7 @@ def split(rows: Rows, time: Vector) -> tuple[list[Rows], list[str]]:
     sessions: list[Rows] = []
     notes = [] if len(starts) == 1 else [f'time starts again {len(starts) - 1} times: taken as {len(starts)} sessions']
     for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        sessions.append(of_rows(rows, start + forward_rows(time[start:end], notes)))
+        sessions.append(chosen_rows(rows, start + forward_rows(time[start:end], notes)))
     return sessions, notes
 
 
@@ -134,29 +138,29 @@ def group_starts(time: Vector) -> NDArray[np.intp] | None:
     return None if new.all() else np.flatnonzero(new)
 
 
-def first_known(values: Vector, starts: NDArray[np.intp]) -> tuple[Vector, int]:
+def first_finite(values: Vector, starts: NDArray[np.intp]) -> tuple[Vector, int]:
     """The first number (NaN if none) in each group of rows, and how many more there were."""
     known = np.isfinite(values)
     index = np.where(known, np.arange(len(values)), len(values) - 1)
     first = np.minimum.reduceat(index, starts)
-    kept = values[first]
+    chosen = values[first]
     ends = np.append(starts[1:], len(values))
-    kept[~(known[first] & (first < ends))] = np.nan
-    return kept, int(known.sum() - np.isfinite(kept).sum())
+    chosen[~(known[first] & (first < ends))] = np.nan
+    return chosen, int(known.sum() - np.isfinite(chosen).sum())
 
 
 def last_of_groups(values: Vector, starts: NDArray[np.intp]) -> Vector:
     """The last value in each group of rows."""
-    kept: Vector = values[np.append(starts[1:], len(values)) - 1]
-    return kept
+    chosen: Vector = values[np.append(starts[1:], len(values)) - 1]
+    return chosen
 
 
-def changes_of(time: Vector, command: Vector, sampled: Mask) -> tuple[Vector, Mask]:
-    """Times (c,) [s] of the rows at which a command [W] has changed, and whether each tells when it did.
+def command_changes(time: Vector, command: Vector, sampled: Mask) -> tuple[Vector, Mask]:
+    """Times (c,) [s] of the rows at which a command [W] has changed, and whether that time is exact.
 
-    A row does when it is one without measured cells or at the time of another, or (in a file without such rows) squeezed in
+    It is when the row is one without measured cells or at the time of another, or (in a file without such rows) squeezed in
     between two of a regular grid, rather than a sample that only tells what the command was by then. Where few do, all
-    are taken for samples that lost their cells. Where nothing is measured all rows tell.
+    are taken for samples that lost their cells. Where nothing is measured all times are exact.
     """
     changed = np.flatnonzero(np.diff(command) != 0.0) + 1
     if len(changed) == 0 or not sampled.any():
@@ -169,11 +173,11 @@ def changes_of(time: Vector, command: Vector, sampled: Mask) -> tuple[Vector, Ma
         inner = changed < len(time) - 1
         around = np.full(len(changed), np.inf)
         around[inner] = time[changed[inner] + 1] - time[changed[inner] - 1]
-        extra |= around <= (1.0 + IRREGULAR) * np.median(grid)
-    return time[changed], extra if extra.mean() >= LEAST_TOLD else np.zeros(len(changed), dtype=bool)
+        extra |= around <= (1.0 + INTERVAL_TOLERANCE) * np.median(grid)
+    return time[changed], extra if extra.mean() >= MIN_EXACT_FRACTION else np.zeros(len(changed), dtype=bool)
 
 
-def kept_rows(values: Sequence[Vector]) -> Mask:
+def rows_with_changes(values: Sequence[Vector]) -> Mask:
     """Rows at which held inputs change, the row before each, and both ends: all that tells when they changed."""
     changed = np.zeros(len(values[0]), dtype=bool)
     for column in values:

@@ -8,8 +8,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.data.cells import Layout, Vector, read_cells
-from sma_sim.evidence.data.column_map import ColumnMap, columns_of, converted
+from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
+from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, HIDDEN_COLUMNS, INPUT_COLUMNS, NEEDED_COLUMNS
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
@@ -17,8 +17,8 @@ from sma_sim.evidence.data.tables import read_header
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 
-META = 'meta.json'
-COLUMNS_OF = {
+META_FILE = 'meta.json'
+COLUMNS_BY_SYSTEM = {
     system: (*INPUT_COLUMNS[system], *(CHANNEL_COLUMNS[channel] for channel in channels))
     for system, channels in CHANNELS_OF.items()
 }
@@ -49,9 +49,9 @@ def read_bag_source(path: Path, system: str, mapping: ColumnMap, namespace: str 
     """The columns of a bag."""
     found = read_bag(path, namespace)
     rows = len(found['time_s'])
-    origins = columns_of(path, mapping, COLUMNS_OF[system], list(found))
+    origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
     notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']
-    return {name: converted(entry, found, rows) for name, entry in origins.items()}, notes
+    return {name: column_in_si(entry, found, rows) for name, entry in origins.items()}, notes
 
 
 def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
@@ -60,21 +60,21 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
         raise UserError(f'{path} is no regular file: expected CSV or a bag')
     header = read_header(path)
     check_header(path, header)
-    origins = columns_of(path, mapping, COLUMNS_OF[system], header)
+    origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
     check_complete(path, system, header, origins)
-    wanted = list(dict.fromkeys(entry.column for entry in origins.values() if entry.column is not None))
-    doubled = [name for name in wanted if header.count(name) > 1]
+    needed = list(dict.fromkeys(entry.column for entry in origins.values() if entry.column is not None))
+    doubled = [name for name in needed if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
-    places = [header.index(name) for name in wanted]
-    cells, cut = read_cells(Layout(path, wanted, places, len(header), tolerant=True))
+    indices = [header.index(name) for name in needed]
+    cells, cut = read_cells(CellLayout(path, needed, indices, len(header), tolerant=True))
     notes = ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
-    unused = [name for name in header if name and name not in wanted and name not in HIDDEN_COLUMNS]
+    unused = [name for name in header if name and name not in needed and name not in HIDDEN_COLUMNS]
     if unused:
         notes.append(f'columns not used: {", ".join(unused)}')
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
-    columns = {name: converted(entry, cells, rows) for name, entry in origins.items()}
+    columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
     for name, entry in origins.items():
         if users.count(entry.column) > 1 and columns[name] is cells.get(entry.column or ''):
             columns[name] = columns[name].copy()  # two columns of one origin must not share repairs
@@ -119,7 +119,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
 
 def read_noise_file(folder: Path) -> dict[str, float]:
     """`noise_std` of the folder's meta.json by channel, empty where there is none. Raises UserError."""
-    path = folder / META
+    path = folder / META_FILE
     if not path.is_file():
         return {}
     try:

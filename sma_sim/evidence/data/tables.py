@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.cells import Layout, read_cells
+from sma_sim.evidence.data.cells import CellLayout, read_cells
 from sma_sim.evidence.data.cells import Vector as Vector
 from sma_sim.model.errors import UserError
 
-FORMAT = '%.17g'  # reads back to the same double
-ROWS_AT_ONCE = 100_000
+NUMBER_FORMAT = '%.17g'  # reads back to the same double
+ROWS_PER_WRITE = 100_000
 
 
 def read_columns(
@@ -33,13 +33,13 @@ def read_columns(
         close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
         hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
         raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
-    wanted = [name for name in (*required, *optional, *with_gaps) if name in header]
-    doubled = [name for name in wanted if header.count(name) > 1]
+    present = [name for name in (*required, *optional, *with_gaps) if name in header]
+    doubled = [name for name in present if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
-    places = [header.index(name) for name in wanted]
-    full = [name for name in wanted if name not in with_gaps]
-    return read_cells(Layout(path, wanted, places, len(header), full))[0]
+    indices = [header.index(name) for name in present]
+    full = [name for name in present if name not in with_gaps]
+    return read_cells(CellLayout(path, present, indices, len(header), full))[0]
 
 
 def read_header(path: Path) -> list[str]:
@@ -65,9 +65,9 @@ def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:
 
     def fill(file: Any) -> None:
         file.write(','.join(columns) + '\n')
-        for first in range(0, len(table), ROWS_AT_ONCE):
+        for first in range(0, len(table), ROWS_PER_WRITE):
             text = io.StringIO()
-            np.savetxt(text, table[first : first + ROWS_AT_ONCE], fmt=FORMAT, delimiter=',')
+            np.savetxt(text, table[first : first + ROWS_PER_WRITE], fmt=NUMBER_FORMAT, delimiter=',')
             file.write(text.getvalue().replace('nan', ''))
 
     write_whole(path, fill)

@@ -12,15 +12,15 @@ from sma_sim.evidence.data.recording import Campaign, Recording
 from sma_sim.evidence.data.sources import recordings_in
 from sma_sim.model.errors import UserError
 
-LEAST_TO_HOLD_OUT = 3  # recordings from which on the last is held out when nothing else was asked for
+MIN_RUNS_TO_HOLD_OUT = 3  # with fewer, nothing is held out unless the user asks for it
 
 
-def files_held_out(words: Sequence[str]) -> list[Path]:
+def held_out_files(words: Sequence[str]) -> list[Path]:
     """The files among the words of ``--hold-out``: they belong to the data even where only named there. Raises UserError."""
     return [file for word in words if Path(word).exists() for file in recordings_in(Path(word))]
 
 
-def by_name(campaign: Campaign) -> Campaign:
+def sorted_by_name(campaign: Campaign) -> Campaign:
     """The recordings in the order of their names, numbers in them as numbers (run2 before run10)."""
 
     def key(recording: Recording) -> list[tuple[int, str]]:
@@ -33,35 +33,37 @@ def by_name(campaign: Campaign) -> Campaign:
 def split_campaign(campaign: Campaign, words: Sequence[str]) -> tuple[Campaign, Campaign | None]:
     """The recordings to fit and those held out, which `words` name: a file, a folder or the name (stem) of a recording.
 
-    Raises UserError for a word that means no recording, and where nothing is left to fit.
+    Raises UserError for a word that names no recording, and where nothing is left to fit.
     """
     names = [recording.name for recording in campaign.recordings]
     chosen: set[str] = set()
     for word in words:
-        meant = {name for name in names if is_meant(name, word)}
-        if not meant:
+        matching = {name for name in names if matches(name, word)}
+        if not matching:
             close = get_close_matches(word, names, n=1, cutoff=0.4)
             hint = f'; did you mean {close[0]}?' if close else ''
             raise UserError(f'--hold-out {word}: no such file and no such recording{hint}; there are {", ".join(names)}')
-        chosen |= meant
-    kept = tuple(recording for recording in campaign.recordings if recording.name not in chosen)
+        chosen |= matching
+    training = tuple(recording for recording in campaign.recordings if recording.name not in chosen)
     held = tuple(recording for recording in campaign.recordings if recording.name in chosen)
-    if not kept:
+    if not training:
         raise UserError(f'--hold-out {" ".join(words)}: that is all there is ({", ".join(names)}); leave some to fit')
-    return replace(campaign, recordings=kept), replace(campaign, recordings=held) if held else None
+    return replace(campaign, recordings=training), replace(campaign, recordings=held) if held else None
 
 
-def is_meant(name: str, word: str) -> bool:
-    """Whether a word of ``--hold-out`` means the recording `name` (``run``, ``run#2`` or ``folder/run``)."""
+def matches(name: str, word: str) -> bool:
+    """Whether a word of ``--hold-out`` names the recording `name` (``run``, ``run#2`` or ``folder/run``)."""
     stem = name.partition('#')[0]
     if word in (name, stem, stem.rpartition('/')[2]):
         return True
     path = Path(word)
     files = recordings_in(path) if path.exists() else []
-    return any(stem in (own_name(file), f'{file.resolve().parent.name}/{own_name(file)}', str(file)) for file in files)
+    return any(
+        stem in (recording_name(file), f'{file.resolve().parent.name}/{recording_name(file)}', str(file)) for file in files
+    )
 
 
-def own_name(path: Path) -> str:
+def recording_name(path: Path) -> str:
     """What a recording is called after its file (or the folder of a bag)."""
     return path.stem if path.is_file() else path.name
 
@@ -69,12 +71,12 @@ def own_name(path: Path) -> str:
 def hold_out_last(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
     """Training and held-out recordings by name: the last name of several is held out where nothing else was chosen.
 
-    The order in which recordings are given says nothing of them: with it a verdict would change.
+    By name, so that the result does not depend on the order in which the recordings are given.
     """
-    training = by_name(campaign)
+    training = sorted_by_name(campaign)
     if held is not None:
-        return training, by_name(held)
-    if len(training.recordings) < LEAST_TO_HOLD_OUT:
+        return training, sorted_by_name(held)
+    if len(training.recordings) < MIN_RUNS_TO_HOLD_OUT:
         return training, None
     *rest, last = training.recordings
     return replace(campaign, recordings=tuple(rest)), replace(campaign, recordings=(last,))

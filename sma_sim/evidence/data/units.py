@@ -11,77 +11,94 @@ import numpy as np
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 
-LONGEST_RUN = 1e7  # [s]
-SLOW_STEP = 2.0  # [s] wires heat and cool faster
-COLDEST, HOTTEST = 150.0, 2000.0  # [K]
-LARGEST = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]
-OFFSET_PART = 0.02  # of the largest heating: a power meter's offset
-LEAST_STRESS, MOST_STRESS = 1e4, 1e11  # [Pa]
-KELVIN = 'offset: 273.15'
+MAX_DURATION = 1e7  # [s]: four months; no run lasts as long
+SLOW_STEP = 2.0  # [s]: wires heat and cool faster, so nobody samples a module so slowly
+MIN_TEMPERATURE, MAX_TEMPERATURE = 150.0, 2000.0  # [K] at which a wire can work; a median below is in deg C
+MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond what a small robot can do
+OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
+MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
+CELSIUS_TO_KELVIN = 'offset: 273.15'
 
 
-class Complaint(NamedTuple):
-    """What a column was expected to hold, the number that does not fit, what it looks like and how a map mends that."""
+class UnitMismatch(NamedTuple):
+    """What a column was expected to hold, the number that does not fit, what it looks like, what converts it in a map."""
 
     expected: str
     number: float
-    looks: str
-    mend: str
+    looks_like: str
+    conversion: str
 
 
-def angle(values: Vector) -> Complaint | None:
+def angle_mismatch(values: Vector) -> UnitMismatch | None:
     """Radians up to a half turn."""
     top = float(np.abs(values).max())
-    return Complaint('radians up to pi', top, 'degrees', 'scale: 0.017453292519943295') if top > np.pi else None
+    return UnitMismatch('radians up to pi', top, 'degrees', 'scale: 0.017453292519943295') if top > np.pi else None
 
 
-def temperature(values: Vector) -> Complaint | None:
+def temperature_mismatch(values: Vector) -> UnitMismatch | None:
     """Kelvin at which a shape-memory alloy can be."""
     middle = float(np.median(values))
-    if middle < COLDEST:
-        return Complaint(f'kelvin, at least {COLDEST:g}', middle, 'degrees Celsius', KELVIN)
-    wrong = values[(values > HOTTEST) | (values <= 0.0)]
-    return Complaint(f'kelvin, at most {HOTTEST:g}', float(wrong[0]), 'another unit', 'scale: 0.001') if len(wrong) else None
+    if middle < MIN_TEMPERATURE:
+        return UnitMismatch(f'kelvin, at least {MIN_TEMPERATURE:g}', middle, 'degrees Celsius', CELSIUS_TO_KELVIN)
+    wrong = values[(values > MAX_TEMPERATURE) | (values <= 0.0)]
+    return (
+        UnitMismatch(f'kelvin, at most {MAX_TEMPERATURE:g}', float(wrong[0]), 'another unit', 'scale: 0.001')
+        if len(wrong)
+        else None
+    )
 
 
-def displacement(values: Vector) -> Complaint | None:
+def displacement_mismatch(values: Vector) -> UnitMismatch | None:
     """Metres of a small robot."""
     top = float(np.abs(values).max())
-    return Complaint('metres, less than 0.5', top, 'millimetres', 'scale: 0.001') if top > LARGEST['U'] else None
+    return UnitMismatch('metres, less than 0.5', top, 'millimetres', 'scale: 0.001') if top > MAX_MAGNITUDE['U'] else None
 
 
-def strain(values: Vector) -> Complaint | None:
+def strain_mismatch(values: Vector) -> UnitMismatch | None:
     """A fraction."""
     top = float(np.abs(values).max())
-    return Complaint('a fraction such as 0.05', top, 'percent', 'scale: 0.01') if top > LARGEST['strain'] else None
+    return UnitMismatch('a fraction such as 0.05', top, 'percent', 'scale: 0.01') if top > MAX_MAGNITUDE['strain'] else None
 
 
-def power(values: Vector) -> Complaint | None:
+def power_mismatch(values: Vector) -> UnitMismatch | None:
     """Watts."""
     top = float(np.abs(values).max())
-    return Complaint(f'watts, at most {LARGEST["J"]:g}', top, 'milliwatts', 'scale: 0.001') if top > LARGEST['J'] else None
+    return (
+        UnitMismatch(f'watts, at most {MAX_MAGNITUDE["J"]:g}', top, 'milliwatts', 'scale: 0.001')
+        if top > MAX_MAGNITUDE['J']
+        else None
+    )
 
 
-def heating(values: Vector) -> Complaint | None:
+def heating_mismatch(values: Vector) -> UnitMismatch | None:
     """Watts into a wire, which cannot be negative."""
     least = float(values.min())
-    if least < -OFFSET_PART * max(float(values.max()), 0.0):
-        return Complaint('heating, not negative', least, 'the wrong sign', 'scale: -1')
-    return power(values)
+    if least < -OFFSET_FRACTION * max(float(values.max()), 0.0):
+        return UnitMismatch('heating, not negative', least, 'the wrong sign', 'scale: -1')
+    return power_mismatch(values)
 
 
-def stress(values: Vector) -> Complaint | None:
+def stress_mismatch(values: Vector) -> UnitMismatch | None:
     """Pascal of a loaded wire."""
     top = float(np.abs(values).max())
-    if 0.0 < top < LEAST_STRESS:
-        return Complaint(f'pascal, {LEAST_STRESS:g} at least in a loaded wire', top, 'megapascal', 'scale: 1e6')
-    return Complaint('pascal', top, 'another unit', 'scale: 1e-6') if top > MOST_STRESS else None
+    if 0.0 < top < MIN_STRESS:
+        return UnitMismatch(f'pascal, {MIN_STRESS:g} at least in a loaded wire', top, 'megapascal', 'scale: 1e6')
+    return UnitMismatch('pascal', top, 'another unit', 'scale: 1e-6') if top > MAX_STRESS else None
 
 
-CHECKS: dict[str, Callable[[Vector], Complaint | None]] = {
-    'J_eq_W': power, 'J_W': heating, 'T_E_K': temperature, 'strain': strain, 'U_x_m': displacement, 'U_y_m': displacement,
-    'alpha_rad': angle, 'T_1_K': temperature, 'T_2_K': temperature, 'stress_Pa': stress, 'T_K': temperature,
-}  # fmt: skip
+CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
+    'J_eq_W': power_mismatch,
+    'J_W': heating_mismatch,
+    'T_E_K': temperature_mismatch,
+    'strain': strain_mismatch,
+    'U_x_m': displacement_mismatch,
+    'U_y_m': displacement_mismatch,
+    'alpha_rad': angle_mismatch,
+    'T_1_K': temperature_mismatch,
+    'T_2_K': temperature_mismatch,
+    'stress_Pa': stress_mismatch,
+    'T_K': temperature_mismatch,
+}
 
 
 def check_unit(path: Path, name: str, values: Vector) -> None:
@@ -89,11 +106,11 @@ def check_unit(path: Path, name: str, values: Vector) -> None:
     known = values[np.isfinite(values)]
     if name not in CHECKS or len(known) == 0:
         return
-    complaint = CHECKS[name](known)
-    if complaint:
+    mismatch = CHECKS[name](known)
+    if mismatch:
         raise UserError(
-            f'{path}, column {name}: expected {complaint.expected}, got {complaint.number:g}, which looks like '
-            f'{complaint.looks}; a map (--map) can convert: {name}: {{column: {name}, {complaint.mend}}}'
+            f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}, which looks like '
+            f'{mismatch.looks_like}; a map (--map) can convert: {name}: {{column: {name}, {mismatch.conversion}}}'
         )
 
 
@@ -105,7 +122,7 @@ def slow_sampling(time: Vector) -> list[str]:
 
 def check_duration(path: Path, time: Vector) -> None:
     """Raise UserError for a run of months: its time is not in seconds."""
-    if time[-1] - time[0] > LONGEST_RUN:
+    if time[-1] - time[0] > MAX_DURATION:
         raise UserError(
             f'{path}, column time_s: expected seconds, got a run of {time[-1] - time[0]:g} s, which looks like milli- or '
             f'nanoseconds; a map (--map) can convert: time_s: {{column: time_s, scale: 1e-9}}'

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.input_simplification import straightened
+from sma_sim.evidence.data.input_simplification import simplified_input
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -100,7 +100,7 @@ def fit_data(
     return FitData(
         name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
-        source=without_repeats(straightened(recording, noise_std)), changed=changed, interval=interval,
+        source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
 from sma_sim.evidence.residual_analysis.strata import Dimension, dimensions
@@ -106,11 +106,11 @@ def sentence(
     share, low, high, time = shares
     text = (
         f'{percent(share)} of the squared error of {channel} arises while {joined(words)} ({percent(time)} of the samples); '
-        f'RMSE {shown(channel, rmse)} there'
+        f'RMSE {in_display_unit(channel, rmse)} there'
     )
     if abs(offset) > OFFSET:
         side = 'above' if offset > 0.0 else 'below'
-        text += f', measured {side} the model by {shown(channel, abs(offset) * rmse)} on average'
+        text += f', measured {side} the model by {in_display_unit(channel, abs(offset) * rmse)} on average'
     ratio, least, most = sure.trend
     if least > 1.0:
         text += f'; it grows over the run, x{ratio:.2g} in square from its first to its second half'

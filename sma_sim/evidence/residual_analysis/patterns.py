@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
 from sma_sim.evidence.residual_analysis.metrics import score
@@ -84,7 +84,8 @@ def sentence(channel: str, shape: str, share: float, interval: tuple[float, floa
     part = f'{100.0 * share:.0f} % of the squared error of {channel} is'
     value, low, high = interval
     if shape == 'offset':
-        numbers = f'{shown(channel, abs(value))} (95 %: {shown(channel, low)} to {shown(channel, high)})'
+        size, least, most = (in_display_unit(channel, number) for number in (abs(value), low, high))
+        numbers = f'{size} (95 %: {least} to {most})'
         return f'{part} a constant offset: measured {"above" if value > 0.0 else "below"} the model by {numbers}.'
     if shape == 'scale':
         numbers = f'{abs(100 * value):.3g} % (95 %: {100 * low:+.3g} to {100 * high:+.3g} %)'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
@@ -16,7 +16,7 @@ def data_section(fitted: Campaign, held: Campaign | None) -> Section:
         for campaign, kind in ((fitted, 'fitted'), (held, 'held out')) if campaign is not None
         for one in campaign.recordings
     ]  # fmt: skip
-    noise = ', '.join(f'{channel} {shown(channel, std)}' for channel, std in fitted.noise_std.items())
+    noise = ', '.join(f'{channel} {in_display_unit(channel, std)}' for channel, std in fitted.noise_std.items())
     notes = grouped_notes([part for part in (fitted, held) if part is not None])
     blocks: list[Block] = [
         Table(('recording', 'used', 'samples', 'length', 'channels', 'instants of commands'), rows),

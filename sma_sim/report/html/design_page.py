@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
 from sma_sim.evidence.experiment_design.design import Plan
 from sma_sim.evidence.experiment_design.forecast import Foretold
 from sma_sim.evidence.experiment_design.sequences import as_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.metrics import scores, total_error
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, wires_of

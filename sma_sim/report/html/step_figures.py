@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sma_sim.evidence.data.display_units import SHOWN as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
 from sma_sim.evidence.diagnosis.diagnose import ModelStage
 from sma_sim.evidence.diagnosis.stage_change import StepChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.metrics import Score, total_error
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
@@ -63,8 +63,8 @@ def score_row(kind: str, one: Score) -> tuple[str, ...]:
     """One channel."""
     white = one.whiteness
     return (
-        one.channel, kind, shown(one.channel, one.rmse), f'{100 * one.share:.2f} %', f'{one.over_noise:.3f}',
-        shown(one.channel, one.bias), f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
+        one.channel, kind, in_display_unit(one.channel, one.rmse), f'{100 * one.share:.2f} %', f'{one.over_noise:.3f}',
+        in_display_unit(one.channel, one.bias), f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
     )  # fmt: skip
 
 

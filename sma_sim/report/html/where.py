@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sma_sim.evidence.data.display_units import shown
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits_of
 from sma_sim.evidence.residual_analysis.spectrum import Band
 from sma_sim.evidence.residual_analysis.summary import Summary
@@ -35,8 +35,9 @@ def split_plot(split: Split) -> Plot:
     """One channel by one way to sort."""
     shares = split.shares[::-1]
     words = [
-        f'RMSE {shown(split.channel, one.rmse)}, {one.over_noise:.2f} x noise, bias {shown(split.channel, one.bias)}'
-        for one in shares
+        f'RMSE {in_display_unit(split.channel, share.rmse)}, {share.over_noise:.2f} x noise, '
+        f'bias {in_display_unit(split.channel, share.bias)}'
+        for share in shares
     ]
     return share_plot(
         f'by {split.by}', [one.label for one in shares], [one.error for one in shares], [one.time for one in shares], words
@@ -47,7 +48,7 @@ def band_plot(channel: str, bands: tuple[Band, ...]) -> Plot:
     """One channel by frequency: share of the squared error, and what white noise would have there."""
     total = sum(band.rms**2 for band in bands)
     noise = [(band.rms / band.over_noise) ** 2 / total if band.over_noise > 0.0 else 0.0 for band in bands]
-    words = [f'RMS {shown(channel, band.rms)}, {band.over_noise:.2f} x noise' for band in bands]
+    words = [f'RMS {in_display_unit(channel, band.rms)}, {band.over_noise:.2f} x noise' for band in bands]
     labels = [f'{band.low:g} to {band.high:g} Hz' for band in bands]
     return share_plot(
         'by frequency (grey: the noise)', labels[::-1], [band.share for band in bands][::-1], noise[::-1], words[::-1]

@@ -17,12 +17,12 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 from zstandard import ZstdError
 
-from sma_sim.evidence.data.rosbag.writer import ABOUT_US, METADATA, BagWriter
+from sma_sim.evidence.data.rosbag.writer import METADATA, PROVENANCE_RECORD, BagWriter
 from sma_sim.model.errors import UserError
 
 STORAGES = ('.mcap', '.db3')
 # What a broken mcap file makes its parser stumble over.
-BROKEN = (McapError, ValueError, EOFError, MemoryError, RuntimeError, LookupError, struct.error, ZstdError)
+PARSING_ERRORS = (McapError, ValueError, EOFError, MemoryError, RuntimeError, LookupError, struct.error, ZstdError)
 
 
 class RawMessage(NamedTuple):
@@ -45,7 +45,7 @@ class Bag:
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All messages (of these topics), file by file; as far as they can be read."""
-        return whole_messages(self.path, topics) if self.whole else scan(self.path, topics)
+        return whole_messages(self.path, topics) if self.whole else salvaged_messages(self.path, topics)
 
     def topics(self) -> dict[str, tuple[str, int]]:
         """Message type and count by topic."""
@@ -61,11 +61,11 @@ class Bag:
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag: a storage file, or a folder with metadata or with storage files named after it."""
     if path.is_dir():
-        return (path / METADATA).is_file() or any(own_number(path, file) for file in storage_files(path))
+        return (path / METADATA).is_file() or any(belongs_to_bag(path, file) for file in storage_files(path))
     return path.suffix in STORAGES
 
 
-def own_number(folder: Path, file: Path) -> bool:
+def belongs_to_bag(folder: Path, file: Path) -> bool:
     """Whether a file is named as a recorder names the files of a bag: `name_0.mcap`, or `name.mcap`."""
     name, _, number = file.stem.rpartition('_')
     return file.stem == folder.name or name == folder.name and number.isdigit()
@@ -86,7 +86,7 @@ def open_bag(path: Path) -> Bag:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     except Exception:  # rosbags meets a broken file with whatever its parsing stumbles over
         whole = False
-    return Bag(path, whole, about_of(path))
+    return Bag(path, whole, provenance_of(path))
 
 
 def storage_files(path: Path) -> list[Path]:
@@ -107,10 +107,10 @@ def whole_messages(path: Path, topics: Collection[str] | None) -> Iterator[RawMe
             yield RawMessage(connection.topic, connection.msgtype, log_time, bytes(cdr))
 
 
-def scan(path: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:
+def salvaged_messages(path: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:
     """Messages of the files of a bag, each up to where it cannot be read any more."""
     for file in storage_files(path):
-        source = scan_mcap(file) if file.suffix == '.mcap' else scan_sqlite(file)
+        source = salvaged_mcap(file) if file.suffix == '.mcap' else salvaged_sqlite(file)
         yield from (message for message in source if topics is None or message.topic in topics)
 
 
@@ -119,11 +119,11 @@ def mcap_records(file: Path) -> Iterator[Any]:
     with file.open('rb') as stream:
         try:
             yield from StreamReader(stream, validate_crcs=True).records
-        except BROKEN:
+        except PARSING_ERRORS:
             return
 
 
-def scan_mcap(file: Path) -> Iterator[RawMessage]:
+def salvaged_mcap(file: Path) -> Iterator[RawMessage]:
     """Messages of an mcap file up to where it breaks off."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, tuple[str, str, str]] = {}
@@ -138,7 +138,7 @@ def scan_mcap(file: Path) -> Iterator[RawMessage]:
             yield RawMessage(topic, kind, record.log_time, record.data, definition)
 
 
-def scan_sqlite(file: Path) -> Iterator[RawMessage]:
+def salvaged_sqlite(file: Path) -> Iterator[RawMessage]:
     """Messages of a sqlite3 storage whose metadata are missing, or whose end is."""
     connection = sqlite3.connect(f'file:{file}?mode=ro', uri=True)
     try:
@@ -154,7 +154,7 @@ def scan_sqlite(file: Path) -> Iterator[RawMessage]:
         connection.close()
 
 
-def about_of(path: Path) -> dict[str, str]:
+def provenance_of(path: Path) -> dict[str, str]:
     """How a bag came about, if sma_sim wrote it."""
     try:
         text = (path / METADATA).read_text() if path.is_dir() else ''
@@ -166,7 +166,7 @@ def about_of(path: Path) -> dict[str, str]:
     for file in storage_files(path)[:1]:
         if file.suffix == '.mcap':
             for record in mcap_records(file):
-                if isinstance(record, Metadata) and record.name == ABOUT_US:
+                if isinstance(record, Metadata) and record.name == PROVENANCE_RECORD:
                     return dict(record.metadata)
                 if isinstance(record, Message):
                     break
@@ -176,7 +176,7 @@ def about_of(path: Path) -> dict[str, str]:
 def repair(path: Path, out: Path) -> int:
     """Write what can be read of a bag as a whole new one; the number of its messages. Raises UserError."""
     bag = open_bag(path)
-    messages = scan(path, None)
+    messages = salvaged_messages(path, None)
     first = next(messages, None)
     if first is None:
         raise UserError(f'{path}: no message can be read, there is nothing to repair')

@@ -14,22 +14,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-FREEZING = 273.15  # 0 deg C [K]
-SNAP = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
+SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
 JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
-NUMBER, NUMBERS, BYTES = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/UInt8MultiArray'
-JOINTS = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}
-WIRES = ('wire_1', 'wire_2')
+FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
+UINT8_ARRAY = 'std_msgs/msg/UInt8MultiArray'
+POSE_COLUMNS = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}
+WIRE_NAMES = ('wire_1', 'wire_2')
 
 Decode = Callable[[Any], Mapping[str, float]]
 
 
-def of_names(columns: Mapping[str, str], values: str) -> Decode:
+def joints_decoder(columns: Mapping[str, str], values: str) -> Decode:
     """Values of a JointState by the names in it."""
 
     def decode(message: Any) -> dict[str, float]:
@@ -39,7 +40,7 @@ def of_names(columns: Mapping[str, str], values: str) -> Decode:
     return decode
 
 
-def of_pair(*columns: str) -> Decode:
+def pair_decoder(*columns: str) -> Decode:
     """Two numbers, one per wire."""
 
     def decode(message: Any) -> dict[str, float]:
@@ -48,41 +49,42 @@ def of_pair(*columns: str) -> Decode:
     return decode
 
 
-def of_number(column: str) -> Decode:
+def number_decoder(column: str) -> Decode:
     """One number."""
     return lambda message: {column: float(message.data)}
 
 
-def of_temperature(column: str) -> Decode:
+def temperature_decoder(column: str) -> Decode:
     """A temperature, in deg C in the message (REP 103)."""
-    return lambda message: {column: float(message.temperature) + FREEZING}
+    return lambda message: {column: float(message.temperature) + ZERO_CELSIUS}
 
 
-# Topic: message type, and what it says. Of two that say the same the first that is there counts.
-COMMANDS: Mapping[str, tuple[str, Decode]] = {
-    'J_eq_applied': (NUMBER, of_number('J_eq_W')),
-    'J_eq': (NUMBER, of_number('J_eq_W')),
-    'T_E_applied': (NUMBER, of_number('T_E_K')),
-    'ambient_temperature': (TEMPERATURE, of_temperature('T_E_K')),
+# Topic: message type, and decoder. Where two topics give the same column the first that was recorded counts.
+COMMAND_TOPICS: Mapping[str, tuple[str, Decode]] = {
+    'J_eq_applied': (FLOAT64, number_decoder('J_eq_W')),
+    'J_eq': (FLOAT64, number_decoder('J_eq_W')),
+    'T_E_applied': (FLOAT64, number_decoder('T_E_K')),
+    'ambient_temperature': (TEMPERATURE, temperature_decoder('T_E_K')),
 }
-MEASURED: Mapping[str, tuple[str, Decode]] = {
-    'joint_states': (JOINT_STATE, of_names(JOINTS, 'position')),
-    'wire_forces': (NUMBERS, of_pair('F_1_N', 'F_2_N')),
-    'wire_states': (JOINT_STATE, of_names({wire: f'F_{i}_N' for i, wire in enumerate(WIRES, 1)}, 'effort')),
-    'wire_1/temperature': (TEMPERATURE, of_temperature('T_1_K')),
-    'wire_2/temperature': (TEMPERATURE, of_temperature('T_2_K')),
-    'phase_fractions': (NUMBERS, of_pair('x_M_1', 'x_M_2')),
-    'wire_modes': (BYTES, of_pair('mode_1', 'mode_2')),
+MEASURED_TOPICS: Mapping[str, tuple[str, Decode]] = {
+    'joint_states': (JOINT_STATE, joints_decoder(POSE_COLUMNS, 'position')),
+    'wire_forces': (FLOAT64_ARRAY, pair_decoder('F_1_N', 'F_2_N')),
+    'wire_states': (JOINT_STATE, joints_decoder({wire: f'F_{i}_N' for i, wire in enumerate(WIRE_NAMES, 1)}, 'effort')),
+    'wire_1/temperature': (TEMPERATURE, temperature_decoder('T_1_K')),
+    'wire_2/temperature': (TEMPERATURE, temperature_decoder('T_2_K')),
+    'phase_fractions': (FLOAT64_ARRAY, pair_decoder('x_M_1', 'x_M_2')),
+    'wire_modes': (UINT8_ARRAY, pair_decoder('mode_1', 'mode_2')),
 }
-LABELS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
-ORDER = (
-    'time_s', 'J_eq_W', 'T_E_K', *JOINTS.values(), 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K', 'x_M_1', 'x_M_2', 'mode_1', 'mode_2',
+MODE_TOPICS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
+COLUMN_ORDER = (
+    'time_s', 'J_eq_W', 'T_E_K', *POSE_COLUMNS.values(), 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K', 'x_M_1', 'x_M_2',
+    'mode_1', 'mode_2',
 )  # fmt: skip
 
 
 @dataclass
-class Series:
-    """What one topic said: times [ns] and values by column."""
+class TopicSeries:
+    """The messages of one topic: times [ns] and values by column."""
 
     log: list[int] = field(default_factory=list)
     stamp: list[int] = field(default_factory=list)
@@ -106,17 +108,17 @@ def read_bag(path: Path, namespace: str | None = None) -> dict[str, Vector]:
     command in it, or several modules and no `namespace`.
     """
     bag = open_bag(path)
-    prefix = prefix_of(bag, namespace)
-    wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**COMMANDS, **MEASURED}.items()}
+    prefix = topic_prefix(bag, namespace)
+    wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**COMMAND_TOPICS, **MEASURED_TOPICS}.items()}
     series = read_series(bag, wanted)
     if not any(name in series for name in ('J_eq', 'J_eq_applied')):
         raise UserError(f'{path} has no command: expected messages on {prefix}J_eq or {prefix}J_eq_applied')
-    times = times_of(series, 'epoch' in bag.about)
+    times = message_times(series, 'epoch' in bag.about)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
-    return columns_of(series, times, zero)
+    return columns_from_series(series, times, zero)
 
 
-def prefix_of(bag: Bag, namespace: str | None) -> str:
+def topic_prefix(bag: Bag, namespace: str | None) -> str:
     """What stands before the topics' names. Raises UserError when that is not clear."""
     found = namespaces(bag)
     if not found:
@@ -134,9 +136,9 @@ def prefix_of(bag: Bag, namespace: str | None) -> str:
     return f'/{namespace}/' if namespace else '/'
 
 
-def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict[str, Series]:
+def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict[str, TopicSeries]:
     """What the wanted topics said. Raises UserError for one with another message type."""
-    found: dict[str, Series] = {}
+    found: dict[str, TopicSeries] = {}
     decode_cdr = typestore().deserialize_cdr
     for topic, kind, log_time, cdr, _ in bag.messages(wanted):
         name, expected, decode = wanted[topic]
@@ -146,7 +148,7 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
             message = decode_cdr(cdr, kind)
         except Exception as error:
             raise UserError(f'{bag.path}, topic {topic}: a message of {len(cdr)} bytes is not a {kind}') from error
-        series = found.setdefault(name, Series())
+        series = found.setdefault(name, TopicSeries())
         series.log.append(log_time)
         header = getattr(message, 'header', None)
         series.stamp.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else 0)
@@ -157,12 +159,12 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
     return found
 
 
-def times_of(series: Mapping[str, Series], ours: bool) -> dict[str, NDArray[np.int64]]:
+def message_times(series: Mapping[str, TopicSeries], ours: bool) -> dict[str, NDArray[np.int64]]:
     """When each message counts [ns]."""
-    logs = {name: np.array(one.log, dtype=np.int64) for name, one in series.items()}
+    logs = {name: np.array(topic.log, dtype=np.int64) for name, topic in series.items()}
     if ours:
         return logs
-    stamps = {name: np.array(one.stamp, dtype=np.int64) for name, one in series.items() if any(one.stamp)}
+    stamps = {name: np.array(topic.stamp, dtype=np.int64) for name, topic in series.items() if any(topic.stamp)}
     if not stamps:
         return logs
     pace = max(stamps, key=lambda name: len(stamps[name]))
@@ -170,8 +172,8 @@ def times_of(series: Mapping[str, Series], ours: bool) -> dict[str, NDArray[np.i
     period = float(np.median(np.diff(np.sort(stamps[pace])))) if len(stamps[pace]) > 1 else 0.0
     shifted = {name: log + shift for name, log in logs.items() if name not in stamps}
     for name in shifted:
-        if name in MEASURED:
-            shifted[name] = snapped(shifted[name], np.sort(stamps[pace]), SNAP * period)
+        if name in MEASURED_TOPICS:
+            shifted[name] = snapped(shifted[name], np.sort(stamps[pace]), SNAP_FRACTION * period)
     return {**stamps, **shifted}
 
 
@@ -183,11 +185,13 @@ def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -
     return np.where(np.abs(nearest - times) <= reach, nearest, times)
 
 
-def columns_of(series: Mapping[str, Series], times: Mapping[str, NDArray[np.int64]], zero: int) -> dict[str, Vector]:
+def columns_from_series(
+    series: Mapping[str, TopicSeries], times: Mapping[str, NDArray[np.int64]], zero: int
+) -> dict[str, Vector]:
     """All series on the union of their times, seconds after `zero`."""
-    every = np.unique(np.concatenate([times[name] for name in series if name not in LABELS]))
+    every = np.unique(np.concatenate([times[name] for name in series if name not in MODE_TOPICS]))
     columns: dict[str, Vector] = {}
-    for name in (*MEASURED, *COMMANDS):
+    for name in (*MEASURED_TOPICS, *COMMAND_TOPICS):
         if name not in series:
             continue
         for column, values in series[name].values.items():
@@ -196,18 +200,18 @@ def columns_of(series: Mapping[str, Series], times: Mapping[str, NDArray[np.int6
             filled = np.full(len(every), np.nan)
             at = np.searchsorted(every, times[name])
             known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name])
-            order = slice(None, None, 1 if name in COMMANDS else -1)  # at one time: the last command, the first sample
+            order = slice(None, None, 1 if name in COMMAND_TOPICS else -1)  # at one time: the last command, the first sample
             filled[at[known][order]] = np.array(values)[known][order]
             columns[column] = filled
-    columns['J_eq_W'] = held(columns['J_eq_W'], 0.0)
+    columns['J_eq_W'] = hold_last_value(columns['J_eq_W'], 0.0)
     if 'T_E_K' in columns:
         given = columns['T_E_K'][~np.isnan(columns['T_E_K'])]
-        columns['T_E_K'] = held(columns['T_E_K'], given[0])
+        columns['T_E_K'] = hold_last_value(columns['T_E_K'], given[0])
     columns['time_s'] = (every - zero) / 1e9
-    return {name: columns[name] for name in ORDER if name in columns}
+    return {name: columns[name] for name in COLUMN_ORDER if name in columns}
 
 
-def held(values: Vector, before: float) -> Vector:
+def hold_last_value(values: Vector, before: float) -> Vector:
     """Each gap filled with the value before it."""
     last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
     return np.where(last >= 0, values[np.maximum(last, 0)], before)

@@ -1,7 +1,6 @@
 """Writes rosbag2 folders (storage mcap) that stay readable when the writing process is killed.
 
-What was written before the last `flush` is on the disk in whole chunks; `evidence.bag_files` reads a file that ends
-anywhere.
+What was written before the last `flush` is on the disk in whole chunks; `raw_messages` reads a file that ends anywhere.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from sma_sim.model.errors import UserError
 
 METADATA = 'metadata.yaml'
 METADATA_VERSION = 9  # of rosbag2 in Jazzy and Kilted
-ABOUT_US = 'sma_sim'  # name of the metadata record that says how a bag came about
+PROVENANCE_RECORD = 'sma_sim'  # name of the metadata record that says how a bag came about
 
 
 @cache
@@ -32,7 +31,7 @@ def typestore() -> Typestore:
 
 
 @dataclass
-class Span:
+class MessageSpan:
     """How many messages a file or a bag has, and their first and last log time [ns]."""
 
     count: int = 0
@@ -83,7 +82,7 @@ class BagWriter:
     about: Mapping[str, str] = field(default_factory=dict)
     most_bytes: int = 0
     longest: int = 0
-    bag: Span = field(default_factory=Span)
+    bag: MessageSpan = field(default_factory=MessageSpan)
 
     def __post_init__(self) -> None:
         try:
@@ -93,7 +92,7 @@ class BagWriter:
         except OSError as error:
             raise UserError(f'cannot make the bag {self.path}: {error.strerror}') from error
         self._topics: list[Topic] = []
-        self._files: list[tuple[str, Span]] = []
+        self._files: list[tuple[str, MessageSpan]] = []
         self._open_next()
 
     def add(self, name: str, kind: str, definition: str = '') -> int:
@@ -114,9 +113,9 @@ class BagWriter:
         if self._is_full(log_time):
             self._close_file()
             self._open_next()
-        one = self._topics[topic]
-        one.count += 1
-        self._writer.add_message(one.channel, log_time, cdr, publish_time=log_time, sequence=one.count)
+        entry = self._topics[topic]
+        entry.count += 1
+        self._writer.add_message(entry.channel, log_time, cdr, publish_time=log_time, sequence=entry.count)
         self._files[-1][1].add(log_time)
         self.bag.add(log_time)
 
@@ -153,11 +152,11 @@ class BagWriter:
     def _open_next(self) -> None:
         name = f'{self.path.name}_{len(self._files)}.mcap'
         self._stream: IO[Any] = (self.path / name).open('xb')
-        self._files.append((name, Span()))
+        self._files.append((name, MessageSpan()))
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
         self._writer.start(profile='ros2', library='sma_sim')
         if self.about:
-            self._writer.add_metadata(ABOUT_US, dict(self.about))
+            self._writer.add_metadata(PROVENANCE_RECORD, dict(self.about))
         self._schemas: dict[str, int] = {}
         for topic in self._topics:
             self._register(topic)
