@@ -18,6 +18,7 @@ from sma_sim.evidence.data.recordings import read_campaign
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
+from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import step_change
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
@@ -29,7 +30,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.refit import further_in, limited
 from sma_sim.evidence.model_selection.score_tests import Screened
 from sma_sim.model.config import read_config
-from sma_sim.report.html.diagnosis_page import fall_figure, write_diagnosis_page
+from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 
 SEEDS = [1, 2, 3]
 
@@ -124,7 +125,7 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
     campaigns = hold_out_last(runs, None)
     broken = replace(bare, held_out=np.inf)
     assert step_change(bare, last, *campaigns).held_out and not step_change(broken, last, *campaigns).held_out
-    assert np.isfinite(fall_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
+    assert np.isfinite(reduction_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
 
 
 @pytest.mark.parametrize(
@@ -180,9 +181,9 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
     assert any(line.startswith('Removed again: gravity') and f'{worse.held_out:.2f} with' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(turned, None), '')
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(turned, None)))
     labels = ('nominal model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
-    assert (tmp_path / 'why.html').exists() and fall_figure(found).data[0].x == labels
+    assert (tmp_path / 'why.html').exists() and reduction_figure(found).data[0].x == labels
 
 
 def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
@@ -197,7 +198,7 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', found, *hold_out_last(campaign_, None), '')
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(campaign_, None)))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 

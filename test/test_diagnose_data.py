@@ -17,6 +17,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.rosbag.run_writer import messages_of
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import Options
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -53,8 +54,8 @@ def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     assert found.verdict == 'none' and found.held_out == () and np.isnan(found.steps[-1].held_out)
     assert set(found.steps[-1].channels) == {'U_x', 'U_y', 'alpha', 'F_2'} and found.steps[-1].train < 1.1
     assert any('No run was held out' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', found, runs, None)
-    assert 'no run was held out' in (tmp_path / 'why.html').read_text()
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, runs, None))
+    assert 'No run was held out' in (tmp_path / 'why.html').read_text()
 
 
 def test_a_robot_that_never_moved():

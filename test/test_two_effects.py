@@ -22,7 +22,7 @@ from sma_sim.evidence.model_selection.forward_selection import (
 )
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.refit import EXPLAINED
-from sma_sim.report.html.tried import revision_section
+from sma_sim.report.html.candidates import elimination_section
 
 QUICK = DiagnosisRequest('mas', options=Options(starts=1))
 
@@ -72,7 +72,7 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     assert last.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.1)
     names = [p.name for p in last.problem.free]
     assert len(last.z) - len(names) == len(right.z) - len(right.problem.free) and len(set(names)) == len(names)
-    section = revision_section(again, SimpleNamespace(confounding={}))
+    section = elimination_section(again, SimpleNamespace(confounding={}))
     assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
     others = [one for one in again.tried if one.name != 'gravity']
     assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse

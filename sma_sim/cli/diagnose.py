@@ -27,6 +27,7 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.proposed_equation import values_of
+from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.interruption import stoppable
@@ -77,7 +78,7 @@ def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Cam
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(arguments.json, as_data(found, written) | offered)
     if arguments.report:
-        write_diagnosis_page(arguments.report, found, training, held, command)
+        write_diagnosis_page(arguments.report, reviewed(found, training, held), command)
     if command:
         print(f'To find the experiment that tells {" from ".join(rivals)}: {command}')
     return written

@@ -1,0 +1,44 @@
+"""A diagnosis beside its data: all that a report shows and that has to be simulated or evaluated first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.stage_change import StepChange, step_change
+from sma_sim.evidence.residual_analysis.compare import compared_calibration
+from sma_sim.evidence.residual_analysis.summary import Summary, summarise
+from sma_sim.model.parameters import DEFAULTS
+
+
+@dataclass(frozen=True)
+class DiagnosisReview:
+    """A diagnosis, its recordings, and what was computed from both.
+
+    `changes`: by number of the selection step (from 1), where the effect that it accepted changed most; `remaining`: the
+    last model beside all recordings; `initial_values`: parameters of the nominal model, defaults where it has none.
+    """
+
+    diagnosis: Diagnosis
+    training: Campaign
+    held_out: Campaign | None
+    changes: Mapping[int, StepChange]
+    remaining: Summary
+    initial_values: Mapping[str, float]
+
+
+def reviewed(diagnosis: Diagnosis, training: Campaign, held_out: Campaign | None) -> DiagnosisReview:
+    """Evaluate a diagnosis on the recordings that it was made with. Raises SimulationError."""
+    stages = diagnosis.steps
+    changes = {
+        number: step_change(stages[number - 1], stages[number], training, held_out)
+        for number, step in enumerate(diagnosis.rounds, start=1)
+        if step.accepted is not None and number < len(stages)
+    }
+    values = {name: parameter.default for name, parameter in DEFAULTS.items()} | stages[0].values
+    for parameter in diagnosis.calibration.free:
+        values.setdefault(parameter.name, parameter.center)
+    comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')
+    return DiagnosisReview(diagnosis, training, held_out, changes, summarise(comparison), values)
