@@ -23,6 +23,7 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.experiment_design import utilities
+from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
 from sma_sim.evidence.experiment_design.design import DesignRequest, grid_for, limits_for, next_experiment
 from sma_sim.evidence.experiment_design.forecast import Foretold, Limits
 from sma_sim.evidence.experiment_design.sequences import (
@@ -38,6 +39,7 @@ from sma_sim.evidence.experiment_design.sequences import (
 from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
 from sma_sim.evidence.experiment_design.utilities import follower, gain, known, ratios, weak_directions, worth_of_ratios
 from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.report.html.design_page import write_design_page
 
 POSE = ('U_x', 'U_y', 'alpha')
 SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}
@@ -137,6 +139,20 @@ def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
     data = json.loads(json.dumps(as_data(plan), allow_nan=False))
     assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
+
+
+def test_curves_are_what_the_hypotheses_predict_and_their_page_is_written(rivals, tmp_path):
+    _, plan = rivals
+    first, second = curves = hypothesis_curves(plan)
+    best, rival = (first, second) if first.remainder is None else (second, first)
+    assert plan.hypotheses[best_hypothesis(plan)].name == best.name and best.remainder is None
+    weight, scale = plan.run.weight, np.sqrt(plan.every)
+    difference = (best.mean - rival.mean) * weight / scale
+    assert rival.remainder.shape == difference.shape == first.std.shape == (len(POSE), len(plan.run.time))
+    assert 0.0 < np.sum(rival.remainder**2) < np.sum(difference**2)  # refitting follows a part
+    assert (first.std > 0.0).any() and np.isfinite(first.std).all()
+    write_design_page(tmp_path / 'next.html', plan, curves)
+    assert 'What a refitted rival cannot follow' in (tmp_path / 'next.html').read_text()
 
 
 def test_the_same_seed_and_limits_give_the_same_sequence():

@@ -22,6 +22,7 @@ from sma_sim.cli.common.data import (
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
 from sma_sim.cli.fit import STOPPED
 from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, as_data(plan))
     if arguments.report:
-        write_design_page(arguments.report, plan)
+        write_design_page(arguments.report, plan, hypothesis_curves(plan))
     print(*plan_text(plan), sep='\n')
     tell_written(arguments.out, arguments.report, arguments.json)
     return STOPPED if plan.interrupted else 0
@@ -102,9 +103,9 @@ def plan_text(plan: Plan) -> Iterator[str]:
         yield from knowledge_text(plan)
     yield ''
     reached = {
-        'power': (max(abs(plan.levels)), plan.grid.power, 'W'),
-        'temperature': (max(one.temperature for one in plan.predicted), plan.limits.temperature, 'K'),
-        'stress': (1e-6 * max(one.stress for one in plan.predicted), 1e-6 * plan.limits.stress, 'MPa'),
+        'power': (plan.reached['power'], plan.grid.power, 'W'),
+        'temperature': (plan.reached['temperature'], plan.limits.temperature, 'K'),
+        'stress': (1e-6 * plan.reached['stress'], 1e-6 * plan.limits.stress, 'MPa'),
     }
     yield table_text(
         ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'),

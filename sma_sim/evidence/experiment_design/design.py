@@ -123,6 +123,15 @@ class Plan:
         return bool(self.expected)
 
     @property
+    def reached(self) -> dict[str, float]:
+        """Largest power [W], temperature [K] and stress [Pa] of a wire under any hypothesis and draw of its posterior."""
+        return {
+            'power': float(abs(self.levels).max()),
+            'temperature': max(prediction.temperature for prediction in self.predicted),
+            'stress': max(prediction.stress for prediction in self.predicted),
+        }
+
+    @property
     def inseparable(self) -> tuple[tuple[str, str], ...]:
         """Pairs of hypotheses that the best sequence does not tell apart, whichever is true."""
         found = {(one.true, one.rival): one.designed for one in self.expected}

@@ -42,9 +42,9 @@ def as_data(plan: Plan) -> dict[str, Any]:
             'from': plan.limits_from,
         },
         'reached': {
-            'power_W': float(abs(plan.levels).max()),
-            'temperature_K': max(one.temperature for one in plan.predicted),
-            'stress_Pa': max(one.stress for one in plan.predicted),
+            'power_W': plan.reached['power'],
+            'temperature_K': plan.reached['temperature'],
+            'stress_Pa': plan.reached['stress'],
         },
         'tried': plan.tried,
         'interrupted': plan.interrupted,

@@ -12,11 +12,12 @@ from sma_sim.evidence.residual_analysis.findings import Finding, findings
 from sma_sim.evidence.residual_analysis.metrics import Score, scores, total_error
 from sma_sim.evidence.residual_analysis.patterns import Pattern, patterns
 from sma_sim.evidence.residual_analysis.spectrum import Band, bands
+from sma_sim.evidence.residual_analysis.state_density import StateDensity, state_densities
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run."""
+    """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run; `densities` by channel."""
 
     comparison: Comparison
     fitted: Mapping[str, Score]
@@ -26,6 +27,21 @@ class Summary:
     findings: tuple[Finding, ...]
     splits: tuple[Split, ...]
     bands: Mapping[str, tuple[Band, ...]]
+    densities: Mapping[str, tuple[StateDensity, ...]]
+
+    @property
+    def fitted_error(self) -> float:
+        """Error over noise of the fitted runs; NaN without any."""
+        return total_error(list(self.fitted.values()))
+
+    @property
+    def held_out_error(self) -> float:
+        """Error over noise of the held-out runs; NaN without any."""
+        return total_error(list(self.held_out.values()))
+
+    def run_error(self, name: str) -> float:
+        """Error over noise of a run."""
+        return total_error(list(self.runs[name].values()))
 
 
 def summarise(comparison: Comparison) -> Summary:
@@ -35,6 +51,7 @@ def summarise(comparison: Comparison) -> Summary:
         comparison, scores(comparison.part(False), channels), scores(comparison.part(True), channels),
         {run.name: scores((run,), channels) for run in comparison.runs}, patterns(comparison), findings(comparison),
         splits(comparison), {channel: bands(comparison.runs, channel) for channel in channels},
+        state_densities(comparison),
     )  # fmt: skip
 
 
@@ -46,8 +63,8 @@ def as_data(summary: Summary) -> dict[str, Any]:
         'model': comparison.config.model,
         'delay': comparison.delay,
         'error': {
-            'train': total_error(list(summary.fitted.values())),
-            'held_out': total_error(list(summary.held_out.values())),
+            'train': summary.fitted_error,
+            'held_out': summary.held_out_error,
         },
         'channels': {
             name: {channel: asdict(one) for channel, one in part.items()}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from sma_sim.evidence.residual_analysis.metrics import total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import Change
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
@@ -15,9 +15,9 @@ from sma_sim.report.palette import GREY
 def changes_section(summaries: Sequence[Summary], pairs: Sequence[Change]) -> Section:
     """Errors of both, and their ratios with intervals."""
     rows = [
-        (one.comparison.label, one.comparison.config.model,
-         *(f'{total_error(list(part.values())):.3f}' if part else '' for part in (one.fitted, one.held_out)))
-        for one in summaries
+        (summary.comparison.label, summary.comparison.config.model,
+         *('' if math.isnan(error) else f'{error:.3f}' for error in (summary.fitted_error, summary.held_out_error)))
+        for summary in summaries
     ]  # fmt: skip
     return Section('Side by side', [
         Table(('configuration', 'model', 'error over noise', 'held out'), rows),

@@ -26,8 +26,8 @@ def comparison_sections(summary: Summary) -> list[Section]:
     """What there is to see of one configuration beside a campaign."""
     comparison = summary.comparison
     return [
-        summary_section(summary), where_section(summary), runs_section(comparison), hysteresis_section(comparison),
-        states_section(comparison),
+        summary_section(summary), where_section(summary), runs_section(summary), hysteresis_section(comparison),
+        states_section(summary.densities),
     ]  # fmt: skip
 
 

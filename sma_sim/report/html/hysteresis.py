@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
@@ -37,7 +37,7 @@ def hysteresis_section(comparison: Comparison) -> Section:
 def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> object:
     """One loop."""
     channel, column, scale, label, _ = loop
-    unit, factor = UNITS[channel]
+    unit, factor = DISPLAY_UNITS[channel]
     known = np.flatnonzero(np.isfinite(run.measured[channel]))
     at = known[:: -(-len(known) // MOST_POINTS)]
     x = small(scale * run.states[column][at])

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
-from sma_sim.evidence.residual_analysis.metrics import scores, total_error
+from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, wires_of
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
@@ -23,9 +23,9 @@ COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'stra
 VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]
 
 
-def runs_section(comparison: Comparison) -> Section:
+def runs_section(summary: Summary) -> Section:
     """A tab per run."""
-    runs = worst(comparison)
+    comparison, runs = summary.comparison, worst_runs(summary)
     points = BYTES // (PER_POINT * len(runs) * len(comparison.channels))
     points = int(np.clip(points, LEAST_POINTS, MOST_POINTS))
     tabs: list[tuple[str, list[Block]]] = [
@@ -41,11 +41,11 @@ def runs_section(comparison: Comparison) -> Section:
     return Section('Measured against model', [Paragraph(words), Tabs(tabs)])
 
 
-def worst(comparison: Comparison) -> list[ComparedRun]:
+def worst_runs(summary: Summary) -> list[ComparedRun]:
     """All runs, or those with the largest error over noise, in the order of the campaign."""
-    errors = [total_error(list(scores((run,), comparison.channels).values())) for run in comparison.runs]
-    least = sorted(errors, reverse=True)[:MOST_RUNS][-1]
-    return [run for run, error in zip(comparison.runs, errors, strict=True) if error >= least]
+    runs = summary.comparison.runs
+    least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MOST_RUNS][-1]
+    return [run for run in runs if summary.run_error(run.name) >= least]
 
 
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
@@ -72,7 +72,7 @@ def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
 
 def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: int) -> None:
     """Measured, model and residual of one channel in two rows."""
-    unit, factor = UNITS[channel]
+    unit, factor = DISPLAY_UNITS[channel]
     at = envelope(run.residual(channel), points)
     time, first = small(run.time[at]), row == 1
     curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sma_sim.evidence.data.display_units import DISPLAY_UNITS as UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.diagnosis.diagnose import ModelStage
 from sma_sim.evidence.diagnosis.stage_change import StepChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
@@ -23,7 +23,7 @@ WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logar
 def change_plot(change: StepChange) -> Plot:
     """Measured, model before and model after in the channel that changed most, with residuals over noise below."""
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
-    unit, factor = UNITS[channel]
+    unit, factor = DISPLAY_UNITS[channel]
     at = envelope(change.before.residual(channel), MOST_POINTS)
     time = small(change.before.time[at])
     for name, values, colour, width in (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.residual_analysis.metrics import Score, total_error
+from sma_sim.evidence.residual_analysis.metrics import Score
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
@@ -18,9 +18,9 @@ def summary_section(summary: Summary) -> Section:
     """Totals, the scores as a figure and as a table, errors of every run."""
     runs = summary.comparison.runs
     held = [run.name for run in runs if run.held_out]
-    words = f'Error over noise {total_error(list(summary.fitted.values())):.3g} on {count(len(runs) - len(held))}'
+    words = f'Error over noise {summary.fitted_error:.3g} on {count(len(runs) - len(held))}'
     if held:
-        words += f', {total_error(list(summary.held_out.values())):.3g} on {count(len(held))} held out ({", ".join(held)})'
+        words += f', {summary.held_out_error:.3g} on {count(len(held))} held out ({", ".join(held)})'
     note = (
         'Error over noise is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
@@ -76,5 +76,5 @@ def run_table(summary: Summary) -> Table:
         found = summary.runs[run.name]
         cells = [f'{found[name].over_noise:.3f}' if name in found else '' for name in channels]
         label = run.name + (' (held out)' if run.held_out else '')
-        rows.append((label, *cells, f'{total_error(list(found.values())):.3f}'))
+        rows.append((label, *cells, f'{summary.run_error(run.name):.3f}'))
     return Table(('run', *channels, 'all'), rows, 'Error over noise of every run')
