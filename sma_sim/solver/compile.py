@@ -1,7 +1,8 @@
 """The only place that compiles: plain Python functions of the model in, native code out.
 
-Functions are compiled with everything that they call. Native code is kept in a folder whose name is a hash of
-every source file that went into it, so that no stale code is ever used (numba itself misses a change in a callee).
+What Python calls is compiled as one piece with everything that it calls (solver.fragments). Native code is kept in a
+folder whose name is a hash of every source file that went into it, so that no stale code is ever used (numba itself
+misses a change in a callee), and copies of the package with the same sources share it.
 With NUMBA_DISABLE_JIT=1 nothing is compiled: all runs as plain Python, where debuggers and coverage see it, to the
 same bits and a hundred times slower.
 """
@@ -9,6 +10,7 @@ same bits and a hundred times slower.
 from __future__ import annotations
 
 import ctypes
+import getpass
 import hashlib
 import os
 import sys
@@ -20,28 +22,37 @@ from threading import RLock
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
+import llvmlite
 import numba
 from numba.core import types
 from numba.extending import intrinsic
 
 from sma_sim.model.effects.ports import call_kernel
+from sma_sim.solver.by_reference import by_reference
+from sma_sim.solver.fragments import Entry, fragment
 
 _one_at_a_time = RLock()
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
-# The large functions; all others are small and are inlined where they are called.
+OWN = ('sma_sim.',)
+# Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (
     'flow',
-    'flow_at',
-    'linearise',
+    'linearize',
     'rosenbrock_step',
     'observe',
     'crossing',
+    'first_jump_before',
+    'jump_now',
     'run_segment',
     'integrate',
     'integrate_held',
+    'start_states',
+    'balance',
+    'settle',
     'start',
 )
+ENTRY = 'def {name}(*arguments):\n    return function(*by_reference(arguments))\n'
 
 
 @intrinsic
@@ -82,16 +93,31 @@ def is_interpreted() -> bool:
 def content_key(*paths: Path) -> str:
     """Hash of the given files and of all sources of the package that take part in compilation."""
     sources = [file for folder in _COMPILED_FOLDERS for file in (_PACKAGE / folder).rglob('*.py')]
-    digest = hashlib.sha256(f'{sys.version} {numba.__version__} {_PACKAGE}'.encode())
-    for file in sorted({*sources, *paths}):
+    digest = hashlib.sha256(f'{sys.version} {numba.__version__} {llvmlite.__version__}'.encode())
+    for file in [*sorted(sources), *sorted(set(paths) - set(sources))]:
         digest.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
     return digest.hexdigest()[:20]
 
 
+def user_cache() -> Path:
+    """Where the user's native code is kept, by the custom of the operating system."""
+    if sys.platform == 'win32':
+        return Path(os.environ.get('LOCALAPPDATA') or Path.home() / 'AppData' / 'Local') / 'sma_sim'
+    custom = 'Library/Caches' if sys.platform == 'darwin' else '.cache'
+    return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / custom) / 'sma_sim'
+
+
+def user_name() -> str:
+    """The user's name; containers may have users without one."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return 'user'
+
+
 def cache_folder(key: str) -> Path:
     """A writable folder for native code of this key: the user's cache, or a temporary one."""
-    home = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    for root in (home / 'sma_sim', Path(tempfile.gettempdir()) / f'sma_sim-{os.getuid()}'):
+    for root in (user_cache(), Path(tempfile.gettempdir()) / f'sma_sim-{user_name()}'):
         folder = root / key
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -103,26 +129,66 @@ def cache_folder(key: str) -> Path:
 
 
 def is_compiled() -> bool:
-    """Whether native code of the model and the solver is at hand, so that a start takes no half minute."""
-    return is_interpreted() or any(cache_folder(content_key()).glob('*/integrate.run_segment-*.nbi'))
+    """Whether native code is at hand, or none is needed: the start of a run is compiled before all else."""
+    return is_interpreted() or any(cache_folder(content_key()).glob('*/start.start-*.nbi'))
+
+
+def write_source(file: Path, text: str) -> None:
+    """Write a source that numba keeps native code for, unless it is there; several processes may do so at once."""
+    if file.exists() and file.read_text(encoding='utf-8') == text:
+        return
+    handle, name = tempfile.mkstemp(dir=file.parent, suffix='.py')
+    with open(handle, 'w', encoding='utf-8') as new:
+        new.write(text)
+    os.utime(name, (0, 0))  # numba takes native code for stale when the time of its source changes
+    os.replace(name, file)
+
+
+def reachable(*roots: Callable[..., Any]) -> set[Callable[..., Any]]:
+    """The functions of the package that are compiled with those given."""
+    found: set[Callable[..., Any]] = set()
+    pending: list[Any] = list(roots)
+    while pending:
+        python = pending.pop()
+        if python not in found and python is not call_kernel:
+            found.add(python)
+            named = (python.__globals__.get(name) for name in python.__code__.co_names)
+            pending += [f for f in named if isinstance(f, FunctionType) and f.__module__.startswith(OWN)]
+    return found
 
 
 class Compiler:
     """Compiles functions with all that they call, into one cache folder."""
 
-    def __init__(self, key: str, owned: tuple[str, ...] = ('sma_sim.',)):
+    def __init__(self, key: str, owned: tuple[str, ...] = OWN):
         self.folder = cache_folder(key)
         self._owned = owned
-        self._done: dict[Callable[..., Any], Any] = {call_kernel: _native_call}
+        self._fragments: dict[tuple[Callable[..., Any], bool], Any] = {}
+        self._entries: dict[Callable[..., Any], Any] = {}
 
     def function(self, python: Callable[..., Any]) -> Any:
-        """The compiled twin of `python`; its callees of our own packages are compiled with it."""
+        """The compiled twin of `python`, for Python to call; it is compiled, or loaded, when it is called first."""
         if is_interpreted():
             return python
         with _one_at_a_time:
-            if python not in self._done:
-                self._done[python] = self._jit(self._with_compiled_callees(python))
-            return self._done[python]
+            if python not in self._entries:
+                self._entries[python] = self._entry(python)
+            return self._entries[python]
+
+    def _entry(self, python: Callable[..., Any]) -> Any:
+        name = python.__name__
+        file, text = self.folder / f'{name}.py', ENTRY.format(name=name)
+        write_source(file, text)
+        namespace = {'function': self._fragment(python, inlined=False), 'by_reference': by_reference, '__name__': __name__}
+        exec(compile(text, str(file), 'exec'), namespace)
+        options = {'nopython': True, 'nogil': True, 'error_model': 'numpy', '_nrt': False, 'no_cfunc_wrapper': True}
+
+        def build() -> Any:
+            entry = Entry(namespace[name], targetoptions=options)
+            entry.enable_caching()
+            return entry
+
+        return self._cached(build)
 
     def _with_compiled_callees(self, python: Callable[..., Any], *more: Callable[..., Any]) -> FunctionType:
         assert isinstance(python, FunctionType)
@@ -130,7 +196,7 @@ class Compiler:
         for name in python.__code__.co_names:
             callee = namespace.get(name)
             if isinstance(callee, FunctionType) and (callee in more or callee.__module__.startswith(self._owned)):
-                namespace[name] = self.function(callee)
+                namespace[name] = self._callee(callee)
             elif isinstance(callee, ModuleType) and callee.__name__.startswith(self._owned):
                 namespace[name] = self._compiled_module(callee, python.__code__.co_names)
         twin = FunctionType(python.__code__, namespace, python.__name__, python.__defaults__, python.__closure__)
@@ -144,14 +210,18 @@ class Compiler:
         twin.__dict__.update(module.__dict__)
         for name in used:
             if isinstance(getattr(module, name, None), FunctionType):
-                setattr(twin, name, self.function(getattr(module, name)))
+                setattr(twin, name, self._callee(getattr(module, name)))
         return twin
 
-    def _jit(self, python: FunctionType) -> Any:
-        # No reference counts (_nrt): our functions allocate nothing, and counting costs ten times the arithmetic.
-        large = python.__name__ in OUT_OF_LINE
-        options: dict[str, Any] = {'_nrt': False, 'forceinline': not large, 'cache': large}
-        return self._cached(lambda: numba.njit(nogil=True, error_model='numpy', **options)(python))
+    def _callee(self, python: Callable[..., Any]) -> Any:
+        return self._fragment(python, inlined=python.__name__ not in OUT_OF_LINE)
+
+    def _fragment(self, python: Callable[..., Any], inlined: bool) -> Any:
+        if python is call_kernel:
+            return _native_call
+        if (python, inlined) not in self._fragments:
+            self._fragments[python, inlined] = fragment(self._with_compiled_callees(python), inlined)
+        return self._fragments[python, inlined]
 
     def native(self, python: Callable[..., Any], kernel: Callable[..., Any]) -> Any:
         """A C function of five data addresses that calls `kernel`; keep what is returned while its address is used."""

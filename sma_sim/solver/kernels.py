@@ -14,7 +14,7 @@ from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
-from sma_sim.solver.compile import Compiler, content_key
+from sma_sim.solver.compile import Compiler, content_key, write_source
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
@@ -69,8 +69,7 @@ def _native(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int,
     """A C function of five addresses around one kernel."""
     text = wrapper_text(effect, role, outputs, memory, returns_tuple(effect, role, kernel, outputs, memory))
     file = compiler.folder / f'effect_{effect.name}_{role}.py'
-    if not file.exists() or file.read_text() != text:  # numba keeps native code by the age of this file
-        file.write_text(text)
+    write_source(file, text)
     names = [p.name for p in effect.parameters]
     namespace: dict[str, Any] = {
         '__name__': __name__,

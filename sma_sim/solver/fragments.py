@@ -1,0 +1,132 @@
+"""Compiled functions without machine code of their own: they become part of those that call them.
+
+numba optimizes each function with all that it calls and makes machine code of it, and so does every function that calls
+it: the innermost are compiled a dozen times. A fragment is only simplified; what Python calls is compiled once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numba._dynfunc
+from llvmlite import binding
+from numba.core import codegen, types
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
+
+make_function: Any = numba._dynfunc.make_function
+FRAGMENT, ENTRY = 1, 20  # work that is done when one of them is ready, in arbitrary units (benchmarks/startup.py)
+on_compiled: list[Callable[[int], None]] = []  # called with the work that was done
+
+
+class FragmentLibrary(codegen.JITCodeLibrary):
+    """The code of one function, to be linked into its callers."""
+
+    inlined = True
+
+    def finalize(self) -> None:
+        """Nothing more is added; neither optimized nor made into machine code."""
+        self._finalized = True
+
+    def own_module(self) -> Any:
+        """A copy of this function's code, that a caller takes in if it needs it."""
+        module = self._final_module.clone()
+        for function in module.functions:
+            if not function.is_declaration and function.linkage == binding.Linkage.external:
+                function.linkage = 'linkonce_odr'
+                if not self.inlined:
+                    function.add_function_attribute('noinline')
+        return module
+
+    def with_callees(self, seen: set[Any]) -> Iterator[Any]:
+        """The modules of this function and of all that it calls, callers first."""
+        seen.add(self)
+        yield self.own_module()
+        for library in self._linking_libraries:
+            if library not in seen and isinstance(library, FragmentLibrary):
+                yield from library.with_callees(seen)
+            elif library not in seen:
+                seen.add(library)
+                yield library._get_module_for_linking().clone()
+
+    def _get_module_for_linking(self) -> Any:
+        first, *others = self.with_callees(set())
+        for module in others:
+            first.link_in(module)
+        return first
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class FragmentLowering(NativeLowering):
+    """Makes a fragment of a function whose types are known."""
+
+    _name = 'fragment_lowering'
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower; the function object that numba wants is an empty one."""
+        library: Any = FragmentLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        library.inlined = bool(state.flags.forceinline)
+        state.library, state.flags.no_compile = library, True
+        super().run_pass(state)
+        result = state['cr']
+        described = result.fndesc
+        empty = make_function(described.lookup_module(), described.qualname, '', 0, result.env, (library,))
+        state.targetctx.insert_user_function(empty, described, [library])
+        state['cr'] = result._replace(cfunc=empty)
+        return True
+
+
+class FragmentCompiler(CompilerBase):
+    """numba's usual passes with another last one."""
+
+    def define_pipelines(self) -> list[Any]:
+        """The passes."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(FragmentLowering if p is NativeLowering else p, what) for p, what in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+class Announcing(CPUDispatcher):
+    """A function that says when it has been compiled."""
+
+    work = 0
+
+    def compile(self, sig: Any) -> Any:
+        """As numba does it."""
+        known = len(self.overloads)
+        entry = super().compile(sig)
+        if len(self.overloads) > known:
+            for call in on_compiled:
+                call(self.work)
+        return entry
+
+
+class Entry(Announcing):
+    """A function that Python calls."""
+
+    work = ENTRY
+
+
+class Fragment(Announcing):
+    """A function that other compiled functions can call, and Python cannot."""
+
+    work = FRAGMENT
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """As numba does it, but a constant is a number as any other: no version of the function for it alone."""
+        return super().get_call_template(tuple(types.unliteral(kind) for kind in args), kws)
+
+
+def fragment(python: Callable[..., Any], inlined: bool) -> Any:
+    """A fragment of a plain function; `inlined` wherever it is called, or nowhere."""
+    options = {
+        'nopython': True, 'nogil': True, 'error_model': 'numpy', 'forceinline': inlined,
+        '_nrt': False,  # no reference counts: our functions allocate nothing, and counting costs ten times the arithmetic
+        'no_cpython_wrapper': True, 'no_cfunc_wrapper': True,
+    }  # fmt: skip
+    made: Any = Fragment(python, targetoptions=options, pipeline_class=FragmentCompiler)
+    return made
