@@ -156,6 +156,7 @@ def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     assert None in told.values()
 
 
+@pytest.mark.slow
 def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     """Another beam in the held-out run: nothing in the fitted ones tells what that is, so no equation is made up."""
     runs = measured()
@@ -268,6 +269,7 @@ def in_foreign_files(runs, home):
     return read_campaign(files, 'module', 298.0, home / 'map.yaml', NOISE)
 
 
+@pytest.mark.slow
 def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
     runs, first = with_gravity
     dressed = in_foreign_files(runs, tmp_path)
@@ -279,6 +281,7 @@ def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
     assert found.steps[0].held_out == pytest.approx(first.steps[0].held_out, rel=0.02)
 
 
+@pytest.mark.slow
 def test_decimation_changes_nothing(with_gravity):
     runs, first = with_gravity
     halved = tuple(
@@ -289,6 +292,7 @@ def test_decimation_changes_nothing(with_gravity):
     assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.steps[-1].held_out < 1.2
 
 
+@pytest.mark.slow
 def test_nothing_missing_is_said():
     found = diagnose(measured(), config())
     assert found.verdict == 'none' and found.effects == () and len(found.steps) == 1
@@ -307,6 +311,7 @@ def test_what_no_effect_explains_is_unknown():
     assert any('in alpha' in line for line in as_text(found))
 
 
+@pytest.mark.slow
 def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
     request = DiagnosisRequest('mas', options=Options(starts=1), equation=False)

@@ -21,19 +21,9 @@ PATIENCE = 300.0  # [s]
 
 @pytest.fixture(scope='module')
 def case(tmp_path_factory):
-    """A small robot that lacks gravity and convection, so that there are three rounds."""
-    return written(tmp_path_factory, ['gravity', 'natural_convection'])
-
-
-@pytest.fixture(scope='module')
-def simple_case(tmp_path_factory):
-    """A small robot that lacks gravity only."""
-    return written(tmp_path_factory, ['gravity'])
-
-
-def written(tmp_path_factory, kinds):
+    """A small robot that lacks gravity."""
     folder = tmp_path_factory.mktemp('stop') / 'case'
-    write_challenge(make_challenge(2, kinds=kinds, forces=True, duration=30.0, rate=10.0), folder, 'csv')
+    write_challenge(make_challenge(2, kinds=['gravity'], forces=True, duration=30.0, rate=10.0), folder, 'csv')
     return folder
 
 
@@ -77,8 +67,8 @@ class Diagnosing:
 
 @pytest.mark.parametrize(
     ('words', 'model'),
-    [('fitting the hybrid', 'auto'), ('fitting the mas', 'auto'), ('screening', 'mas'), ('refitting with', 'mas'),
-     ('cross-validating', 'mas')],
+    [('fitting the hybrid', 'auto'), ('screening', 'mas'), pytest.param('fitting the mas', 'auto', marks=pytest.mark.slow),
+     pytest.param('refitting with', 'mas', marks=pytest.mark.slow), ('cross-validating', 'mas')],
 )  # fmt: skip
 def test_stopped_before_anything_was_accepted(case, tmp_path, words, model):
     one = Diagnosing(case, tmp_path, '--model', model)
@@ -103,9 +93,10 @@ def test_stopped_after_an_effect_was_accepted(case, tmp_path):
     assert f'Your model lacks {" and ".join(phrases)}; more may be missing' in page
 
 
-def test_stopped_while_files_are_written(simple_case, tmp_path):
+@pytest.mark.slow
+def test_stopped_while_files_are_written(case, tmp_path):
     """Then the search is over: everything is written, and nothing was interrupted."""
-    one = Diagnosing(simple_case, tmp_path, '--model', 'mas', '--no-equation')
+    one = Diagnosing(case, tmp_path, '--model', 'mas', '--no-equation')
     end = time.monotonic() + PATIENCE
     while not (tmp_path / 'better.yaml').exists():
         assert one.process.poll() is None and time.monotonic() < end, one.said

@@ -13,40 +13,57 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts)]
 BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
 SHELLS = ('bash', 'console', 'sh')
+SEARCHES = re.compile(r'sma-sim (?:latent|next|tour)|propose\(|latent\(|next_experiment\(')  # half a minute and more
 
 
-def blocks():
+def blocks(*languages):
+    """Page, mark and text of every code block in these languages."""
     for page in PAGES:
         for number, match in enumerate(BLOCK.finditer(page.read_text())):
-            yield pytest.param(page, match['mark'], match['language'], match['text'], id=f'{page.name}-{number}')
+            if match['language'] in languages:
+                yield f'{page.name}-{number}', page, match['mark'], match['text']
+
+
+def scripts():
+    """The blocks that run: all of Python, and those of the shell that say so."""
+    for language in ('python', *SHELLS):
+        for name, _, mark, text in blocks(language):
+            if language == 'python' or (mark or '').startswith('run'):
+                marks = [pytest.mark.slow] if SEARCHES.search(text) else []
+                words = [sys.executable] if language == 'python' else ['bash', '-euo', 'pipefail']
+                yield pytest.param([*words, '-c', text], id=name, marks=marks)
 
 
 def environment():
     """The scripts of this Python first, and the package from its sources."""
-    scripts = str(Path(sys.executable).parent)
-    return os.environ | {'PATH': scripts + os.pathsep + os.environ['PATH'], 'PYTHONPATH': str(ROOT)}
+    folder = str(Path(sys.executable).parent)
+    return os.environ | {'PATH': folder + os.pathsep + os.environ['PATH'], 'PYTHONPATH': str(ROOT)}
 
 
-@pytest.mark.parametrize(('page', 'mark', 'language', 'text'), list(blocks()))
-def test_block(page, mark, language, text, tmp_path):
-    if language in SHELLS:
-        assert mark, f'{page}: say <!-- run --> or <!-- not run: why --> before this block:\n{text}'
-        if not mark.startswith('run'):
-            return
-        command = ['bash', '-euo', 'pipefail', '-c', text]
-    elif language == 'python':
-        command = [sys.executable, '-c', text]
-    else:
-        return
+def test_every_shell_block_says_whether_it_runs():
+    assert [name for name, _, mark, _ in blocks(*SHELLS) if not mark] == []  # <!-- run --> or <!-- not run: why -->
+
+
+@pytest.mark.parametrize('command', list(scripts()))
+def test_block(command, tmp_path):
     (tmp_path / 'examples').symlink_to(ROOT / 'examples')
     done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
-    for link in re.findall(r'\]\(([^)#]+)', page.read_text()):
-        assert link.startswith('http') or (page.parent / link).exists(), link
+def test_what_python_blocks_import_is_there():
+    """Of those too that run at night only."""
+    texts = [text for _, _, _, text in blocks('python')]
+    imports = {line for text in texts for line in text.splitlines() if line.startswith(('import sma_sim', 'from sma_sim'))}
+    assert len(imports) > 5
+    for line in imports:
+        exec(line, {})
+
+
+def test_links_lead_somewhere():
+    for page in PAGES:
+        for link in re.findall(r'\]\(([^)#]+)', page.read_text()):
+            assert link.startswith('http') or (page.parent / link).exists(), f'{page}: {link}'
 
 
 def test_continuous_integration_runs_the_readmes_test_command():

@@ -90,6 +90,7 @@ def test_robot_to_improved_model(tmp_path):
     assert error_of(bags[2], better, tmp_path) < 0.1 * error_of(bags[2], bare, tmp_path)
 
 
+@pytest.mark.slow
 def test_unlisted_effect_to_a_node_that_has_it(tmp_path):
     """A force that no library knows: its equation is proposed, written, and runs in the node as it was fitted."""
     case = tmp_path / 'case'

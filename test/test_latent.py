@@ -210,6 +210,7 @@ def test_hypotheses_and_reasons():
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
     case = make_challenge(8, kinds=['supply_limit'], duration=30.0, rate=10.0)
@@ -232,6 +233,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
     assert np.std(np.concatenate(rest)) < 0.5 * np.std(np.concatenate(true))
 
 
+@pytest.mark.slow
 def test_a_calibrated_model_is_taken_as_it_is(shaken):
     case, fitted = shaken
     found = latent(case.campaign, fitted.config, request=LatentRequest(model='mas', fit=False))

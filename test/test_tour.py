@@ -2,10 +2,13 @@
 
 import json
 
+import pytest
+
 from sma_sim.cli.main import main
 from sma_sim.model.config import read_config
 
 
+@pytest.mark.slow
 def test_the_tour(tmp_path, capsys):
     out = tmp_path / 'tour'
     assert main(['tour', '--out', str(out)]) == 0
