@@ -59,6 +59,7 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
 
 
+@pytest.mark.slow
 def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_missing(place, first):
     by_name = {one.name: one for one in first.tried}
     wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fitted)
@@ -78,6 +79,7 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse
 
 
+@pytest.mark.slow
 def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(place, first):
     best, wrong, *_ = sorted(
         (one for one in first.tried if one.name != 'driver_lag'), key=lambda one: (one.name != 'gravity', one.fitted.cost)
