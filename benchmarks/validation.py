@@ -1,0 +1,167 @@
+"""All measured numbers of the documentation, from one version: runs the benchmarks and writes docs/reference/validation.md.
+
+    python benchmarks/validation.py [--parts NAME ...] [--minutes 60] [--shared ../shared] [--folder benchmarks/results]
+    python benchmarks/validation.py --list          # the parts, and how long they take on two free cores
+    python benchmarks/validation.py --minutes 0     # only write the page from the results that there are
+
+Finished parts are kept in the folder and not run again; a part that was stopped is continued. Results of other sources
+(another state of sma_sim/ or benchmarks/) are moved to a folder `old` and measured again. Parts that need data which are not
+in the repository are left out where these are not at hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from validation_parts import PARTS, Part
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / 'docs' / 'reference' / 'validation.md'
+HEAD = """# Validation
+
+All numbers on this page are measured by scripts in `benchmarks/`; each table names its command. The page is written by
+
+<!-- not run: takes hours; it can be stopped and continued -->
+```bash
+python benchmarks/validation.py
+```
+
+Times depend on the machine and on what else runs on it; ratios from one run do so much less. Error over noise is the RMS
+error divided by the standard deviation of the sensors' noise, so that 1 is the best possible.
+"""
+
+
+def version() -> dict[str, str]:
+    """The commit, and what identifies the sources that the numbers depend on."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(['git', *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    sources = f'{git("rev-parse", "HEAD:sma_sim")} {git("rev-parse", "HEAD:benchmarks")}'
+    changed = git('status', '--porcelain', '--untracked-files=no', 'sma_sim', 'benchmarks')
+    return {'commit': git('rev-parse', '--short', 'HEAD') + (' with changes' if changed else ''), 'sources': sources}
+
+
+class Results:
+    """The folder of finished parts: a result and a stamp (commit, date, completeness) of each."""
+
+    def __init__(self, folder: Path) -> None:
+        """Results below `folder`, which is made."""
+        self.folder = folder.resolve()
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def stamp(self, part: Part) -> dict[str, Any] | None:
+        """What is known about the result of a part, if there is one."""
+        file = self.folder / f'{part.name}.stamp.json'
+        return json.loads(file.read_text()) if file.exists() else None
+
+    def set_stamp(self, part: Part, now: dict[str, str], complete: bool, seconds: float) -> None:
+        """Note that a part was measured."""
+        before = self.stamp(part) or {}
+        stamp = {**now, 'complete': complete, 'date': f'{datetime.now(timezone.utc):%Y-%m-%d}'}
+        stamp['seconds'] = seconds + (before.get('seconds', 0.0) if before.get('sources') == now['sources'] else 0.0)
+        (self.folder / f'{part.name}.stamp.json').write_text(json.dumps(stamp, indent=2) + '\n')
+
+    def set_aside(self, part: Part) -> None:
+        """Move a result of other sources out of the way."""
+        old = self.folder / 'old'
+        old.mkdir(exist_ok=True)
+        for file in self.folder.glob(f'{part.name}.*'):
+            file.replace(old / file.name)
+
+    def load(self, part: Part) -> Any:
+        """The result of a part: an object, or a list of cases."""
+        text = (self.folder / part.file).read_text()
+        return [json.loads(line) for line in text.splitlines()] if part.file.endswith('.jsonl') else json.loads(text)
+
+
+def run_part(part: Part, results: Results, shared: Path, minutes: float, now: dict[str, str]) -> None:
+    """Run the script of a part for at most `minutes`, and note how that went."""
+    words = [
+        word.format(shared=shared, file=results.folder / part.file, minutes=minutes, root=ROOT) for word in part.command
+    ]
+    print(f'--- {part.name}: python benchmarks/{" ".join(words)}', flush=True)
+    t_start = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, str(ROOT / 'benchmarks' / words[0]), *words[1:]], cwd=results.folder,
+        env=os.environ | {'PYTHONPATH': str(ROOT)}, check=False,
+    )  # fmt: skip
+    seconds = time.monotonic() - t_start
+    if done.returncode == 0 and (results.folder / part.file).exists():
+        results.set_stamp(part, now, not part.resumable or seconds < 60.0 * minutes, seconds)
+    else:
+        print(f'{part.name} failed with exit code {done.returncode}', file=sys.stderr)
+
+
+def measure(asked: argparse.Namespace, results: Results) -> None:
+    """Run the parts that are asked for and not finished, as long as there is time."""
+    now, end = version(), time.monotonic() + 60.0 * asked.minutes
+    for part in PARTS:
+        if asked.parts and part.name not in asked.parts:
+            continue
+        if part.needs and not (asked.shared / part.needs).exists():
+            print(f'{part.name} left out: {asked.shared / part.needs} is not here', file=sys.stderr)
+            continue
+        stamp = results.stamp(part)
+        if stamp and stamp['sources'] != now['sources']:
+            results.set_aside(part)
+            stamp = None
+        left = (end - time.monotonic()) / 60.0
+        if left > 0.0 and not (stamp and stamp['complete']):
+            run_part(part, results, asked.shared, left, now)
+
+
+def page(results: Results) -> str:
+    """The page, from the results that there are."""
+    stamps = {part.name: results.stamp(part) for part in PARTS}
+    found = [stamp for stamp in stamps.values() if stamp]
+    commits = sorted({stamp['commit'] for stamp in found})
+    text = [HEAD]
+    if found:
+        machine = f'{os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}'
+        text.append(
+            f'Measured on {machine}, until {max(stamp["date"] for stamp in found)}, with commit {", ".join(commits)}.\n'
+        )
+    for part in PARTS:
+        stamp = stamps[part.name]
+        if stamp:
+            text.append(f'## {part.title}\n\n{part.text}\n')
+            text.append(f'`python benchmarks/{part.shown}`' + ('' if stamp['complete'] else ' (not complete)') + '\n')
+            text.append(part.table(results.load(part)) + '\n')
+    missing = [part.name for part in PARTS if not stamps[part.name]]
+    if missing:
+        text.append(
+            '## Not measured\n\nWith this version, these parts have not been measured: ' + ', '.join(missing) + '.\n'
+        )
+    return '\n'.join(text)
+
+
+def main() -> None:
+    """Measure what is missing, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--parts', nargs='+', choices=[part.name for part in PARTS], metavar='NAME', help='all by default')
+    parser.add_argument('--minutes', type=float, default=600.0, help='nothing is begun later; 0: only write the page')
+    parser.add_argument('--shared', type=Path, default=ROOT.parent / 'shared', help='folder with reference/ and measured/')
+    parser.add_argument('--folder', type=Path, default=ROOT / 'benchmarks' / 'results', help='of finished parts')
+    parser.add_argument('--list', action='store_true', help='name the parts and how long they take')
+    asked = parser.parse_args()
+    if asked.list:
+        print(*(f'{part.name:12} {part.minutes:5.0f} min  {part.title}' for part in PARTS), sep='\n')
+        return
+    results = Results(asked.folder)
+    measure(asked, results)
+    PAGE.write_text(page(results))
+    print(f'{PAGE} written')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,209 @@
+"""The parts of the validation: which script measures them, and how their results become tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from challenges import is_detectable, is_right
+from designs import summary as design_rows
+from equations import table as equation_rows
+from invariance import table as invariance_rows
+from latent import table as latent_table
+from nitinol import rows as wire_rows
+from scipy.stats import kstest
+
+LEVELS = (0.01, 0.05, 0.1, 0.5)  # of p-values
+Case = dict[str, Any]
+
+
+def cell(value: Any) -> str:
+    """A value of a table."""
+    if isinstance(value, Mapping):
+        return ', '.join(f'{name} {cell(one)}' for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return ', '.join(map(cell, value))
+    return f'{value:.3g}' if isinstance(value, float) else f'{value}'
+
+
+def heading(name: str) -> str:
+    """The heading of a column of a script's numbers; names with a unit stay."""
+    return name if '[' in name else name.replace('_', ' ')
+
+
+def rows(head: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
+    """A table in Markdown."""
+    cells = [head, ['---'] * len(head), *(list(map(cell, line)) for line in lines)]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in cells)
+
+
+def grids(result: Mapping[str, Any]) -> str:
+    """A table for each group of numbers that a script reports."""
+    text, single = [], {}
+    for name, group in result.items():
+        if name == 'machine':
+            continue
+        if isinstance(group, Mapping) and any(isinstance(row, Mapping) for row in group.values()):
+            columns = list(dict.fromkeys(key for row in group.values() for key in row))
+            lines = ([key, *(row.get(column, '') for column in columns)] for key, row in group.items())
+            text.append(rows([name, *map(heading, columns)], lines))
+        elif isinstance(group, Mapping):
+            text.append(rows([name, ''], ([key.replace('_', ' '), value] for key, value in group.items())))
+        else:
+            single[name] = group
+    return '\n\n'.join([*([rows(list(single), [list(single.values())])] if single else []), *text])
+
+
+def challenge_tables(results: list[Case]) -> str:
+    """Hit rates by part and channels, then every case."""
+    results = [case for case in results if 'failed' not in case]
+    counts = []
+    for channels in ('forces', 'pose'):
+        own = [case for case in results if case['case'][3] == (channels == 'forces')]
+        counts += [[f'{name}, {channels}', *numbers] for name, numbers in hit_rates(own)]
+    cases = [
+        [part, ', '.join(hidden) or '-', seed, 'forces' if forces else 'pose', case['bare'], case['last'],
+         f'`{case["verdict"]}`', ', '.join(case['effects']), ', '.join(case['alike'])]
+        for case in results for part, hidden, seed, forces in [case['case']]
+    ]  # fmt: skip
+    head = ['', 'hidden', 'seed', 'recorded', 'error without', 'with', 'verdict', 'effects', 'indistinguishable']
+    return rows(['', 'as it should be', 'of'], counts) + '\n\nEvery case:\n\n' + rows(head, cases)
+
+
+def hit_rates(results: list[Case]) -> list[tuple[str, tuple[int, int]]]:
+    """What should be counted, how often it is so, and of how many."""
+
+    def part(name: str) -> list[Case]:
+        return [case for case in results if case['case'][0] == name]
+
+    seen = [case for case in part('library') if is_detectable(case)]
+    unseen = [case for case in part('library') if not is_detectable(case)]
+    outside = [case for case in part('outside') if is_detectable(case)]
+    pairs = part('pairs')
+    return [
+        ('one effect, detectable: right one first', (sum(map(is_right, seen)), len(seen))),
+        (
+            'one effect, not detectable: none or the right one',
+            (sum(not c['effects'] or is_right(c) for c in unseen), len(unseen)),
+        ),
+        ('nothing hidden: `none`', (sum(case['verdict'] == 'none' for case in part('nothing')), len(part('nothing')))),
+        ('two effects: both found', (sum(set(case['case'][1]) <= set(case['effects']) for case in pairs), len(pairs))),
+        ('outside the library, detectable: `unknown_effect`', (sum(map(is_unknown, outside)), len(outside))),
+    ]
+
+
+def is_unknown(case: Case) -> bool:
+    """Whether the verdict says that no known effect explains the recordings."""
+    return bool(case['verdict'] == 'unknown_effect')
+
+
+def p_value_table(results: list[Case]) -> str:
+    """Shares of p-values below levels, and a test of uniformity; the figure."""
+    p = np.array([case['p'] for case in results if 'failed' not in case])
+    shares = [float(np.mean(p <= level)) for level in LEVELS]
+    head = ['robots', *(f'p <= {level:g}' for level in LEVELS), 'uniform? Kolmogorov-Smirnov p']
+    figure = (
+        '![Share of robots that lack nothing against the family-wise p-value, with the 95 % band](../figures/pvalues.png)'
+    )
+    return rows(head, [[len(p), *shares, float(kstest(p, 'uniform').pvalue)]]) + '\n\n' + figure
+
+
+@dataclass(frozen=True)
+class Part:
+    """One section of the page: a script with its arguments, the file of its result, and the table made of it.
+
+    `minutes`: about how long it takes on two free cores. `resumable`: it continues a file of cases. `needs`: what must be in
+    the folder of shared data.
+    """
+
+    name: str
+    title: str
+    minutes: float
+    command: tuple[str, ...]
+    text: str
+    table: Callable[[Any], str] = grids
+    resumable: bool = False
+    needs: str = ''
+
+    @property
+    def file(self) -> str:
+        """The name of the result's file."""
+        if self.name == 'intervals':
+            return 'intervals.json'
+        return f'{self.name}.jsonl' if self.resumable else f'{self.name}.json'
+
+    @property
+    def shown(self) -> str:
+        """The command, as one would type it."""
+        words, hidden = [], {'--json', '--file', '--minutes', '--figure'}
+        for k, word in enumerate(self.command):
+            if word not in hidden and (k == 0 or self.command[k - 1] not in hidden):
+                words.append(word.replace('{shared}', '../shared'))
+        return ' '.join(words)
+
+
+def script(name: str, *words: str) -> tuple[str, ...]:
+    """A script that writes its numbers with --json."""
+    return (f'{name}.py', *words, '--json', '{file}')
+
+
+def cases(name: str, *words: str) -> tuple[str, ...]:
+    """A script that keeps its cases in --file."""
+    return (f'{name}.py', *words, '--file', '{file}', '--minutes', '{minutes}', '--at-once', '2')
+
+
+def joined(lines_of: Callable[[list[Case]], Iterable[str]]) -> Callable[[list[Case]], str]:
+    """The table of a script that yields its lines."""
+    return lambda results: '\n'.join(lines_of(results))
+
+
+MODULE_DATA = tuple(f'{{shared}}/measured/module/{name}' for name in ('e91', 'e92', 'e93'))
+PARTS = (
+    Part('reference', 'Agreement with an independent implementation', 1,
+         ('reference.py', '--folder', '{shared}/reference', '--json', '{file}'),
+         'Largest differences from trajectories of another implementation with other solvers.', needs='reference'),
+    Part('order', 'Order of the solver', 1, script('order'),
+         'Error of all states relative to their scales after 1 s of equal steps, when the step is halved; `order` is the mean\n'
+         'slope. The stated orders are 4 for steps and 3 for the dense output, whose error within one step falls with the fourth\n'
+         'power. The stiff MAS module shows the order reduction of every Rosenbrock method, below 1e-8.'),
+    Part('speed', 'Speed and error', 5, script('speed'),
+         '30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against `solver.rtol` 1e-9.\n'
+         'Ratios are from alternating runs.'),
+    Part('startup', 'Start-up', 2, script('startup'), 'Time to the end of a small run, with an empty cache and later.'),
+    Part('solvers', 'Other solvers', 6, script('solvers'),
+         'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change of the command\n'
+         'and at every jump. CVODE needs `scikit-sundae`.'),
+    Part('robustness', 'Robustness', 4, script('robustness'),
+         'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.'),
+    Part('node', 'The node', 1, script('node'), 'Over DDS, integrating at 1 kHz and publishing at 100 Hz.'),
+    Part('soak', 'The node for ten minutes', 21, script('soak'), 'One module, then two, each recording its own bag.'),
+    Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '60'),
+         'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; MAS data and fit.\n'
+         '`coverage` is the share of 95 % intervals that hold the truth.'),
+    Part('challenges', 'Hidden effects', 180, cases('challenges', '--seeds', '11'),
+         '[Challenges](challenges.md) of a seed that no development used: one effect of the library, none, two, one outside\n'
+         'the library. Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True),
+    Part('pvalues', 'P-values', 30, (*cases('pvalues'), '--figure', '{root}/docs/figures/pvalues.png'),
+         'Robots that lack nothing: the family-wise p-value of the best effect should be uniform.', p_value_table, True),
+    Part('invariance', 'Invariance of the diagnosis', 60, cases('invariance'),
+         'The same data with runs in another order, under foreign names and units, with other seeds, and decimated.\n'
+         '`same`: same verdict and first effect.', joined(invariance_rows), True),
+    Part('module', 'Data of another program', 30, cases('invariance', '--cases', '--folder', *MODULE_DATA),
+         'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity across the beam\n'
+         '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module'),
+    Part('equations', 'Equations', 60, cases('equations', '--bare', '--seeds', '41'),
+         'Effects that the library does not have, pose recorded, without the search among known effects.',
+         joined(equation_rows), True),
+    Part('latent', 'Latent inputs', 40, cases('latent', '--seeds', '311', '--channels', 'pose'),
+         'The port that is named, and the error over noise without and with it (`left`).', latent_table, True),
+    Part('designs', 'Designed experiments', 40, cases('designs'),
+         'Log evidence ratio for the true explanation that a designed sequence adds, beside two random ones.',
+         joined(design_rows), True),
+    Part('similarity', 'Effects that look alike', 3, script('similarity'),
+         'RMS change over noise of each effect, and the cosines with the most similar changes.'),
+    Part('wire', 'A real superelastic wire', 30, cases('nitinol', '{shared}/measured/nitinol_wire/csv'),
+         'Stress RMSE of a NiTi wire, each case with other loops held out; see [a real wire](../explanation/nitinol.md).',
+         joined(wire_rows), True, 'measured/nitinol_wire'),
+)  # fmt: skip
