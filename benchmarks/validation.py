@@ -135,7 +135,8 @@ def page(results: Results) -> str:
         stamp = stamps[part.name]
         if stamp:
             text.append(f'## {part.title}\n\n{part.text}\n')
-            text.append(f'`python benchmarks/{part.shown}`' + ('' if stamp['complete'] else ' (not complete)') + '\n')
+            marks = [f'commit {stamp["commit"]}'] * (len(commits) > 1) + ['not complete'] * (not stamp['complete'])
+            text.append(f'`python benchmarks/{part.shown}`' + (f' ({", ".join(marks)})' if marks else '') + '\n')
             text.append(part.table(results.load(part)) + '\n')
     missing = [part.name for part in PARTS if not stamps[part.name]]
     if missing:

@@ -165,33 +165,40 @@ PARTS = (
          ('reference.py', '--folder', '{shared}/reference', '--json', '{file}'),
          'Largest differences from trajectories of another implementation with other solvers.', needs='reference'),
     Part('order', 'Order of the solver', 1, script('order'),
-         'Error of all states relative to their scales after 1 s of equal steps, when the step is halved; `order` is the mean\n'
-         'slope. The stated orders are 4 for steps and 3 for the dense output, whose error within one step falls with the fourth\n'
+         'Error of all states relative to their scales after 1 s of equal steps, when the step is halved; '
+         '`order` is the mean '
+         'slope. The stated orders are 4 for steps and 3 for the dense output, whose error within one step '
+         'falls with the fourth '
          'power. The stiff MAS module shows the order reduction of every Rosenbrock method, below 1e-8.'),
     Part('speed', 'Speed and error', 5, script('speed'),
-         '30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against `solver.rtol` 1e-9.\n'
+         '30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against '
+         '`solver.rtol` 1e-9. '
          'Ratios are from alternating runs.'),
     Part('startup', 'Start-up', 2, script('startup'), 'Time to the end of a small run, with an empty cache and later.'),
     Part('solvers', 'Other solvers', 6, script('solvers'),
-         'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change of the command\n'
+         'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change '
+         'of the command '
          'and at every jump. CVODE needs `scikit-sundae`.'),
     Part('robustness', 'Robustness', 4, script('robustness'),
          'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.'),
     Part('node', 'The node', 1, script('node'), 'Over DDS, integrating at 1 kHz and publishing at 100 Hz.'),
     Part('soak', 'The node for ten minutes', 21, script('soak'), 'One module, then two, each recording its own bag.'),
     Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '60'),
-         'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; MAS data and fit.\n'
+         'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; '
+         'MAS data and fit. '
          '`coverage` is the share of 95 % intervals that hold the truth.'),
     Part('challenges', 'Hidden effects', 180, cases('challenges', '--seeds', '11'),
-         '[Challenges](challenges.md) of a seed that no development used: one effect of the library, none, two, one outside\n'
+         '[Challenges](challenges.md) of a seed that no development used: one effect of the library, none, two, '
+         'one outside '
          'the library. Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True),
     Part('pvalues', 'P-values', 30, (*cases('pvalues'), '--figure', '{root}/docs/figures/pvalues.png'),
          'Robots that lack nothing: the family-wise p-value of the best effect should be uniform.', p_value_table, True),
     Part('invariance', 'Invariance of the diagnosis', 60, cases('invariance'),
-         'The same data with runs in another order, under foreign names and units, with other seeds, and decimated.\n'
+         'The same data with runs in another order, under foreign names and units, with other seeds, and decimated. '
          '`same`: same verdict and first effect.', joined(invariance_rows), True),
     Part('module', 'Data of another program', 30, cases('invariance', '--cases', '--folder', *MODULE_DATA),
-         'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity across the beam\n'
+         'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity '
+         'across the beam '
          '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module'),
     Part('equations', 'Equations', 60, cases('equations', '--bare', '--seeds', '41'),
          'Effects that the library does not have, pose recorded, without the search among known effects.',
