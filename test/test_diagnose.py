@@ -169,6 +169,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     assert any(line.startswith('The fitted runs are explained') for line in as_text(found))
 
 
+@pytest.mark.slow
 def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, tmp_path):
     """The robot was turned over between the fitted runs and the held-out one."""
     runs, _ = with_gravity

@@ -103,11 +103,7 @@ def test_stopped_while_files_are_written(case, tmp_path):
         time.sleep(0.005)
     code, said = one.stopped()
     verdict, _ = one.check_whole()
-    assert (
-        code == 0
-        and not verdict['interrupted']
-        and said.split()[0] in ('Your', 'Nothing', 'Something')
-    )
+    assert code == 0 and not verdict['interrupted'] and said.split()[0] in ('Your', 'Nothing', 'Something')
 
 
 def test_the_second_one_is_not_held_back():

@@ -121,15 +121,12 @@ def test_wrong_yaml(complaint, tmp_path, content, message):
         ('time_s,J_eq_W\n0,1\n1,hot\n', "row 3, column J_eq_W: expected a number, got 'hot'"),
         ('time_s,J_eq_W\n0,1\n2,1\n1,0\n', 'row 4, column time_s: expected more than 2 s of the row before, got 1 s'),
         ('time_s,J_eq_W\n0,1\n0,1\n', 'row 3, column time_s: expected more than 0 s'),
-        ('time_s,J_eq_W,T_E_K\n0,1,25\n1,1,25\n', None),
         ('time_s,J_eq_W,T_E_K\n0,1,-25\n1,1,25\n', 'column T_E_K: expected kelvin between 1 and 2000, got -25'),
     ],
 )
 def test_wrong_input_files(complaint, tmp_path, content, message):
     file = tmp_path / 'input.csv'
     file.write_text(content)
-    if message is None:  # 25 K is cold, but a temperature
-        return
     said = complaint(source=file)
     assert str(file) in said and message in said
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,7 +32,12 @@ TOPICS = (
 )  # fmt: skip
 ROBOT = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'))
 PACE = 0.004  # [s] of wall time from sample to sample of a FakeRobot
-REST = FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0])).sample[Y_SENSED : Y_SENSED + 7]
+
+
+@cache
+def rest():
+    """What the model shows at rest: pose, forces, temperatures."""
+    return FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0])).sample[Y_SENSED : Y_SENSED + 7]
 
 
 def stamp(message):
@@ -139,7 +145,7 @@ class FakeRobot:
 
     def say(self, names=('U_x', 'U_y', 'alpha'), position=None, at=None, step=0.01):
         self.time = self.time + step if at is None else at
-        message = JointState(name=list(names), position=list(REST[:3] if position is None else position))
+        message = JointState(name=list(names), position=list(rest()[:3] if position is None else position))
         message.header.stamp.sec, message.header.stamp.nanosec = int(self.time), int(1e9 * (self.time % 1.0))
         self.joints.publish(message)
         end = time.monotonic() + PACE
@@ -172,7 +178,7 @@ def comparing(one):
 def test_other_names_another_order_and_a_missing_joint():
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     with check('-p', 'check.name_alpha:=tilt', '-p', 'check.name_U_y:=sway', quality=best_effort) as (fake, _):
-        names, position = ('finger', 'tilt', 'sway'), (7.0, REST[2] + 0.01, REST[1] - 1e-3)
+        names, position = ('finger', 'tilt', 'sway'), (7.0, rest()[2] + 0.01, rest()[1] - 1e-3)
         fake.until(lambda: fake.one.seen['residuals'], names=names, position=position)
         residual = fake.one.seen['residuals'][-1]
         assert list(residual.name) == ['U_x', 'U_y', 'alpha'] and len(residual.velocity) == len(residual.effort) == 0
@@ -193,7 +199,7 @@ def test_it_leaves_and_comes_back_and_outliers_do_not_count():
         one.seen['/diagnostics'].clear()
         fake.until(lambda: status(one).values)
         assert status(one).level == DiagnosticStatus.OK, status(one)
-        fake.until(lambda: status(one).level == DiagnosticStatus.WARN, position=(REST[0], REST[1], REST[2] + 0.01))
+        fake.until(lambda: status(one).level == DiagnosticStatus.WARN, position=(rest()[0], rest()[1], rest()[2] + 0.01))
         assert status(one).message.count('the model has left the measurement: error over noise alpha') == 1
         fake.until(lambda: status(one).level == DiagnosticStatus.OK)
     assert log[0].index('has left the measurement') < log[0].index('the model is back in the measurement')

@@ -155,6 +155,7 @@ def test_curves_are_what_the_hypotheses_predict_and_their_page_is_written(rivals
     assert 'What a refitted rival cannot follow' in (tmp_path / 'next.html').read_text()
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_limits_give_the_same_sequence():
     """Limits that are given count like those that are found."""
     runs, names = measured(''), ('wire.lambda', 'beam.E')
@@ -173,6 +174,7 @@ def test_limits_that_are_given_take_the_place_of_those_found(rivals):
     assert grid_for(runs, wanted)[0].power == 20.0 > plan.grid.power
 
 
+@pytest.mark.slow
 def test_what_the_equations_make_alike_is_said():
     """A spring in series is an equal shift of 1/E_A and 1/E_M, which every fit is free to make."""
     runs = measured('')

@@ -50,6 +50,7 @@ def first(place):
     return one_that_accepts_nothing(place, gravity={'g_y': -9.81}, driver_lag={'tau': 0.3})
 
 
+@pytest.mark.slow
 def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     lead, second = with_another(first, place)
     assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fitted
