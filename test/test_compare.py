@@ -16,14 +16,14 @@ from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.train_test_split import split_campaign
 from sma_sim.evidence.estimation.executors import some_executor
 from sma_sim.evidence.residual_analysis.compare import compare
-from sma_sim.evidence.residual_analysis.error_by_stratum import splits
-from sma_sim.evidence.residual_analysis.findings import findings
-from sma_sim.evidence.residual_analysis.metrics import ljung_box, score
-from sma_sim.evidence.residual_analysis.paired_comparison import changes
-from sma_sim.evidence.residual_analysis.patterns import patterns
-from sma_sim.evidence.residual_analysis.spectrum import EDGES, bands
-from sma_sim.evidence.residual_analysis.strata import banded, dimensions, nice_step
-from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived
+from sma_sim.evidence.residual_analysis.error_by_stratum import all_splits
+from sma_sim.evidence.residual_analysis.findings import find_error_regions
+from sma_sim.evidence.residual_analysis.metrics import channel_score, ljung_box
+from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
+from sma_sim.evidence.residual_analysis.patterns import find_patterns
+from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands
+from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
+from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
@@ -53,7 +53,7 @@ def with_error(comparison, channel, error, noise=1.0):
 
     def damaged(run):
         white = noise * run.noise[channel] * random.normal(size=len(run.time))
-        return replace(run, measured={**run.measured, channel: run.shown[channel] + white + error(run)})
+        return replace(run, measured={**run.measured, channel: run.predicted[channel] + white + error(run)})
 
     return replace(comparison, runs=tuple(damaged(run) for run in comparison.runs))
 
@@ -61,18 +61,18 @@ def with_error(comparison, channel, error, noise=1.0):
 def test_the_right_model_leaves_noise(right):
     for channel in right.channels:
         for held in (False, True):
-            one = score(right.part(held), channel)
+            one = channel_score(right.part(held), channel)
             assert one.over_noise == pytest.approx(1.0, abs=0.08)
             assert one.whiteness.p > 1e-4
             assert one.rmse == pytest.approx(one.over_noise * CHANNELS[channel], rel=0.01)
     assert abs(right.delay) < 2e-3
-    assert findings(right) == () and patterns(right) == ()
+    assert find_error_regions(right) == () and find_patterns(right) == ()
 
 
 def test_without_nuisances_runs_start_as_configured(campaign):
     found = compare(campaign, truth(), nuisances=False)
     assert found.delay == 0.0 and all(run.nuisance.start == () for run in found.runs)
-    assert 1.0 < score(found.runs, 'alpha').over_noise < 5.0  # sampled switching instants are not estimated
+    assert 1.0 < channel_score(found.runs, 'alpha').over_noise < 5.0  # sampled switching instants are not estimated
 
 
 def test_whiteness_is_uniform_on_white_noise():
@@ -103,22 +103,22 @@ def test_whiteness_sees_correlation_through_gaps():
 def test_bands_hold_what_was_put_in(right):
     size, frequency = 3e-3, 0.5
     wave = with_error(right, 'alpha', lambda run: size * np.sin(2.0 * np.pi * frequency * run.time), noise=0.0)
-    found = {band.low: band for band in bands(wave.runs, 'alpha')}
+    found = {band.low: band for band in error_bands(wave.runs, 'alpha')}
     assert found[0.3].share > 0.98
     assert found[0.3].rms == pytest.approx(size / np.sqrt(2.0), rel=0.03)
-    assert found[0.3].low in EDGES
+    assert found[0.3].low in BAND_EDGES
 
 
 def test_bands_of_white_noise_have_the_noise(right):
     white = with_error(right, 'alpha', lambda run: 0.0)
-    found = bands(white.runs, 'alpha')
+    found = error_bands(white.runs, 'alpha')
     assert sum(band.share for band in found) == pytest.approx(1.0)
     assert np.sqrt(sum(band.rms**2 for band in found)) == pytest.approx(CHANNELS['alpha'], rel=0.05)
     assert [band.over_noise for band in found if band.low >= 0.3] == pytest.approx(3 * [1.0], abs=0.2)
 
 
 def test_shares_add_up(right):
-    for one in splits(right):
+    for one in all_splits(right):
         assert sum(share.error for share in one.shares) == pytest.approx(1.0)
         assert sum(share.time for share in one.shares) == pytest.approx(1.0)
 
@@ -133,7 +133,7 @@ def test_every_dimension_of_the_module_is_there(right):
 def test_resting_wires_have_a_class_of_their_own():
     source = module_input([0.0, 20.0, 40.0, 150.0], [0.0, 10.0, 0.0, 0.0])
     run = simulate(Model(), source, 10.0)
-    rests = with_derived(Config(), run.time, run.columns)['class_1'] == RESTING
+    rests = with_derived_states(Config(), run.time, run.columns)['class_1'] == RESTING
     assert rests[run.time < 15.0].all() and rests[run.time > 140.0].all()
     assert not rests[(run.time > 20.1) & (run.time < 25.0)].any()
 
@@ -144,26 +144,26 @@ def in_mode_5_and_hot(run):
 
 def test_an_error_in_a_mode_and_a_temperature_is_found(right):
     wrong = with_error(right, 'alpha', lambda run: 3e-3 * in_mode_5_and_hot(run))
-    found = [one for one in findings(wrong) if one.channel == 'alpha'][0]
+    found = [one for one in find_error_regions(wrong) if one.channel == 'alpha'][0]
     inside = np.concatenate([in_mode_5_and_hot(run) for run in wrong.runs])
     squares = np.concatenate([run.residual('alpha') for run in wrong.runs]) ** 2
     assert any('wire 1' in words and ('mode 5' in words or 'above' in words) for words in found.conditions)
     assert found.share == pytest.approx(squares[inside].sum() / squares.sum(), abs=0.1)
     assert found.time == pytest.approx(inside.mean(), abs=0.05)
     assert found.bias == pytest.approx(3e-3, rel=0.2) and found.low < found.share < found.high
-    assert 'measured above the model by 0.1' in found.text and re.search(r'(Sure|Likely) \(95 %', found.text)
+    assert 'measured above the model by 0.1' in found.text and re.search(r'(Confident|Likely) \(95 %', found.text)
 
 
 def test_an_error_that_grows_is_said_to_grow(right):
     wrong = with_error(right, 'U_y', lambda run: 2e-4 * (run.states['J_eq_W'] > 0.0) * run.time / run.time[-1])
-    told = [one for one in findings(wrong) if one.channel == 'U_y']
+    told = [one for one in find_error_regions(wrong) if one.channel == 'U_y']
     assert any('grows over the run' in one.text or 'last quarter' in one.text for one in told)
 
 
 def test_evenly_spread_noise_is_no_finding(right):
     for channel in right.channels:
         wrong = with_error(right, channel, lambda run: 0.0, noise=3.0)
-        assert [one.text for one in findings(wrong) if one.channel == channel] == []
+        assert [one.text for one in find_error_regions(wrong) if one.channel == channel] == []
 
 
 def test_correlated_noise_is_seldom_a_finding(right):
@@ -171,7 +171,7 @@ def test_correlated_noise_is_seldom_a_finding(right):
     random, told = np.random.default_rng(7), 0
     for _ in range(20):
         slow = with_error(right, 'alpha', lambda run: 4e-3 * ar1(random, len(run.time), 0.95), noise=1.0)
-        told += len([one for one in findings(slow) if one.channel == 'alpha'])
+        told += len([one for one in find_error_regions(slow) if one.channel == 'alpha'])
     assert told <= 3
 
 
@@ -188,12 +188,17 @@ def ar1(random, count, rho):
     ('shape', 'error', 'value', 'words'),
     [
         ('offset', lambda run: -2e-3 + 0.0 * run.time, -2e-3, 'a constant offset: measured below the model by 0.11'),
-        ('scale', lambda run: 0.05 * (run.shown['alpha'] - run.shown['alpha'].mean()), 0.05, 'larger than the model by 5'),
-        ('lag', lambda run: -0.2 * np.gradient(run.shown['alpha'], run.time), 0.2, 'later than the model by 0.2'),
+        (
+            'scale',
+            lambda run: 0.05 * (run.predicted['alpha'] - run.predicted['alpha'].mean()),
+            0.05,
+            'larger than the model by 5',
+        ),
+        ('lag', lambda run: -0.2 * np.gradient(run.predicted['alpha'], run.time), 0.2, 'later than the model by 0.2'),
     ],
 )
 def test_patterns_that_were_put_in_are_named(right, shape, error, value, words):
-    found = patterns(with_error(right, 'alpha', error))
+    found = find_patterns(with_error(right, 'alpha', error))
     assert found[0].shape == shape and found[0].channel == 'alpha'
     assert found[0].value == pytest.approx(value, rel=0.1)
     width = found[0].high - found[0].low
@@ -202,21 +207,23 @@ def test_patterns_that_were_put_in_are_named(right, shape, error, value, words):
 
 
 def test_bands_have_round_edges():
-    found = banded('T', [np.array([291.3, 347.0])], 'wire 1 is {}', 'K')
+    found = band_dimension('T', [np.array([291.3, 347.0])], 'wire 1 is {}', 'K')
     assert found.edges == (290.0, 300.0, 310.0, 320.0, 330.0, 340.0, 350.0)
     assert found.words(4, 5) == 'wire 1 is above 330 K'
     assert found.words(0, 0) == 'wire 1 is below 300 K'
     assert found.words(1, 2) == 'wire 1 is between 300 and 320 K'
-    assert nice_step(0.3) == pytest.approx(0.5) and nice_step(10.0) == 10.0
+    assert round_step(0.3) == pytest.approx(0.5) and round_step(10.0) == 10.0
 
 
 def test_the_nearer_of_two_configurations_is_told(campaign, right):
     fitted, held = split_campaign(campaign, ['run3'])
     off = compare(fitted, truth(beam__E=1.1), held, 'off')
-    found = {(one.channel, one.held_out): one for one in changes(off, right)}
+    found = {(one.channel, one.held_out): one for one in error_changes(off, right)}
     assert len(found) == 10
     assert found['alpha', True].high < 1.0 and 'nearer on the runs held out' in found['alpha', True].text
-    assert all(one.ratio == pytest.approx(1.0) and 'no sure difference' in one.text for one in changes(right, right))
+    assert all(
+        one.ratio == pytest.approx(1.0) and 'no significant difference' in one.text for one in error_changes(right, right)
+    )
 
 
 def test_missing_samples_and_channels_are_left_out(campaign):
@@ -227,10 +234,10 @@ def test_missing_samples_and_channels_are_left_out(campaign):
     holed = replace(campaign, recordings=(replace(first, channels={**fewer, 'alpha': alpha}), *others))
     found = compare(holed, truth())
     samples = sum(len(run.time) for run in found.runs)
-    assert score(found.runs, 'alpha').samples == samples - 100
-    assert score(found.runs, 'F_1').samples == samples - len(first.time)
-    assert score(found.runs[:1], 'F_1') is None
-    assert {one.channel for one in splits(found)} == set(found.channels)
+    assert channel_score(found.runs, 'alpha').samples == samples - 100
+    assert channel_score(found.runs, 'F_1').samples == samples - len(first.time)
+    assert channel_score(found.runs[:1], 'F_1') is None
+    assert {one.channel for one in all_splits(found)} == set(found.channels)
 
 
 def test_a_wire_is_compared_with_its_own_dimensions(tmp_path):
@@ -239,14 +246,14 @@ def test_a_wire_is_compared_with_its_own_dimensions(tmp_path):
     found = compare(campaign, read_config(words=['system=wire']))
     assert found.channels == ('stress',)
     assert {'mode of the wire', 'amplitude', 'direction of motion'} <= {way.name for way in dimensions(found)}
-    assert score(found.runs, 'stress').over_noise == pytest.approx(1.0, abs=0.1)
+    assert channel_score(found.runs, 'stress').over_noise == pytest.approx(1.0, abs=0.1)
 
 
 def test_order_of_runs_changes_no_number(campaign, right):
     fitted, held = split_campaign(campaign, ['run3'])
     turned = compare(replace(fitted, recordings=fitted.recordings[::-1]), Config(), held, 'right')
     for channel in right.channels:
-        one, two = score(right.part(False), channel), score(turned.part(False), channel)
+        one, two = channel_score(right.part(False), channel), channel_score(turned.part(False), channel)
         assert one.over_noise == pytest.approx(two.over_noise, rel=1e-3)
 
 

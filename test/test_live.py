@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sma_sim import Config, Input, Model
-from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS, T_E, Change, Departure, LiveModel, RunningError
+from sma_sim.evidence.monitoring.live_model import (
+    J_EQ,
+    MODULE_CHANNELS,
+    T_E,
+    Departure,
+    InputChange,
+    LiveModel,
+    RunningError,
+)
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
 from sma_sim.solver.integrate import Y_SENSED
 
@@ -21,7 +29,11 @@ def after(seconds):
 def test_prediction_is_the_offline_run_bit_for_bit():
     model = Model(Config())
     live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
-    told = (Change(after(0.2905), J_EQ, 12.0), Change(after(0.5), T_E, 305.0), Change(after(1.991), J_EQ, -3.0))
+    told = (
+        InputChange(after(0.2905), J_EQ, 12.0),
+        InputChange(after(0.5), T_E, 305.0),
+        InputChange(after(1.991), J_EQ, -3.0),
+    )
     changes = dict(zip((30, 50, 200), told, strict=True))  # by the sample before which they come
     rows = [live.advance(after(0.01 * k), [changes[k]] if k in changes else []).copy() for k in range(301)]
     times = np.array([0.0, 0.291, 0.5, 1.991, 3.0])  # a change takes effect at the next step
@@ -36,7 +48,7 @@ def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
     model = Model(Config())
     live = LiveModel(model, RATE, EPOCH, (0.0, 298.0))
     live.advance(after(0.5003), [])
-    row = live.advance(after(1.0004), [Change(after(0.1), J_EQ, 12.0)]).copy()
+    row = live.advance(after(1.0004), [InputChange(after(0.1), J_EQ, 12.0)]).copy()
     assert np.array_equal(live.advance(after(1.0001), []), row, equal_nan=True)  # the same step
     times, values = np.array([0.0, 0.5, 1.0]), np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 298.0]])
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 1000.0)
@@ -45,7 +57,7 @@ def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
 
 def test_the_order_of_changes_counts_when_they_share_a_step():
     live = LiveModel(Model(Config()), RATE, EPOCH, (0.0, 298.0))
-    on_and_off = [Change(after(0.1), J_EQ, 12.0), Change(after(0.1), J_EQ, 0.0)]
+    on_and_off = [InputChange(after(0.1), J_EQ, 12.0), InputChange(after(0.1), J_EQ, 0.0)]
     assert live.advance(after(0.5), on_and_off)[Y_SENSED + 5] == pytest.approx(298.0)
 
 

@@ -20,9 +20,9 @@ from sma_sim.cli.common.data import (
 from sma_sim.cli.common.options import add_overriding_options, announce_compilation
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
-from sma_sim.evidence.residual_analysis.metrics import Score, total_error
-from sma_sim.evidence.residual_analysis.paired_comparison import Change, changes
-from sma_sim.evidence.residual_analysis.summary import Summary, as_data, summarise
+from sma_sim.evidence.residual_analysis.metrics import ChannelScore, total_error
+from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes
+from sma_sim.evidence.residual_analysis.summary import Summary, as_data, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page
@@ -58,8 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     announce_compilation()
     with chosen_executor(arguments) as executor:
         found = [compare(fitted, config, held, label, not arguments.no_nuisance, executor) for label, config in named]
-    summaries = [summarise(one) for one in found]
-    pairs = changes(found[0], found[1]) if len(found) == 2 else ()
+    summaries = [summarize(one) for one in found]
+    pairs = error_changes(found[0], found[1]) if len(found) == 2 else ()
     print(compare_text(summaries, pairs))
     if arguments.json:
         write_json(arguments.json, {
@@ -79,7 +79,7 @@ def configurations(arguments: argparse.Namespace) -> list[tuple[str, Config]]:
     return [(str(path or DEFAULTS), read_config(path, words, arguments.effects)) for path in paths]
 
 
-def compare_text(summaries: Sequence[Summary], pairs: Sequence[Change]) -> str:
+def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> str:
     """The result for the terminal."""
     lines = []
     for one in summaries:
@@ -101,14 +101,14 @@ def score_rows(summary: Summary) -> list[tuple[str, ...]]:
     return rows
 
 
-def kinds(summary: Summary) -> list[tuple[str, list[Score]]]:
+def kinds(summary: Summary) -> list[tuple[str, list[ChannelScore]]]:
     """Scores of fitted runs and of those held out, where there are any."""
     held = list(summary.held_out.values())
     first = ('fitted' if held else 'all', list(summary.fitted.values()))
     return [first, ('held out', held)] if held else [first]
 
 
-def score_row(kind: str, one: Score) -> tuple[str, ...]:
+def score_row(kind: str, one: ChannelScore) -> tuple[str, ...]:
     """One channel."""
     return (
         one.channel, kind, in_display_unit(one.channel, one.rmse), f'{100.0 * one.share:.2f} %', f'{one.over_noise:.3f}',

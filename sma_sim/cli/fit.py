@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
-from sma_sim.evidence.residual_analysis.summary import as_data, summarise
+from sma_sim.evidence.residual_analysis.summary import as_data, summarize
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
 
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if runs:
         print('', *runs.sentences, sep='\n')
     if arguments.json or arguments.report:
-        summary = summarise(compared_calibration(found, fitted, held, predicted, 'fitted'))
+        summary = summarize(compared_calibration(found, fitted, held, predicted, 'fitted'))
     if arguments.json:
         further = {'run_by_run': asdict(runs) if runs else None, 'comparison': as_data(summary)}
         write_json(arguments.json, fit_data(found, predicted, fitted) | further)

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, Change
+from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
@@ -106,7 +106,7 @@ class Intake:
         """The stamps begin anew."""
         self._commanded = math.inf
 
-    def changes(self, before: Sample | None, now: Sample) -> list[Change]:
+    def changes(self, before: Sample | None, now: Sample) -> list[InputChange]:
         """Inputs that were heard of until a sample, with stamps between those of the sample `before` and its own."""
         while self._heard:
             self._events.append(self._heard.popleft())
@@ -116,11 +116,11 @@ class Intake:
         for event in due:
             if self.applied[event.column] and not event.applied:
                 continue
-            changes.append(Change(self._stamp(event.arrival, before, now), event.column, event.value))
+            changes.append(InputChange(self._stamp(event.arrival, before, now), event.column, event.value))
             if event.column == J_EQ:
                 self._commanded = math.inf if event.applied else changes[-1].stamp
         if self._timeout > 0.0 and now.stamp > self._commanded + self._timeout * 1e9:
-            changes.append(Change(round(self._commanded + self._timeout * 1e9), J_EQ, 0.0))
+            changes.append(InputChange(round(self._commanded + self._timeout * 1e9), J_EQ, 0.0))
             self._commanded = math.inf
         return changes
 

@@ -9,7 +9,7 @@ from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.stage_change import StepChange, step_change
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
-from sma_sim.evidence.residual_analysis.summary import Summary, summarise
+from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.parameters import DEFAULTS
 
 
@@ -41,4 +41,4 @@ def reviewed(diagnosis: Diagnosis, training: Campaign, held_out: Campaign | None
     for parameter in diagnosis.calibration.free:
         values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')
-    return DiagnosisReview(diagnosis, training, held_out, changes, summarise(comparison), values)
+    return DiagnosisReview(diagnosis, training, held_out, changes, summarize(comparison), values)

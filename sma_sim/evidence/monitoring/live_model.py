@@ -16,10 +16,10 @@ Vector = NDArray[np.float64]
 
 MODULE_CHANNELS = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
 J_EQ, T_E = 0, 1  # columns of a module's input
-FIRST_ROWS = 64
+INITIAL_CAPACITY = 64
 
 
-class Change(NamedTuple):
+class InputChange(NamedTuple):
     """From `stamp` [ns] on, the input `column` (J_EQ [W] or T_E [K]) has the value."""
 
     stamp: int
@@ -39,7 +39,7 @@ class LiveModel:
         self._u = np.array(first)
         self._row = self._run.sample[None, :].copy()
 
-    def advance(self, stamp: int, changes: Sequence[Change]) -> Vector:
+    def advance(self, stamp: int, changes: Sequence[InputChange]) -> Vector:
         """Go on to the step nearest to `stamp` [ns] under `changes` in their order; the prediction there (SAMPLE_SIZE,).
 
         A change takes effect at the first step that begins with it or later; one that comes late, now.
@@ -63,7 +63,7 @@ class RunningError:
 
     def __init__(self, window: float, channels: int) -> None:
         self._window = window
-        self._rows = np.empty((FIRST_ROWS, 1 + channels))
+        self._rows = np.empty((INITIAL_CAPACITY, 1 + channels))
         self._first = self._last = 0
 
     def clear(self) -> None:
@@ -74,7 +74,7 @@ class RunningError:
         """Take residual/noise (n,), NaN where nothing was measured, at time t [s], which increases; the error (n,)."""
         if self._last == len(self._rows):
             kept = self._rows[self._first : self._last]
-            rows = np.empty((2 * len(kept) + FIRST_ROWS, self._rows.shape[1]))
+            rows = np.empty((2 * len(kept) + INITIAL_CAPACITY, self._rows.shape[1]))
             rows[: len(kept)] = kept
             self._rows, self._first, self._last = rows, 0, len(kept)
         self._rows[self._last, 0] = t

@@ -17,7 +17,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign
 from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate, check
 from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
-from sma_sim.evidence.residual_analysis.wire_states import with_derived
+from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
@@ -27,7 +27,7 @@ Vector = NDArray[np.float64]
 class ComparedRun:
     """One run beside the model, at its sample times `time` (k,) [s], SI units.
 
-    `measured` and `shown` (the model's): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
+    `measured` and `predicted` (by the model): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
     by channel. `states`: the model's columns (file contract) and quantities derived from them
     (docs/explanation/residual-analysis.md), (k,).
     """
@@ -36,14 +36,14 @@ class ComparedRun:
     held_out: bool
     time: Vector
     measured: Mapping[str, Vector]
-    shown: Mapping[str, Vector]
+    predicted: Mapping[str, Vector]
     noise: Mapping[str, float]
     states: Mapping[str, Vector]
     nuisance: Nuisance
 
     def residual(self, channel: str) -> Vector:
         """Measured - model (k,), NaN where a sample is missing."""
-        return self.measured[channel] - self.shown[channel]
+        return self.measured[channel] - self.predicted[channel]
 
 
 @dataclass(frozen=True)
@@ -78,30 +78,32 @@ def compare(
     if nuisances:
         found = calibrate(campaign, config, options, executor)
         predicted = held_out(config, held, found.delay, executor) if held is not None else ()
-        return compared(config, found.delay, (campaign, found.runs), (held, predicted), label)
+        return comparison_of_runs(config, found.delay, (campaign, found.runs), (held, predicted), label)
     check(campaign, config, options)
-    return compared(config, 0.0, (campaign, ()), (held, ()), label)
+    return comparison_of_runs(config, 0.0, (campaign, ()), (held, ()), label)
 
 
 def compared_calibration(
     found: Calibration, campaign: Campaign, held: Campaign | None, predicted: Sequence[RunFit], label: str
 ) -> Comparison:
     """A fitted model beside the campaign that it was fitted to, and beside runs that are held out."""
-    return compared(found.config, found.delay, (campaign, found.runs), (held if predicted else None, predicted), label)
+    return comparison_of_runs(
+        found.config, found.delay, (campaign, found.runs), (held if predicted else None, predicted), label
+    )
 
 
-def compared(
+def comparison_of_runs(
     config: Config, delay: float, fitted: tuple[Campaign, Sequence[RunFit]],
     held: tuple[Campaign | None, Sequence[RunFit]], label: str,
 ) -> Comparison:  # fmt: skip
     """Runs with their nuisances (those of the configuration where there are none) under one configuration."""
     runs = []
-    for (campaign, fits), out in ((fitted, False), (held, True)):
+    for (campaign, fits), is_held_out in ((fitted, False), (held, True)):
         if campaign is None:
             continue
         known = {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}
-        one = [compared_run(campaign, k, config, known) for k in range(len(campaign.recordings))]
-        runs += [replace(run, held_out=out) for run in one]
+        compared_runs = [compared_run(campaign, k, config, known) for k in range(len(campaign.recordings))]
+        runs += [replace(run, held_out=is_held_out) for run in compared_runs]
     return Comparison(label, config, delay, tuple(runs))
 
 
@@ -114,10 +116,10 @@ def compared_run(campaign: Campaign, k: int, config: Config, known: Mapping[str,
     return ComparedRun(
         name=recording.name, held_out=False, time=np.asarray(run.time),
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
-        shown={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
+        predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
         noise={
             name: float(1.0 / weight.max()) if weight.any() else campaign.noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
-        states=with_derived(config, run.time, columns), nuisance=nuisance,
+        states=with_derived_states(config, run.time, columns), nuisance=nuisance,
     )  # fmt: skip

@@ -36,43 +36,43 @@ class Split:
 
 
 @dataclass(frozen=True)
-class Samples:
-    """All samples (n,) of a channel: residual (SI), residual over noise, run and time in the run [0, 1]."""
+class ChannelSamples:
+    """All samples (n,) of a channel: residual (SI), residual over noise, run, time in the run [0, 1], index."""
 
     channel: str
     residual: Vector
     scaled: Vector
     run: NDArray[np.int64]
     part: Vector
-    place: NDArray[np.int64]
+    index: NDArray[np.int64]
 
 
-def samples_of(comparison: Comparison, channel: str) -> Samples:
-    """The samples of a channel; `place` (n,) is where each is in the runs joined."""
+def samples_of(comparison: Comparison, channel: str) -> ChannelSamples:
+    """The samples of a channel; `index` (n,) is where each is in the runs joined."""
     residual, scaled, part, number = [], [], [], []
     for k, run in enumerate(comparison.runs):
-        one = run.residual(channel) if channel in run.measured else np.full(len(run.time), np.nan)
-        residual.append(one)
-        scaled.append(one / run.noise.get(channel, np.nan))
+        of_run = run.residual(channel) if channel in run.measured else np.full(len(run.time), np.nan)
+        residual.append(of_run)
+        scaled.append(of_run / run.noise.get(channel, np.nan))
         part.append(part_of_run(run))
         number.append(np.full(len(run.time), k))
     joined = np.concatenate(residual)
-    place = np.flatnonzero(np.isfinite(joined))
-    return Samples(
-        channel, joined[place], np.concatenate(scaled)[place], np.concatenate(number)[place], np.concatenate(part)[place],
-        place,
+    index = np.flatnonzero(np.isfinite(joined))
+    return ChannelSamples(
+        channel, joined[index], np.concatenate(scaled)[index], np.concatenate(number)[index], np.concatenate(part)[index],
+        index,
     )  # fmt: skip
 
 
-def splits(comparison: Comparison) -> tuple[Split, ...]:
+def all_splits(comparison: Comparison) -> tuple[Split, ...]:
     """Every channel by every dimension."""
     ways, every = dimensions(comparison), [samples_of(comparison, channel) for channel in comparison.channels]
-    return tuple(split(samples, way) for samples in every for way in ways)
+    return tuple(split_by(samples, way) for samples in every for way in ways)
 
 
-def split(samples: Samples, way: Dimension) -> Split:
+def split_by(samples: ChannelSamples, way: Dimension) -> Split:
     """One channel by one dimension."""
-    classes = np.concatenate(way.classes)[samples.place]
+    classes = np.concatenate(way.classes)[samples.index]
     total = float(np.sum(samples.scaled**2))
     shares = []
     for k, label in enumerate(way.labels):
@@ -90,4 +90,4 @@ def split(samples: Samples, way: Dimension) -> Split:
 
 def splits_of(found: Sequence[Split], channel: str) -> tuple[Split, ...]:
     """Those of one channel."""
-    return tuple(one for one in found if one.channel == channel)
+    return tuple(entry for entry in found if entry.channel == channel)

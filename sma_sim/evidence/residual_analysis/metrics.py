@@ -12,7 +12,8 @@ from scipy.stats import chi2
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 
 Vector = NDArray[np.float64]
-MOST_LAGS = 20
+MAX_LAGS = 20  # of the whiteness test: enough for the time constants of wires at usual rates
+AT_NOISE = 1.05  # RMSE over noise below which a channel holds nothing to find
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Whiteness:
 
 
 @dataclass(frozen=True)
-class Score:
+class ChannelScore:
     """A channel over some runs, SI units.
 
     `share`: RMSE over the range that was measured; `over_noise`: RMSE over noise; `bias`: mean of measured - model.
@@ -41,32 +42,34 @@ class Score:
     whiteness: Whiteness
 
 
-def score(runs: Sequence[ComparedRun], channel: str) -> Score | None:
+def channel_score(runs: Sequence[ComparedRun], channel: str) -> ChannelScore | None:
     """The score of a channel, None where no run measured it."""
     runs = [run for run in runs if channel in run.measured and np.isfinite(run.measured[channel]).any()]
     if not runs:
         return None
     residuals = [run.residual(channel) for run in runs]
-    joined = np.concatenate([one[np.isfinite(one)] for one in residuals])
+    joined = np.concatenate([residual[np.isfinite(residual)] for residual in residuals])
     measured = np.concatenate([run.measured[channel] for run in runs])
-    scaled = np.concatenate([one[np.isfinite(one)] / run.noise[channel] for one, run in zip(residuals, runs, strict=True)])
+    scaled = np.concatenate(
+        [residual[np.isfinite(residual)] / run.noise[channel] for residual, run in zip(residuals, runs, strict=True)]
+    )
     rmse, span = float(np.sqrt(np.mean(joined**2))), float(np.nanmax(measured) - np.nanmin(measured))
-    return Score(
+    return ChannelScore(
         channel=channel, samples=len(joined), rmse=rmse, bias=float(joined.mean()),
         share=rmse / span if span > 0.0 else float('nan'), over_noise=float(np.sqrt(np.mean(scaled**2))),
         whiteness=ljung_box(residuals),
     )  # fmt: skip
 
 
-def scores(runs: Sequence[ComparedRun], channels: Sequence[str]) -> dict[str, Score]:
+def channel_scores(runs: Sequence[ComparedRun], channels: Sequence[str]) -> dict[str, ChannelScore]:
     """Scores of the channels that the runs have."""
-    found = {channel: score(runs, channel) for channel in channels}
-    return {channel: one for channel, one in found.items() if one is not None}
+    found = {channel: channel_score(runs, channel) for channel in channels}
+    return {channel: entry for channel, entry in found.items() if entry is not None}
 
 
-def total_error(found: Sequence[Score]) -> float:
+def total_error(found: Sequence[ChannelScore]) -> float:
     """sqrt(mean over channels of (RMSE over noise)^2), NaN for none."""
-    return float(np.sqrt(np.mean([one.over_noise**2 for one in found]))) if found else float('nan')
+    return float(np.sqrt(np.mean([entry.over_noise**2 for entry in found]))) if found else float('nan')
 
 
 def ljung_box(series: Sequence[Vector]) -> Whiteness:
@@ -76,13 +79,13 @@ def ljung_box(series: Sequence[Vector]) -> Whiteness:
     Each run adds its own, so that nothing is assumed across runs.
     """
     statistic, freedom, weighted, count = 0.0, 0, 0.0, 0
-    for one in series:
-        known = np.isfinite(one)
+    for residual in series:
+        known = np.isfinite(residual)
         k = int(known.sum())
-        lags = min(MOST_LAGS, k // 5)
+        lags = min(MAX_LAGS, k // 5)
         if lags < 1:
             continue
-        filled = np.where(known, one - np.nanmean(one), 0.0)
+        filled = np.where(known, residual - np.nanmean(residual), 0.0)
         power = float(filled @ filled)
         if power <= 0.0:
             continue

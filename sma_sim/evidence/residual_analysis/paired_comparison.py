@@ -1,4 +1,4 @@
-"""Two configurations beside the same campaign: which is nearer, and how sure that is."""
+"""Two configurations beside the same campaign: which is nearer, and how certain that is."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import samples_of
-from sma_sim.evidence.residual_analysis.subgroups import DRAWS, blocks_of
+from sma_sim.evidence.residual_analysis.subgroups import BOOTSTRAP_DRAWS, blocks_of
 
 
 @dataclass(frozen=True)
-class Change:
+class ErrorChange:
     """RMSE over noise of the second configuration over that of the first, with its 95 % interval."""
 
     channel: str
@@ -27,35 +27,35 @@ class Change:
         where = 'on the runs held out' if self.held_out else 'on the fitted runs'
         interval = f'x{self.ratio:.3f}, 95 %: {self.low:.3f} to {self.high:.3f}'
         if self.low <= 1.0 <= self.high:
-            return f'{self.channel}: no sure difference {where} ({interval})'
+            return f'{self.channel}: no significant difference {where} ({interval})'
         return f'{self.channel}: the second is {"nearer" if self.ratio < 1.0 else "farther"} {where} ({interval})'
 
 
-def changes(first: Comparison, second: Comparison) -> tuple[Change, ...]:
+def error_changes(first: Comparison, second: Comparison) -> tuple[ErrorChange, ...]:
     """From the first to the second comparison of the same campaign, per channel, fitted and held-out runs apart.
 
     Blocks of the runs are drawn again, the same ones for both.
     """
     return tuple(
-        change(replace(first, runs=first.part(held)), replace(second, runs=second.part(held)), channel, held)
+        error_change(replace(first, runs=first.part(held)), replace(second, runs=second.part(held)), channel, held)
         for held in (False, True)
         for channel in first.channels
-        if measured(first.part(held), channel)
+        if has_samples(first.part(held), channel)
     )
 
 
-def measured(runs: tuple[ComparedRun, ...], channel: str) -> bool:
+def has_samples(runs: tuple[ComparedRun, ...], channel: str) -> bool:
     """Whether any of the runs has samples of the channel."""
     return any(channel in run.measured and np.isfinite(run.measured[channel]).any() for run in runs)
 
 
-def change(first: Comparison, second: Comparison, channel: str, held: bool) -> Change:
+def error_change(first: Comparison, second: Comparison, channel: str, held: bool) -> ErrorChange:
     """One channel over all runs of two comparisons."""
-    one, two = samples_of(first, channel), samples_of(second, channel)
-    block = blocks_of(one)
+    samples_before, samples_after = samples_of(first, channel), samples_of(second, channel)
+    block = blocks_of(samples_before)
     count = int(block.max()) + 1
-    before, after = (np.bincount(block, samples.scaled**2, count) for samples in (one, two))
-    draws = np.random.default_rng(3).multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    before, after = (np.bincount(block, samples.scaled**2, count) for samples in (samples_before, samples_after))
+    draws = np.random.default_rng(3).multinomial(count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
     ratios = np.sqrt((draws @ after) / np.maximum(draws @ before, 1e-300))
     low, high = (float(x) for x in np.quantile(ratios, (0.025, 0.975)))
-    return Change(channel, held, float(np.sqrt(after.sum() / max(before.sum(), 1e-300))), low, high)
+    return ErrorChange(channel, held, float(np.sqrt(after.sum() / max(before.sum(), 1e-300))), low, high)

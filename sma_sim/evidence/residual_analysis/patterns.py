@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
-from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
-from sma_sim.evidence.residual_analysis.metrics import score
-from sma_sim.evidence.residual_analysis.subgroups import DRAWS, blocks_of
-from sma_sim.evidence.residual_analysis.wire_states import rate
+from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
+from sma_sim.evidence.residual_analysis.metrics import AT_NOISE, channel_score
+from sma_sim.evidence.residual_analysis.subgroups import BOOTSTRAP_DRAWS, blocks_of
+from sma_sim.evidence.residual_analysis.wire_states import rate_of_change
 
 Vector = NDArray[np.float64]
-LEAST = 0.25  # of the squared error: a shape that explains less is not told
-AT_NOISE = 1.05
+MIN_PATTERN_SHARE = 0.25  # of the squared error: a shape that explains less is not reported
 
 
 @dataclass(frozen=True)
@@ -39,47 +38,48 @@ class Pattern:
     text: str
 
 
-SHAPES: dict[str, Callable[[ComparedRun, str], Vector]] = {
+PATTERN_SHAPES: dict[str, Callable[[ComparedRun, str], Vector]] = {
     'offset': lambda run, channel: np.ones(len(run.time)),
-    'scale': lambda run, channel: run.shown[channel] - float(np.mean(run.shown[channel])),
-    'lag': lambda run, channel: -rate(run.time, run.shown[channel]),
+    'scale': lambda run, channel: run.predicted[channel] - float(np.mean(run.predicted[channel])),
+    'lag': lambda run, channel: -rate_of_change(run.time, run.predicted[channel]),
 }
 
 
-def patterns(comparison: Comparison) -> tuple[Pattern, ...]:
-    """Shapes that explain a good part of a channel's squared error, surely other than none; largest share first."""
+def find_patterns(comparison: Comparison) -> tuple[Pattern, ...]:
+    """Shapes that explain a good part of a channel's squared error, certainly not zero; largest share first."""
     found = []
     for channel in comparison.channels:
-        one = score(comparison.runs, channel)
-        if one is None or one.over_noise < AT_NOISE:
+        channel_error = channel_score(comparison.runs, channel)
+        if channel_error is None or channel_error.over_noise < AT_NOISE:
             continue
         samples = samples_of(comparison, channel)
-        found += [pattern(comparison, samples, shape) for shape in SHAPES]
-    told = [one for one in found if one.share >= LEAST and one.low * one.high > 0.0]
-    return tuple(sorted(told, key=lambda one: -one.share))
+        found += [fit_pattern(comparison, samples, shape) for shape in PATTERN_SHAPES]
+    significant = [shape for shape in found if shape.share >= MIN_PATTERN_SHARE and shape.low * shape.high > 0.0]
+    return tuple(sorted(significant, key=lambda shape: -shape.share))
 
 
-def pattern(comparison: Comparison, samples: Samples, shape: str) -> Pattern:
+def fit_pattern(comparison: Comparison, samples: ChannelSamples, shape: str) -> Pattern:
     """One shape in one channel."""
     channel = samples.channel
     joined = np.concatenate([
-        SHAPES[shape](run, channel) if channel in run.shown else np.full(len(run.time), np.nan) for run in comparison.runs
-    ])[samples.place]  # fmt: skip
+        PATTERN_SHAPES[shape](run, channel) if channel in run.predicted else np.full(len(run.time), np.nan)
+        for run in comparison.runs
+    ])[samples.index]  # fmt: skip
     noise = np.array([run.noise.get(channel, np.nan) for run in comparison.runs])[samples.run]
     regressor = joined / noise
     block = blocks_of(samples)
     count = int(block.max()) + 1
     along = np.bincount(block, regressor * samples.scaled, count)
     size = np.bincount(block, regressor**2, count)
-    draws = np.random.default_rng(2).multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    draws = np.random.default_rng(2).multinomial(count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
     values = (draws @ along) / np.maximum(draws @ size, 1e-300)
     low, high = (float(x) for x in np.quantile(values, (0.025, 0.975)))
     value = float(along.sum() / max(size.sum(), 1e-300))
     share = float(value * along.sum() / max(float(np.sum(samples.scaled**2)), 1e-300))
-    return Pattern(channel, shape, share, value, low, high, sentence(channel, shape, share, (value, low, high)))
+    return Pattern(channel, shape, share, value, low, high, pattern_text(channel, shape, share, (value, low, high)))
 
 
-def sentence(channel: str, shape: str, share: float, interval: tuple[float, float, float]) -> str:
+def pattern_text(channel: str, shape: str, share: float, interval: tuple[float, float, float]) -> str:
     """A pattern in words."""
     part = f'{100.0 * share:.0f} % of the squared error of {channel} is'
     value, low, high = interval

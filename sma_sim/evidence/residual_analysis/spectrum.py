@@ -12,10 +12,10 @@ from scipy.signal import welch
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 
 Vector = NDArray[np.float64]
-EDGES = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # [Hz]
-FEWEST = 16  # samples
+BAND_EDGES = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # [Hz]
+MIN_SPECTRUM_SAMPLES = 16  # samples
 SEGMENTS = 4  # a segment is at most this part of the run ...
-LEAST_SEGMENT = 256  # ... if that is as many samples
+MIN_SEGMENT = 256  # ... if that is as many samples
 
 
 @dataclass(frozen=True)
@@ -29,18 +29,18 @@ class Band:
     over_noise: float
 
 
-def bands(runs: Sequence[ComparedRun], channel: str) -> tuple[Band, ...]:
+def error_bands(runs: Sequence[ComparedRun], channel: str) -> tuple[Band, ...]:
     """The residual of a channel over some runs, split at EDGES; the offset is in the lowest band."""
-    power, noise, seconds = np.zeros(len(EDGES) - 1), np.zeros(len(EDGES) - 1), 0.0
+    power, noise, seconds = np.zeros(len(BAND_EDGES) - 1), np.zeros(len(BAND_EDGES) - 1), 0.0
     for run in runs:
         if channel not in run.measured:
             continue
-        found = spectrum(run.time, run.residual(channel))
+        found = power_density(run.time, run.residual(channel))
         if found is None:
             continue
         frequency, density = found
         duration, step = float(run.time[-1] - run.time[0]), frequency[1]
-        band = np.clip(np.searchsorted(EDGES, frequency, side='right') - 1, 0, len(power) - 1)
+        band = np.clip(np.searchsorted(BAND_EDGES, frequency, side='right') - 1, 0, len(power) - 1)
         width = np.where((frequency == 0.0) | (frequency == frequency[-1]), 0.5 * step, step)
         power += duration * np.bincount(band, density * step, len(power))
         noise += duration * np.bincount(band, width, len(power)) * run.noise[channel] ** 2 / frequency[-1]
@@ -49,19 +49,19 @@ def bands(runs: Sequence[ComparedRun], channel: str) -> tuple[Band, ...]:
     if seconds == 0.0 or total <= 0.0:
         return ()
     return tuple(
-        Band(EDGES[k], EDGES[k + 1], float(power[k] / total), float(np.sqrt(power[k] / seconds)),
+        Band(BAND_EDGES[k], BAND_EDGES[k + 1], float(power[k] / total), float(np.sqrt(power[k] / seconds)),
              float(np.sqrt(power[k] / noise[k])))
         for k in range(len(power)) if noise[k] > 0.0
     )  # fmt: skip
 
 
-def spectrum(time: Vector, residual: Vector) -> tuple[Vector, Vector] | None:
+def power_density(time: Vector, residual: Vector) -> tuple[Vector, Vector] | None:
     """Frequencies [Hz] and one-sided power density of a residual (k,), gaps joined by lines; None for too few samples."""
     known = np.isfinite(residual)
-    if known.sum() < FEWEST:
+    if known.sum() < MIN_SPECTRUM_SAMPLES:
         return None
     time, residual = time[known], residual[known]
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
-    length = min(len(even), max(LEAST_SEGMENT, len(even) // SEGMENTS))
+    length = min(len(even), max(MIN_SEGMENT, len(even) // SEGMENTS))
     return welch(np.interp(even, time, residual), 1.0 / step, nperseg=length, detrend=False)  # type: ignore[no-any-return]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.compare import Comparison
-from sma_sim.evidence.residual_analysis.error_by_stratum import Samples, samples_of
+from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
 
 Vector = NDArray[np.float64]
@@ -59,9 +59,9 @@ def changing_states(comparison: Comparison) -> Sequence[tuple[str, Vector]]:
     return [(label, values) for label, values in joined if np.ptp(values) > 0.0]
 
 
-def state_density(samples: Samples, values: Vector, label: str) -> StateDensity:
+def state_density(samples: ChannelSamples, values: Vector, label: str) -> StateDensity:
     """The residual of one channel over one state, `values` (n,) over all runs joined."""
-    state, residual = values[samples.place], samples.scaled
+    state, residual = values[samples.index], samples.scaled
     reach = max(3.0, 1.1 * float(np.quantile(np.abs(residual), INSIDE)))
     edges = np.linspace(state.min(), state.max(), STATE_STEPS + 1), np.linspace(-reach, reach, RESIDUAL_STEPS + 1)
     counts, _, _ = np.histogram2d(state, np.clip(residual, -reach, reach), bins=edges)

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
-from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate, wires_of
+from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate_of_change, wires_of
 
 Vector = NDArray[np.float64]
 Classes = NDArray[np.int64]
-STEADY = 0.05  # |dT/dt| [K/s] below which a wire neither heats nor cools
-STILL = 0.02  # of its largest rate: below it a motion counts as none
-MOST_BANDS = 8
-NICE = (1.0, 2.0, 2.5, 5.0, 10.0)
+STEADY_RATE = 0.05  # |dT/dt| [K/s] below which a wire counts as neither heating nor cooling
+STILL_FRACTION = 0.02  # of its largest rate: below it a motion counts as none
+MAX_BANDS = 8  # more cannot be read in a figure
+ROUND_FACTORS = (1.0, 2.0, 2.5, 5.0, 10.0)
 MODE_LABELS = (
     'at rest', 'in mode 1 (austenite)', 'in mode 2 (martensite)', 'in mode 3 (inside the hysteresis)',
     'in mode 4 (to martensite)', 'in mode 5 (to austenite)',
@@ -56,13 +56,13 @@ class Dimension:
 def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
     """All ways to sort the samples of a comparison that have more than one class."""
     runs = comparison.runs
-    found = [one for suffix, wire in wires_of(comparison.config).items() for one in wire_dimensions(runs, suffix, wire)]
+    found = [way for suffix, wire in wires_of(comparison.config).items() for way in wire_dimensions(runs, suffix, wire)]
     found += module_dimensions(runs) if comparison.config.system == 'module' else bench_dimensions(runs)
     found += [
-        banded('ambient temperature', [run.states['T_E_K'] for run in runs], 'the ambient temperature is {}', 'K'),
-        quarters(runs), by_run(runs),
+        band_dimension('ambient temperature', [run.states['T_E_K'] for run in runs], 'the ambient temperature is {}', 'K'),
+        quarter_dimension(runs), run_dimension(runs),
     ]  # fmt: skip
-    return tuple(one for one in found if len(np.unique(np.concatenate(one.classes))) > 1)
+    return tuple(way for way in found if len(np.unique(np.concatenate(way.classes))) > 1)
 
 
 def wire_dimensions(runs: Sequence[ComparedRun], suffix: str, wire: str) -> list[Dimension]:
@@ -72,24 +72,26 @@ def wire_dimensions(runs: Sequence[ComparedRun], suffix: str, wire: str) -> list
     rates = [run.states[f'dT{suffix}'] for run in runs]
     return [
         Dimension(f'mode{of_wire}', MODE_LABELS, wire + ' is {}', modes),
-        banded(f'temperature{of_wire}', [run.states[f'T{suffix}_K'] for run in runs], wire + ' is {}', 'K'),
-        signed(f'heating or cooling{of_wire}', rates, STEADY, ('cooling', 'neither heating nor cooling', 'heating'),
-               wire + ' is {}'),
+        band_dimension(f'temperature{of_wire}', [run.states[f'T{suffix}_K'] for run in runs], wire + ' is {}', 'K'),
+        sign_dimension(
+            f'heating or cooling{of_wire}', rates, STEADY_RATE, ('cooling', 'neither heating nor cooling', 'heating'),
+            wire + ' is {}',
+        ),
     ]  # fmt: skip
 
 
 def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
     """By command, motion and amplitude of a module."""
     angles = [np.degrees(run.states['alpha_rad']) for run in runs]
-    rates = [rate(run.time, run.states['alpha_rad']) for run in runs]
+    rates = [rate_of_change(run.time, run.states['alpha_rad']) for run in runs]
     moving = tuple(transforming(run) for run in runs)
     return [
         Dimension('transforming wires', TRANSFORMING, '{}', moving),
-        signed('command', [run.states['J_eq_W'] for run in runs], 0.0,
+        sign_dimension('command', [run.states['J_eq_W'] for run in runs], 0.0,
                ('J_eq heats bundle 2', 'J_eq is 0', 'J_eq heats bundle 1'), '{}'),
-        signed('direction of motion', rates, STILL * largest(rates),
+        sign_dimension('direction of motion', rates, STILL_FRACTION * robust_maximum(rates),
                ('alpha falls', 'alpha stands still', 'alpha rises'), '{}'),
-        banded('amplitude', [np.abs(angle) for angle in angles], '|alpha| is {}', 'deg'),
+        band_dimension('amplitude', [np.abs(angle) for angle in angles], '|alpha| is {}', 'deg'),
     ]  # fmt: skip
 
 
@@ -98,49 +100,57 @@ def bench_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
     strain = [100.0 * run.states['strain'] for run in runs]
     rates = [run.states['deps'] for run in runs]
     return [
-        signed('direction of motion', rates, STILL * largest(rates), ('unloaded', 'held', 'loaded'), 'the wire is {}'),
-        banded('amplitude', strain, 'the strain is {}', '%'),
-        signed('heating power', [run.states['J_W'] for run in runs], 0.0, ('', 'off', 'on'), 'the power is {}'),
+        sign_dimension(
+            'direction of motion',
+            rates,
+            STILL_FRACTION * robust_maximum(rates),
+            ('unloaded', 'held', 'loaded'),
+            'the wire is {}',
+        ),
+        band_dimension('amplitude', strain, 'the strain is {}', '%'),
+        sign_dimension('heating power', [run.states['J_W'] for run in runs], 0.0, ('', 'off', 'on'), 'the power is {}'),
     ]
 
 
 def transforming(run: ComparedRun) -> Classes:
     """Which wires are in mode 4 or 5 and do not rest: 0 none, 1, 2, 3 both."""
-    one, two = (np.isin(run.states[f'class{suffix}'], (4.0, 5.0)) for suffix in ('_1', '_2'))
-    return one.astype(np.int64) + 2 * two.astype(np.int64)
+    first, second = (np.isin(run.states[f'class{suffix}'], (4.0, 5.0)) for suffix in ('_1', '_2'))
+    return first.astype(np.int64) + 2 * second.astype(np.int64)
 
 
-def largest(values: Sequence[Vector]) -> float:
+def robust_maximum(values: Sequence[Vector]) -> float:
     """A robust largest size."""
     return float(np.quantile(np.abs(np.concatenate(values)), 0.99))
 
 
-def signed(name: str, values: Sequence[Vector], small: float, labels: tuple[str, str, str], template: str) -> Dimension:
+def sign_dimension(
+    name: str, values: Sequence[Vector], small: float, labels: tuple[str, str, str], template: str
+) -> Dimension:
     """By sign: below -small, within, above small."""
-    return Dimension(name, labels, template, tuple(1 + (one > small).astype(np.int64) - (one < -small) for one in values))
+    return Dimension(name, labels, template, tuple(1 + (run > small).astype(np.int64) - (run < -small) for run in values))
 
 
-def banded(name: str, values: Sequence[Vector], template: str, unit: str) -> Dimension:
+def band_dimension(name: str, values: Sequence[Vector], template: str, unit: str) -> Dimension:
     """By bands with round edges, as few as show the range; one band where nothing changes."""
     joined = np.concatenate(values)
     low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     if high - low <= 1e-3 * max(abs(low), abs(high)):
-        return Dimension(name, ('all',), template, tuple(np.zeros(len(one), np.int64) for one in values))
-    step = nice_step((high - low) / MOST_BANDS)
+        return Dimension(name, ('all',), template, tuple(np.zeros(len(run), np.int64) for run in values))
+    step = round_step((high - low) / MAX_BANDS)
     first, last = int(np.floor(low / step)), int(np.ceil(high / step))
     edges = tuple(float(step * k) for k in range(first, last + 1))
     labels = tuple(f'{edges[k]:.4g} to {edges[k + 1]:.4g} {unit}'.rstrip() for k in range(len(edges) - 1))
-    classes = tuple(np.clip(np.searchsorted(edges, one, side='right') - 1, 0, len(labels) - 1) for one in values)
+    classes = tuple(np.clip(np.searchsorted(edges, run, side='right') - 1, 0, len(labels) - 1) for run in values)
     return Dimension(name, labels, template, classes, edges, unit)
 
 
-def nice_step(least: float) -> float:
+def round_step(least: float) -> float:
     """The next number at or above `least` that is 1, 2, 2.5 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(least))
-    return float(next(nice * power for nice in NICE if nice * power >= least * (1.0 - 1e-9)))
+    return float(next(nice * power for nice in ROUND_FACTORS if nice * power >= least * (1.0 - 1e-9)))
 
 
-def quarters(runs: Sequence[ComparedRun]) -> Dimension:
+def quarter_dimension(runs: Sequence[ComparedRun]) -> Dimension:
     """By quarter of the run."""
     classes = tuple(np.minimum((4.0 * part_of_run(run)).astype(np.int64), 3) for run in runs)
     return Dimension('time in the run', QUARTERS, 'the run is in its {} quarter', classes)
@@ -152,7 +162,7 @@ def part_of_run(run: ComparedRun) -> Vector:
     return found
 
 
-def by_run(runs: Sequence[ComparedRun]) -> Dimension:
+def run_dimension(runs: Sequence[ComparedRun]) -> Dimension:
     """By run, in the order of the campaign."""
     names = tuple(run.name for run in runs)
     return Dimension('run', names, 'the run is {}', tuple(np.full(len(run.time), k) for k, run in enumerate(runs)))

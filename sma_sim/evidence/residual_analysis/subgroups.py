@@ -1,11 +1,11 @@
-"""Where the squared error of a channel concentrates: a search over conditions, and how sure its answer is.
+"""Where the squared error of a channel concentrates: a search over conditions, and how certain that is.
 
 A region is a conjunction of conditions. It is searched greedily for the largest share of the squared error minus share
 of the samples (weighted relative accuracy, Klosgen 1996). Blocks of a run, longer than its residuals are correlated,
 are drawn again for the interval of the share. The search is repeated with the blocks of the squared error in random
 order, where they have nothing to do with the conditions: how often that finds as much is the p-value, selection
 included. It is repeated on random halves of the blocks too: the part of them that finds the same region again says how
-sure its borders are.
+certain its borders are.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
-from sma_sim.evidence.residual_analysis.error_by_stratum import Samples
+from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples
 from sma_sim.evidence.residual_analysis.strata import Classes, Dimension
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-GAIN = 0.03  # a condition must add as much of share minus share of the samples
-LEAST_PART = 0.02  # of the samples: smaller regions are no finding
-MOST_CONDITIONS = 3
-MOST_SAMPLES = 4_000  # of a search; more are thinned
-MOST_BLOCKS, FEWEST_BLOCKS = 60, 8  # per run
-DRAWS, HALVES, ORDERS = 1000, 40, 99
-SAME = 0.5  # overlap, by squared error, at which a half's region counts as the same
+MIN_GAIN = 0.03  # a condition must add as much of share minus share of the samples
+MIN_COVERAGE = 0.02  # of the samples: smaller regions are not reported
+MAX_CONDITIONS = 3  # more of them nobody can read in a sentence
+MAX_SEARCH_SAMPLES = 4_000  # of a search; more are thinned
+MAX_BLOCKS_PER_RUN, MIN_BLOCKS_PER_RUN = 60, 8  # of the bootstrap
+BOOTSTRAP_DRAWS, RANDOM_HALVES, PERMUTATIONS = 1000, 40, 99  # intervals to 1 %, replication to 8 %, p-values to 0.01
+MIN_OVERLAP = 0.5  # overlap, by squared error, at which a half's region counts as the same
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Condition:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Single conditions, and their masks as the rows of a matrix (conditions, n)."""
+    """Conditions of one class or of joined bands, and their masks as the rows of a matrix (conditions, n)."""
 
-    one_by_one: tuple[Condition, ...]
+    single: tuple[Condition, ...]
     matrix: NDArray[np.float32]
 
 
@@ -64,7 +64,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Sureness:
+class RegionCertainty:
     """95 % interval of a region's share, and of the ratio of its later to its earlier mean squared error (over its runs).
 
     `p`: how likely a search finds as much where there is nothing; `again`: part of random halves of the data in which
@@ -78,73 +78,75 @@ class Sureness:
     trend: tuple[float, float, float]
 
 
-def conditions_of(ways: Sequence[Dimension], samples: Samples) -> Conditions:
+def conditions_of(ways: Sequence[Dimension], samples: ChannelSamples) -> Conditions:
     """All single conditions: classes, and joined bands where classes have an order."""
     found = []
     for way in ways:
-        classes = np.concatenate(way.classes)[samples.place]
+        classes = np.concatenate(way.classes)[samples.index]
         count = len(way.labels)
         for first in range(count):
             for last in range(first, count) if way.edges else (first,):
                 mask = (classes >= first) & (classes <= last)
                 if last - first < count - 1 and mask.any():
                     found.append(Condition(way, first, last, mask))
-    matrix = np.array([one.mask for one in found], dtype=np.float32).reshape(len(found), len(samples.place))
+    matrix = np.array([condition.mask for condition in found], dtype=np.float32).reshape(len(found), len(samples.index))
     return Conditions(tuple(found), matrix)
 
 
-def thinned(samples: Samples) -> Samples:
+def thinned(samples: ChannelSamples) -> ChannelSamples:
     """Every so many samples, at most MOST_SAMPLES."""
-    every = -(-len(samples.place) // MOST_SAMPLES)
-    names = ('residual', 'scaled', 'run', 'part', 'place')
-    return Samples(samples.channel, *(getattr(samples, name)[::every] for name in names))
+    every = -(-len(samples.index) // MAX_SEARCH_SAMPLES)
+    names = ('residual', 'scaled', 'run', 'part', 'index')
+    return ChannelSamples(samples.channel, *(getattr(samples, name)[::every] for name in names))
 
 
-def search(conditions: Conditions, error: Vector, time: Vector) -> Region | None:
+def find_region(conditions: Conditions, error: Vector, time: Vector) -> Region | None:
     """The region with the largest share of `error` minus share of `time`, (n,) weights that sum to 1; None for none."""
     inside, quality = np.ones(len(error), dtype=bool), 0.0
     chosen: list[Condition] = []
-    if not conditions.one_by_one:
+    if not conditions.single:
         return None
-    for _ in range(MOST_CONDITIONS):
+    for _ in range(MAX_CONDITIONS):
         weight = np.where(inside, error - time, 0.0)
         gains = conditions.matrix @ weight.astype(np.float32)
         parts = conditions.matrix @ np.where(inside, time, 0.0).astype(np.float32)
-        best = int(np.argmax(np.where(parts >= LEAST_PART, gains, -np.inf)))
-        if not gains[best] > quality + GAIN:
+        best = int(np.argmax(np.where(parts >= MIN_COVERAGE, gains, -np.inf)))
+        if not gains[best] > quality + MIN_GAIN:
             break
         quality = float(gains[best])
-        chosen.append(conditions.one_by_one[best])
+        chosen.append(conditions.single[best])
         inside = inside & chosen[-1].mask
     return Region(tuple(chosen), inside, quality) if chosen else None
 
 
-def blocks_of(samples: Samples) -> Classes:
+def blocks_of(samples: ChannelSamples) -> Classes:
     """The block of every sample (n,): stretches of a run that are longer than its residuals are correlated."""
-    block, used = np.zeros(len(samples.place), dtype=np.int64), 0
+    block, used = np.zeros(len(samples.index), dtype=np.int64), 0
     for run in np.unique(samples.run):
         at = np.flatnonzero(samples.run == run)
         time = autocorrelation_time(samples.scaled[at] - samples.scaled[at].mean())
-        count = int(np.clip(len(at) / (4.0 * time), FEWEST_BLOCKS, MOST_BLOCKS))
+        count = int(np.clip(len(at) / (4.0 * time), MIN_BLOCKS_PER_RUN, MAX_BLOCKS_PER_RUN))
         block[at] = used + np.arange(len(at)) * count // len(at)
         used += count
     return block
 
 
-def sureness(region: Region, conditions: Conditions, samples: Samples, error: Vector, left: Mask) -> Sureness:
-    """How sure a region is; `error` (n,) are the squared errors that were searched, `left` (n,) the samples of them."""
+def assess_region(
+    region: Region, conditions: Conditions, samples: ChannelSamples, error: Vector, left: Mask
+) -> RegionCertainty:
+    """How certain a region is; `error` (n,) are the squared errors that were searched, `left` (n,) the samples of them."""
     block = blocks_of(samples)
     count = int(block.max()) + 1
     random = np.random.default_rng(0)
     inside = np.bincount(block, error * region.mask, count)
     total = np.bincount(block, error, count)
-    draws = random.multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    draws = random.multinomial(count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
     shares = (draws @ inside) / np.maximum(draws @ total, 1e-300)
     late = samples.part > 0.5
     low, high = np.quantile(shares, (0.025, 0.975))
-    return Sureness(
-        float(low), float(high), chance(region, conditions, error, left, block),
-        found_again(region, conditions, error, block),
+    return RegionCertainty(
+        float(low), float(high), permutation_p_value(region, conditions, error, left, block),
+        replication_rate(region, conditions, error, block),
         trend(region.mask & late, region.mask & ~late, error, block, draws),
     )  # fmt: skip
 
@@ -166,30 +168,30 @@ def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes
     return float(ratio(np.ones((1, count), dtype=np.int64))[0]), float(low), float(high)
 
 
-def chance(region: Region, conditions: Conditions, error: Vector, left: Mask, block: Classes) -> float:
+def permutation_p_value(region: Region, conditions: Conditions, error: Vector, left: Mask, block: Classes) -> float:
     """The p-value of a region: how often blocks of the squared error in random order concentrate as much."""
     random, time, as_much = np.random.default_rng(5), left / left.sum(), 0
     within = error[left]
     blocks = np.split(within, np.flatnonzero(np.diff(block[left])) + 1)
-    for _ in range(ORDERS):
+    for _ in range(PERMUTATIONS):
         mixed = np.zeros(len(error))
         mixed[left] = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
-        found = search(conditions, mixed / mixed.sum(), time)
+        found = find_region(conditions, mixed / mixed.sum(), time)
         as_much += int(found is not None and found.quality >= region.quality)
-    return (1 + as_much) / (1 + ORDERS)
+    return (1 + as_much) / (1 + PERMUTATIONS)
 
 
-def found_again(region: Region, conditions: Conditions, error: Vector, block: Classes) -> float:
+def replication_rate(region: Region, conditions: Conditions, error: Vector, block: Classes) -> float:
     """In which part of random halves of the blocks the search finds a region that overlaps with this one."""
     random, count, again = np.random.default_rng(1), int(block.max()) + 1, 0
-    for _ in range(HALVES):
+    for _ in range(RANDOM_HALVES):
         half = random.permutation(count)[: count // 2]
         taken = np.isin(block, half)
         weight = np.where(taken, error, 0.0)
         if weight.sum() <= 0.0:
             continue
-        found = search(conditions, weight / weight.sum(), taken / taken.sum())
+        found = find_region(conditions, weight / weight.sum(), taken / taken.sum())
         if found is not None:
             both, either = error[found.mask & region.mask].sum(), error[found.mask | region.mask].sum()
-            again += int(both > SAME * either)
-    return again / HALVES
+            again += int(both > MIN_OVERLAP * either)
+    return again / RANDOM_HALVES

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from sma_sim.evidence.residual_analysis.compare import Comparison
-from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits
-from sma_sim.evidence.residual_analysis.findings import Finding, findings
-from sma_sim.evidence.residual_analysis.metrics import Score, scores, total_error
-from sma_sim.evidence.residual_analysis.patterns import Pattern, patterns
-from sma_sim.evidence.residual_analysis.spectrum import Band, bands
+from sma_sim.evidence.residual_analysis.error_by_stratum import Split, all_splits
+from sma_sim.evidence.residual_analysis.findings import ErrorRegion, find_error_regions
+from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_scores, total_error
+from sma_sim.evidence.residual_analysis.patterns import Pattern, find_patterns
+from sma_sim.evidence.residual_analysis.spectrum import Band, error_bands
 from sma_sim.evidence.residual_analysis.state_density import StateDensity, state_densities
 
 
@@ -20,11 +20,11 @@ class Summary:
     """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run; `densities` by channel."""
 
     comparison: Comparison
-    fitted: Mapping[str, Score]
-    held_out: Mapping[str, Score]
-    runs: Mapping[str, Mapping[str, Score]]
+    fitted: Mapping[str, ChannelScore]
+    held_out: Mapping[str, ChannelScore]
+    runs: Mapping[str, Mapping[str, ChannelScore]]
     patterns: tuple[Pattern, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[ErrorRegion, ...]
     splits: tuple[Split, ...]
     bands: Mapping[str, tuple[Band, ...]]
     densities: Mapping[str, tuple[StateDensity, ...]]
@@ -44,13 +44,14 @@ class Summary:
         return total_error(list(self.runs[name].values()))
 
 
-def summarise(comparison: Comparison) -> Summary:
+def summarize(comparison: Comparison) -> Summary:
     """Look at a comparison in every way."""
     channels = comparison.channels
     return Summary(
-        comparison, scores(comparison.part(False), channels), scores(comparison.part(True), channels),
-        {run.name: scores((run,), channels) for run in comparison.runs}, patterns(comparison), findings(comparison),
-        splits(comparison), {channel: bands(comparison.runs, channel) for channel in channels},
+        comparison, channel_scores(comparison.part(False), channels), channel_scores(comparison.part(True), channels),
+        {run.name: channel_scores((run,), channels) for run in comparison.runs}, find_patterns(comparison),
+        find_error_regions(comparison), all_splits(comparison),
+        {channel: error_bands(comparison.runs, channel) for channel in channels},
         state_densities(comparison),
     )  # fmt: skip
 
@@ -67,18 +68,18 @@ def as_data(summary: Summary) -> dict[str, Any]:
             'held_out': summary.held_out_error,
         },
         'channels': {
-            name: {channel: asdict(one) for channel, one in part.items()}
+            name: {channel: asdict(entry) for channel, entry in part.items()}
             for name, part in (('train', summary.fitted), ('held_out', summary.held_out))
         },
         'runs': {
             run.name: {
                 'held_out': run.held_out, 'start': run.nuisance.start,
-                'channels': {channel: asdict(one) for channel, one in summary.runs[run.name].items()},
+                'channels': {channel: asdict(entry) for channel, entry in summary.runs[run.name].items()},
             }
             for run in comparison.runs
         },
-        'patterns': [asdict(one) for one in summary.patterns],
-        'findings': [asdict(one) for one in summary.findings],
-        'splits': [asdict(one) for one in summary.splits],
-        'bands': {channel: [asdict(one) for one in found] for channel, found in summary.bands.items()},
+        'patterns': [asdict(pattern) for pattern in summary.patterns],
+        'findings': [asdict(finding) for finding in summary.findings],
+        'splits': [asdict(split) for split in summary.splits],
+        'bands': {channel: [asdict(band) for band in found] for channel, found in summary.bands.items()},
     }  # fmt: skip

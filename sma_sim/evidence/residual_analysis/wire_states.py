@@ -23,22 +23,22 @@ def wires_of(config: Config) -> dict[str, str]:
     return {'_1': 'wire 1', '_2': 'wire 2'} if config.system == 'module' else {'': 'the wire'}
 
 
-def with_derived(config: Config, time: Vector, columns: Mapping[str, Vector]) -> dict[str, Vector]:
+def with_derived_states(config: Config, time: Vector, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     """The columns (k,), and for each wire (suffix s): ``strain{s}`` [-], ``dT{s}`` [K/s], ``deps{s}`` [1/s], and
     ``class{s}``: its mode, or RESTING where nothing of it moves."""  # fmt: skip
     found = dict(columns)
     if config.system == 'module':
-        found |= strains(config, columns)
+        found |= module_strains(config, columns)
     for suffix in wires_of(config):
-        dT, deps = rate(time, columns[f'T{suffix}_K']), rate(time, found[f'strain{suffix}'])
-        dx = rate(time, columns[f'x_M{suffix}'])
+        dT, deps = rate_of_change(time, columns[f'T{suffix}_K']), rate_of_change(time, found[f'strain{suffix}'])
+        dx = rate_of_change(time, columns[f'x_M{suffix}'])
         rests = (np.abs(dx) < REST_DX) & (np.abs(dT) < REST_DT) & (np.abs(deps) < REST_DEPS)
         mode = np.nan_to_num(columns[f'mode{suffix}'], nan=3.0)
         found |= {f'dT{suffix}': dT, f'deps{suffix}': deps, f'class{suffix}': np.where(rests, RESTING, mode)}
     return found
 
 
-def strains(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
+def module_strains(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     """Strains of the module's wires from the pose (EB-B2a), (k,) each."""
     beam, l0 = beam_constants(config.parameters), config.parameters['wire.l0']
     poses = np.column_stack([columns['U_x_m'], columns['U_y_m'], columns['alpha_rad']]).tolist()
@@ -46,7 +46,7 @@ def strains(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     return {f'strain{suffix}': np.array(values) / l0 - 1.0 for suffix, values in lengths.items()}
 
 
-def rate(time: Vector, values: Vector) -> Vector:
+def rate_of_change(time: Vector, values: Vector) -> Vector:
     """Rate of change (k,) by central differences."""
     if len(time) < 2:
         return np.zeros(len(time))

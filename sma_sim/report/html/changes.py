@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from sma_sim.evidence.residual_analysis.paired_comparison import Change
+from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY
 
 
-def changes_section(summaries: Sequence[Summary], pairs: Sequence[Change]) -> Section:
+def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> Section:
     """Errors of both, and their ratios with intervals."""
     rows = [
         (summary.comparison.label, summary.comparison.config.model,
@@ -27,7 +27,7 @@ def changes_section(summaries: Sequence[Summary], pairs: Sequence[Change]) -> Se
     ])  # fmt: skip
 
 
-def ratio_figure(pairs: Sequence[Change]) -> object:
+def ratio_figure(pairs: Sequence[ErrorChange]) -> object:
     """Ratios by channel."""
     figure = new_figure()
     for held, name, colour in ((False, 'fitted', SHOWN), (True, 'held out', HELD_OUT)):

@@ -8,7 +8,7 @@ from pathlib import Path
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.homogeneity import Agreement
-from sma_sim.evidence.residual_analysis.paired_comparison import Change
+from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.agreement import agreement_section
 from sma_sim.report.html.changes import changes_section
@@ -43,7 +43,7 @@ def write_fit_page(
 
 
 def write_compare_page(
-    path: Path, summaries: Sequence[Summary], pairs: Sequence[Change], data: tuple[Campaign, Campaign | None]
+    path: Path, summaries: Sequence[Summary], pairs: Sequence[ErrorChange], data: tuple[Campaign, Campaign | None]
 ) -> None:
     """The page of one or two configurations beside a campaign. Raises UserError."""
     sections = [changes_section(summaries, pairs)] if pairs else []

@@ -43,7 +43,7 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
     x = small(scale * run.states[column][at])
     figure = new_figure()
     for name, values, colour, width in (
-        ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.3),
+        ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.3),
     ):  # fmt: skip
         figure.add_scatter(
             x=x, y=small(factor * values[at]), name=name, mode='lines', line={'color': colour, 'width': width},

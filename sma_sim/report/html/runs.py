@@ -75,7 +75,7 @@ def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: 
     unit, factor = DISPLAY_UNITS[channel]
     at = envelope(run.residual(channel), points)
     time, first = small(run.time[at]), row == 1
-    curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.shown[channel], SHOWN, 1.2))
+    curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.2))
     for name, values, colour, width in curves:
         figure.add_scatter(
             x=time, y=small(factor * values[at]), name=name, legendgroup=name, showlegend=first, mode='lines',

@@ -28,7 +28,7 @@ def change_plot(change: StepChange) -> Plot:
     time = small(change.before.time[at])
     for name, values, colour, width in (
         ('measured', change.before.measured[channel], MEASURED, 3.0),
-        ('before', change.before.shown[channel], ORANGE, 1.4), ('after', change.after.shown[channel], SHOWN, 1.4),
+        ('before', change.before.predicted[channel], ORANGE, 1.4), ('after', change.after.predicted[channel], SHOWN, 1.4),
     ):  # fmt: skip
         figure.add_scatter(
             x=time, y=small(factor * values[at]), name=name, legendgroup=name, mode='lines',

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.residual_analysis.metrics import Score
+from sma_sim.evidence.residual_analysis.metrics import ChannelScore
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
@@ -39,7 +39,7 @@ def count(runs: int) -> str:
     return f'{runs} run' + ('' if runs == 1 else 's')
 
 
-def parts(summary: Summary) -> list[tuple[str, Sequence[Score]]]:
+def parts(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
     """Scores of the fitted runs, and of those held out."""
     return [('fitted', list(summary.fitted.values())), ('held out', list(summary.held_out.values()))]
 
@@ -59,7 +59,7 @@ def score_figure(summary: Summary) -> object:
     return figure
 
 
-def score_row(kind: str, one: Score) -> tuple[str, ...]:
+def score_row(kind: str, one: ChannelScore) -> tuple[str, ...]:
     """One channel."""
     white = one.whiteness
     return (
