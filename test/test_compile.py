@@ -1,11 +1,85 @@
-"""Compiling from several threads."""
+"""Compiling: what is compiled, when it is loaded instead, in several threads and processes, and what a person reads."""
 
+import json
+import os
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numba
+import pytest
 
-from sma_sim.solver.compile import Compiler
+from sma_sim.solver import first_start
+from sma_sim.solver.compile import OUT_OF_LINE, Compiler, content_key, reachable, write_source
+from sma_sim.solver.fragments import on_compiled
+
+ROOT = Path(__file__).resolve().parents[1]
+# A function with large records, one inside the other, that calls another with a constant and with a number.
+USER = """
+import json, sys
+from typing import NamedTuple
+import numpy as np
+
+class Inner(NamedTuple):
+    a: float
+    b: float
+    c: float
+    d: float
+    e: np.ndarray
+    f: float
+    g: float
+    h: float
+    i: int
+
+class Outer(NamedTuple):
+    flag: bool
+    inner: Inner
+    table: np.ndarray
+
+def part(k, outer, other):
+    return outer.inner.e[k] * outer.inner.i + outer.table[k, 1] + (other.b if outer.flag else 0.0)
+
+def whole(k, outer, out):
+    out[0] = part(k, outer, outer.inner)
+    out[1] = part(1, outer, outer.inner)
+    return outer.inner.h
+
+def main():
+    from sma_sim.solver.compile import Compiler
+    inner = Inner(1.0, 2.0, 3.0, 4.0, np.arange(5.0), 6.0, 7.0, 8.0, 9)
+    outer, out = Outer(True, inner, np.arange(6.0).reshape(3, 2)), np.zeros(2)
+    compiler = Compiler('key', ('user',))
+    entry = compiler.function(whole)
+    result = entry(2, outer, out)
+    versions = [len(fragment.overloads) for fragment in compiler._fragments.values()]
+    hits = sum(entry.stats.cache_hits.values())
+    print(json.dumps([result, *out, whole(2, outer, out), *out, hits, max(versions)]))
+"""
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Start the user's program with a cache of its own; its process."""
+    (tmp_path / 'user.py').write_text(USER, encoding='utf-8')
+    environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONPATH': f'{ROOT}{os.pathsep}{tmp_path}'}
+    words = [sys.executable, '-c', 'import user; user.main()']
+    return lambda: subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def result_of(process):
+    output = process.communicate(timeout=120)[0]
+    assert process.returncode == 0
+    return json.loads(output)
+
+
+def test_processes_that_start_at_once_share_a_cache(started):
+    """Each computes what Python computes, with one version of each function; later ones load what was compiled."""
+    for process in [started() for _ in range(2)]:
+        *values, _, versions = result_of(process)
+        assert values[:3] == values[3:] == [8.0, 25.0, 14.0] and versions <= 1
+    assert result_of(started())[-2:] == [1, 0]
 
 
 def test_threads_do_not_take_each_others_cache_folder(tmp_path, monkeypatch):
@@ -21,5 +95,47 @@ def test_threads_do_not_take_each_others_cache_folder(tmp_path, monkeypatch):
 
     with ThreadPoolExecutor(8) as threads:
         list(threads.map(lambda compiler: compiler._cached(lambda: build(compiler)), compilers))
-    assert len(seen) == 8 and all(len(one) == 1 for one in seen)
+    assert len(seen) == 8 and all(len(folders) == 1 for folders in seen)
     assert numba.config.CACHE_DIR not in {str(compiler.folder) for compiler in compilers}
+
+
+def test_an_edited_source_is_compiled_anew(tmp_path):
+    file = tmp_path / 'effect.py'
+    keys = set()
+    for text in ('a = 1\n', 'a = 2\n', 'a = 1\n'):
+        file.write_text(text, encoding='utf-8')
+        keys.add(content_key(file))
+    assert len(keys) == 2 and content_key() not in keys
+
+
+def test_sources_of_native_code_keep_their_time(tmp_path):
+    """numba compiles again when the time changes, as it would when two processes write the same text."""
+    file = tmp_path / 'source.py'
+    write_source(file, 'a = 1\n')
+    first = file.stat().st_mtime_ns
+    file.unlink()
+    write_source(file, 'a = 1\n')
+    assert file.stat().st_mtime_ns == first and file.read_text(encoding='utf-8') == 'a = 1\n'
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_functions_out_of_line_exist():
+    compiled = {python.__name__ for python in reachable(*first_start.SIMULATION, *first_start.FIXED_RATE)}
+    assert set(OUT_OF_LINE) <= compiled
+
+
+def test_a_person_reads_how_long_the_first_start_takes(monkeypatch):
+    lines, now = [], [100.0]
+    monkeypatch.setattr(first_start, 'is_compiled', lambda: False)
+    monkeypatch.setattr(first_start.time, 'monotonic', lambda: now[0])
+    first_start.announce_compilation(lines.append)
+    first_start.announce_compilation(lines.append)
+    assert lines == [first_start.STARTING] and len(on_compiled) == 1
+    total = first_start.FRAGMENT * len(reachable(*first_start.SIMULATION)) + 2 * first_start.ENTRY
+    for _ in range(total):
+        now[0] += 0.5
+        for call in list(on_compiled):
+            call(1)
+    assert lines[1] == f'compiling the equations: about {0.5 * (total - 10):.0f} s on this machine'
+    assert 'done, about' in lines[2] and lines[-1] == f'compiled in {0.5 * total:.0f} s' and not on_compiled
+    assert 4 <= len(lines) <= 7

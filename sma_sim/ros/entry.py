@@ -82,13 +82,12 @@ def run(name: str, make: Maker, stop: threading.Event, working: threading.Event)
     from rclpy.node import Node
 
     from sma_sim.ros.parameters import configure
-    from sma_sim.solver.compile import is_compiled
+    from sma_sim.solver.first_start import FIXED_RATE, announce_compilation
     from sma_sim.solver.simulate import SimulationError
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
     config, settings = configure(node)
-    if not is_compiled():
-        node.get_logger().info('compiling the equations: once, about half a minute ...')
+    announce_compilation(node.get_logger().info, FIXED_RATE)
     runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
     working.set()
     executor = SingleThreadedExecutor()

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from sma_sim.model.config import Config, effect_folders_of, read_config
-from sma_sim.solver.compile import is_compiled
+from sma_sim.solver import first_start
 
 QUIET_TIME = 2.0  # [s] before progress is shown
 
@@ -50,8 +50,7 @@ def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
 
 def announce_compilation() -> None:
     """Say why the first start takes long."""
-    if not is_compiled():
-        print('compiling the equations: once, about half a minute ...', file=sys.stderr, flush=True)
+    first_start.announce_compilation(lambda line: print(line, file=sys.stderr, flush=True))
 
 
 class Progress:
