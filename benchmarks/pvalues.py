@@ -30,7 +30,7 @@ from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.evidence.model_selection.nominal_fit import STARTS
 from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.report.palette import BLUE, GREY
-from sma_sim.report.style import new_figure, plain, save
+from sma_sim.report.style import plain_axes, save, sized_figure
 
 FIRST_SEED, RATE, TRAINING = 2000, 10.0, 2
 LEVELS = (0.01, 0.05, 0.1, 0.25, 0.5)
@@ -65,9 +65,9 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
 
 def draw(p: NDArray[np.float64]) -> Figure:
     """Share of the cases at or below p against p, and the band that 95 % of uniform samples stay within."""
-    figure = new_figure(5.2, 4.6)
+    figure = sized_figure(5.2, 4.6)
     axis = figure.subplots()
-    plain(axis)
+    plain_axes(axis)
     straight, reach = np.linspace(0.0, 1.0, 101), float(kstwo.ppf(0.95, len(p)))
     axis.fill_between(
         straight, np.clip(straight - reach, 0.0, 1.0), np.clip(straight + reach, 0.0, 1.0), color=GREY, alpha=0.25,

@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
-from sma_sim.report.style import axes_of, new_figure, save
+from sma_sim.report.style import axes_of, save, sized_figure
 
 NAMESPACE = '/tracking'
 STEPS = ((0.0, 0.0), (2.0, 4.0), (17.0, -6.0), (37.0, 2.0))  # from [s], angle [deg]
@@ -105,7 +105,7 @@ def draw(rows):
     """Angle beside its target, their difference, command, temperatures."""
     time, wanted, alpha, J_eq, T_1, T_2 = rows.T
     wanted, alpha = np.degrees(wanted), np.degrees(alpha)
-    figure = new_figure(9.0, 8.0)
+    figure = sized_figure(9.0, 8.0)
     angle, error, command, heat = axes_of(figure, 4, [3.0, 1.5, 1.5, 1.5])
     angle.plot(time, wanted, color=GREY, label='target')
     angle.plot(time, alpha, color=BLUE, label='alpha')

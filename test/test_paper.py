@@ -13,8 +13,15 @@ import pytest
 from sma_sim import Model, UserError
 from sma_sim.cli import paper as verb
 from sma_sim.cli.main import main
-from sma_sim.report import experiments
-from sma_sim.report.experiments import KINDS, loop, module, random_steps, run, slow_sine
+from sma_sim.solver import paper_experiments
+from sma_sim.solver.paper_experiments import (
+    MODEL_KINDS,
+    complete_run,
+    paper_module,
+    random_steps,
+    slow_sine,
+    stress_strain_loop,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ['hysteresis.png', 'loops.png', 'paper.md', 'random.png']
@@ -89,7 +96,7 @@ def test_commands_repeat_with_their_seed():
 def test_slow_sine_is_a_closed_symmetric_loop():
     sine = slow_sine()
     half = len(sine.J_eq) // 2
-    for kind in KINDS:
+    for kind in MODEL_KINDS:
         alpha = np.degrees(sine.alpha[kind])
         assert alpha[0] == pytest.approx(alpha[-1], abs=1e-3)
         assert alpha[:half] == pytest.approx(-alpha[half:-1], abs=1e-3)
@@ -98,8 +105,8 @@ def test_slow_sine_is_a_closed_symmetric_loop():
 
 
 def test_loop_ends_unstrained():
-    assert loop(315.0).strain[-1] == pytest.approx(0.0, abs=1e-12)
-    assert abs(loop(315.0).stress['mas'][-1]) < 1e3
+    assert stress_strain_loop(315.0).strain[-1] == pytest.approx(0.0, abs=1e-12)
+    assert abs(stress_strain_loop(315.0).stress['mas'][-1]) < 1e3
 
 
 def test_a_run_that_is_cut_short_is_no_result(monkeypatch):
@@ -107,12 +114,12 @@ def test_a_run_that_is_cut_short_is_no_result(monkeypatch):
         return type('Run', (), {'reason': reason, 'completed': False, 'end': 1.0})()
 
     source = random_steps(np.random.default_rng(1))
-    monkeypatch.setattr(experiments, 'simulate', lambda *_: stopped(_, experiments.STOPPED))
+    monkeypatch.setattr(paper_experiments, 'simulate', lambda *_: stopped(_, paper_experiments.STOPPED))
     with pytest.raises(KeyboardInterrupt):
-        run(Model(), source)
-    monkeypatch.setattr(experiments, 'simulate', lambda *_: stopped(_, 'step limit reached'))
+        complete_run(Model(), source)
+    monkeypatch.setattr(paper_experiments, 'simulate', lambda *_: stopped(_, 'step limit reached'))
     with pytest.raises(RuntimeError, match='mas: the run ended at 1 s: step limit reached'):
-        run(module('mas', 1e-5), source)
+        complete_run(paper_module('mas', 1e-5), source)
 
 
 @pytest.mark.skipif(sys.platform == 'win32', reason='signals')
@@ -153,9 +160,10 @@ def test_paper_does_not_overwrite(paper, capsys):
 def quick(monkeypatch):
     """The verb without its simulations."""
 
-    def write(folder, runs, seed, say):
+    def write(folder, seed):
         (folder / 'paper.md').write_text(f'seed {seed}')
 
+    monkeypatch.setattr(verb, 'repeat_paper', lambda runs, seed, on_progress: seed)
     monkeypatch.setattr(verb, 'write_paper', write)
 
 
@@ -182,10 +190,11 @@ def test_a_file_in_its_place_is_left_alone(quick, tmp_path, capsys):
 def test_files_that_come_meanwhile_are_left_alone(monkeypatch, tmp_path):
     out = tmp_path / 'paper'
 
-    def write(folder, runs, seed, say):
+    def write(folder, results):
         out.mkdir()
         (out / 'notes.txt').write_text('mine')
 
+    monkeypatch.setattr(verb, 'repeat_paper', lambda runs, seed, on_progress: None)
     monkeypatch.setattr(verb, 'write_paper', write)
     assert main(['paper', '--out', str(out)]) == 2
     assert os.listdir(tmp_path) == ['paper'] and os.listdir(out) == ['notes.txt']

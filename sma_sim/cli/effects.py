@@ -36,13 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
             raise UserError(f'unknown effect {name}{suggestion(name, found)}; known are {", ".join(sorted(found))}')
     effects = [found[name].effect for name in sorted(arguments.names or found)]
     if arguments.json:
-        print(json.dumps([as_data(effect) for effect in effects], indent=2))
+        print(json.dumps([effect_data(effect) for effect in effects], indent=2))
     else:
-        print('\n\n'.join(as_text(effect) for effect in effects))
+        print('\n\n'.join(effect_text(effect) for effect in effects))
     return 0
 
 
-def as_data(effect: Effect) -> dict[str, Any]:
+def effect_data(effect: Effect) -> dict[str, Any]:
     """An effect as plain data."""
     parameters = [
         {
@@ -55,7 +55,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
     return {name: getattr(effect, name) for name in (*words, *LISTS)} | {'parameters': parameters}
 
 
-def as_text(effect: Effect) -> str:
+def effect_text(effect: Effect) -> str:
     """An effect for a person to read."""
     only = '' if effect.systems == SYSTEMS else f', {" and ".join(effect.systems)} only'
     lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']

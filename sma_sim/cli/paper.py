@@ -12,6 +12,7 @@ from typing import Any
 from sma_sim.cli.common.options import announce_compilation
 from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
+from sma_sim.solver.paper_experiments import repeat_paper
 
 MOST_RUNS = 100_000
 
@@ -40,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
     try:
-        write_paper(temporary, arguments.runs, arguments.seed, lambda words: print(words, file=sys.stderr, flush=True))
+        write_paper(temporary, repeat_paper(arguments.runs, arguments.seed, announce))
         temporary.chmod(0o755)
         check_place(out, arguments.overwrite)  # once more: the runs took a while
         put_in_place(temporary, out)
@@ -50,6 +51,11 @@ def run(arguments: argparse.Namespace) -> int:
         shutil.rmtree(temporary, ignore_errors=True)
     print(arguments.out / PAGE)
     return 0
+
+
+def announce(words: str) -> None:
+    """Say on the terminal what is being done."""
+    print(words, file=sys.stderr, flush=True)
 
 
 def check_place(out: Path, overwrite: bool) -> None:

@@ -9,16 +9,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sma_sim.report.palette import BLUE, GREY, RED
-from sma_sim.report.style import new_figure, plain
+from sma_sim.report.style import plain_axes, sized_figure
 
 TICKS = tuple(step * decade for decade in (1, 10, 100, 1000) for step in (1, 2, 5))
 
 
 def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
     """`steps`: the `error` of a verdict (effects, model, train, held_out)."""
-    figure = new_figure(6.4, 3.6)
+    figure = sized_figure(6.4, 3.6)
     axis = figure.subplots()
-    plain(axis)
+    plain_axes(axis)
     positions = np.arange(len(steps))
     for name, label, colour in (('train', 'fitted runs', BLUE), ('held_out', 'held-out runs', RED)):
         values = [np.nan if step[name] is None else float(step[name]) for step in steps]

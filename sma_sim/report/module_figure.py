@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sma_sim.model.parameters import BeamConstants
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import BLUE, GREY, MODE_COLOURS, ORANGE
-from sma_sim.report.style import mode_legend, new_figure, plain
+from sma_sim.report.style import mode_legend, plain_axes, sized_figure
 
 Vector = NDArray[np.float64]
 ANGLE_SCALE = 3.0  # angles and deflections are drawn larger than they are
@@ -20,7 +20,7 @@ ANGLE_SCALE = 3.0  # angles and deflections are drawn larger than they are
 
 def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: BeamConstants) -> Figure:
     """Above the module at some instants [s], below its angle and its command over time."""
-    figure = new_figure(9.0, 6.0)
+    figure = sized_figure(9.0, 6.0)
     parts: Any = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
     above, below = parts
     time = columns['time_s']
@@ -38,7 +38,7 @@ def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: 
 def draw_course(axis: Any, columns: Mapping[str, Vector], instants: Sequence[float]) -> None:
     """Angle and command over time, zero at the same height; the command is drawn lower so that it hides nothing."""
     time, alpha, J_eq = columns['time_s'], np.degrees(columns['alpha_rad']), columns['J_eq_W']
-    plain(axis)
+    plain_axes(axis)
     command = axis.twinx()
     command.plot(time, J_eq, color=ORANGE, drawstyle='steps-post')
     command.set_ylabel('J_eq [W]', color=ORANGE)

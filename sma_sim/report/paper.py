@@ -4,83 +4,75 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from sma_sim.report.experiments import (
+from sma_sim.report.palette import BLUE, GREY, RED
+from sma_sim.report.run_figure import draw_run, panel_legend
+from sma_sim.report.style import plain_axes, save, sized_figure
+from sma_sim.solver.inputs import inputs_at
+from sma_sim.solver.paper_experiments import (
     BATH,
-    CHANNELS,
-    DURATION,
+    COMPARED_COLUMNS,
     EXACT_RTOL,
-    KINDS,
     LARGEST,
     LONGEST,
     LOOP_RATE,
     LOOP_STRAIN,
-    RATE,
+    MODEL_KINDS,
     REPEATS,
+    RUN_LENGTH,
+    SAMPLE_RATE,
     SHORTEST,
     SINE_AMPLITUDE,
     SINE_PERIOD,
-    TEMPERATURES,
-    Campaign,
-    Loop,
-    Sine,
+    PaperResults,
+    RandomRuns,
+    SineResponse,
+    StressStrainLoop,
     Timing,
     Vector,
-    loop,
-    random_campaign,
-    slow_sine,
 )
-from sma_sim.report.palette import BLUE, GREY, RED
-from sma_sim.report.run_figure import draw_run, panel_legend
-from sma_sim.report.style import new_figure, plain, save
-from sma_sim.solver.inputs import inputs_at
 
 PAPER_SECONDS = {'hybrid': 1.75, 'mas': 8.66}  # per run, section IV.B
 TEMPLATE = Path(__file__).with_name('templates') / 'paper.md'
 PAGE, FIGURES = 'paper.md', ('loops.png', 'random.png', 'hysteresis.png')
-LINES: dict[str, dict[str, Any]] = {
+MODEL_LINES: dict[str, dict[str, Any]] = {
     'hybrid': {'color': BLUE, 'ls': '-', 'label': 'hybrid'},
     'mas': {'color': RED, 'ls': (0, (4, 2)), 'label': 'MAS'},
 }
-UNITS = {
+CHANNEL_LABELS = {
     'alpha_rad': ('alpha [deg]', 180.0 / np.pi), 'U_x_m': ('U_x [um]', 1e6), 'U_y_m': ('U_y [um]', 1e6),
     'T_1_K': ('T of wire 1 [K]', 1.0), 'T_2_K': ('T of wire 2 [K]', 1.0),
 }  # fmt: skip
 
 
-def write_paper(folder: Path, runs: int, seed: int, say: Callable[[str], None]) -> Path:
-    """Figures and page into `folder`, which exists; the page's path. `say` is told what is being done."""
-    say('stress-strain loops')
-    loops = [loop(T_E) for T_E in TEMPERATURES]
-    campaign = random_campaign(runs, seed, say)
-    say('slow sine')
-    sine = slow_sine()
-    say('figures')
-    for name, figure in zip(FIGURES, (draw_loops(loops), draw_example(campaign), draw_sine(sine)), strict=True):
+def write_paper(folder: Path, results: PaperResults) -> Path:
+    """Figures and page into `folder`, which exists; the page's path."""
+    figures = (draw_loops(results.loops), draw_example(results.random), draw_sine(results.sine))
+    for name, figure in zip(FIGURES, figures, strict=True):
         save(figure, folder / name)
     page = folder / PAGE
-    page.write_text(page_text(loops, campaign, sine, runs, seed), encoding='utf-8')
+    page.write_text(paper_text(results), encoding='utf-8')
     return page
 
 
-def draw_loops(loops: list[Loop]) -> Figure:
+def draw_loops(loops: Sequence[StressStrainLoop]) -> Figure:
     """Both models over each other at each temperature, with the closed-form plateaus."""
-    figure = new_figure(9.0, 3.6)
-    for axis, one in zip(figure.subplots(1, len(loops), sharey=True), loops, strict=True):
-        plain(axis)
-        for stress, name, place in zip(one.closed_form, ('sigma_A', 'sigma_M'), ('bottom', 'top'), strict=True):
+    figure = sized_figure(9.0, 3.6)
+    for axis, loop in zip(figure.subplots(1, len(loops), sharey=True), loops, strict=True):
+        plain_axes(axis)
+        for stress, name, place in zip(loop.closed_form, ('sigma_A', 'sigma_M'), ('bottom', 'top'), strict=True):
             axis.axhline(1e-6 * stress, color=GREY, lw=0.8, ls=':')
             offset = 2.0 if place == 'bottom' else -2.0
             axis.text(4.2, 1e-6 * stress + offset, f'{name} = {1e-6 * stress:.2f} MPa', va=place, ha='center', fontsize=8)
-        for kind in KINDS:
-            axis.plot(100 * one.strain, 1e-6 * one.stress[kind], lw=1.4, **LINES[kind])
-        axis.set_title(f'T_E = {one.T_E:g} K', fontsize=10)
+        for kind in MODEL_KINDS:
+            axis.plot(100 * loop.strain, 1e-6 * loop.stress[kind], lw=1.4, **MODEL_LINES[kind])
+        axis.set_title(f'T_E = {loop.T_E:g} K', fontsize=10)
         axis.set_xlabel('strain [%]')
     figure.axes[0].set_ylabel('stress [MPa]')
     figure.axes[0].set_ylim(0.0, 180.0)
@@ -88,27 +80,27 @@ def draw_loops(loops: list[Loop]) -> Figure:
     return figure
 
 
-def draw_example(campaign: Campaign) -> Figure:
+def draw_example(random: RandomRuns) -> Figure:
     """One random run: both models over each other, modes of the hybrid one, the command."""
-    source, pair = campaign.example
+    source, pair = random.example
     hybrid, mas = pair['hybrid'], pair['mas']
     columns = {'time_s': hybrid.time, 'J_eq_W': inputs_at(source, hybrid.time)['J_eq_W']}
     columns |= {name: hybrid[name] for name in ('alpha_rad', 'T_1_K', 'T_2_K', 'mode_1', 'mode_2')}
     figure = draw_run(columns)
     angle = figure.axes[0]
     angle.lines[0].set_label('hybrid')
-    angle.plot(mas.time, np.degrees(mas['alpha_rad']), lw=1.3, **LINES['mas'])
+    angle.plot(mas.time, np.degrees(mas['alpha_rad']), lw=1.3, **MODEL_LINES['mas'])
     panel_legend(angle)
     return figure
 
 
-def draw_sine(sine: Sine) -> Figure:
+def draw_sine(sine: SineResponse) -> Figure:
     """alpha over J_eq, with the sense in which the loop is run through."""
-    figure = new_figure(5.5, 4.2)
+    figure = sized_figure(5.5, 4.2)
     axis = figure.subplots()
-    plain(axis)
-    for kind in KINDS:
-        axis.plot(sine.J_eq, np.degrees(sine.alpha[kind]), lw=1.4, **LINES[kind])
+    plain_axes(axis)
+    for kind in MODEL_KINDS:
+        axis.plot(sine.J_eq, np.degrees(sine.alpha[kind]), lw=1.4, **MODEL_LINES[kind])
     alpha = np.degrees(sine.alpha['hybrid'])
     for part in (0.08, 0.42, 0.58, 0.92):
         k = int(part * len(alpha))
@@ -120,26 +112,25 @@ def draw_sine(sine: Sine) -> Figure:
     return figure
 
 
-def page_text(loops: list[Loop], campaign: Campaign, sine: Sine, runs: int, seed: int) -> str:
+def paper_text(results: PaperResults) -> str:
     """The Markdown page."""
-    alpha = np.degrees(campaign.difference['alpha_rad'])
-    equal_error, equal_tolerance = campaign.timings
-    inside = [one.plateaus['hybrid'][0] - one.plateaus['mas'][0] for one in loops]
-    inside += [one.plateaus['mas'][1] - one.plateaus['hybrid'][1] for one in loops]
-    falling = len(sine.J_eq) // 2  # where J_eq falls through 0
-    width = {kind: np.degrees(2.0 * abs(sine.alpha[kind][falling])) for kind in KINDS}
+    random, sine = results.random, results.sine
+    equal_error, equal_tolerance = random.timings
+    inside_low, inside_high = results.plateau_offsets
+    alpha = np.degrees(random.difference_of('alpha_rad')[2])
     return TEMPLATE.read_text(encoding='utf-8').format(
-        runs=runs, seed=seed, machine=machine(),
+        runs=results.runs, seed=results.seed, machine=machine(),
         path=' -> '.join(f'{100 * strain:g} %' for strain in LOOP_STRAIN), rate=LOOP_RATE, bath=BATH,
-        loops='\n'.join(loop_row(one) for one in loops), inside_low=1e-6 * min(inside), inside_high=1e-6 * max(inside),
-        duration=DURATION, largest=LARGEST, shortest=SHORTEST, longest=LONGEST, sample_rate=RATE,
-        differences='\n'.join(difference_row(campaign, name) for name in CHANNELS),
-        alpha=np.abs(alpha).max(), alpha_part=100.0 * np.abs(alpha).max() / swing(campaign), exact=EXACT_RTOL,
+        loops='\n'.join(loop_row(loop) for loop in results.loops),
+        inside_low=1e-6 * inside_low, inside_high=1e-6 * inside_high,
+        duration=RUN_LENGTH, largest=LARGEST, shortest=SHORTEST, longest=LONGEST, sample_rate=SAMPLE_RATE,
+        differences='\n'.join(difference_row(random, name) for name in COMPARED_COLUMNS),
+        alpha=alpha, alpha_part=100.0 * alpha / np.degrees(random.swing), exact=EXACT_RTOL,
         repeats=REPEATS, times='\n'.join([paper_row(), *timing_rows(equal_error), *timing_rows(equal_tolerance)]),
         paper_saved=saved(PAPER_SECONDS['hybrid'], PAPER_SECONDS['mas']), saved=mean_saved(equal_error),
         saved_default=mean_saved(equal_tolerance),
-        sine=SINE_AMPLITUDE, period=SINE_PERIOD, width=width['hybrid'], mas_width=width['mas'],
-        sine_gap=np.degrees(np.abs(sine.alpha['hybrid'] - sine.alpha['mas']).max()),
+        sine=SINE_AMPLITUDE, period=SINE_PERIOD, width=np.degrees(sine.width('hybrid')),
+        mas_width=np.degrees(sine.width('mas')), sine_gap=np.degrees(sine.largest_difference),
     )  # fmt: skip
 
 
@@ -148,36 +139,30 @@ def machine() -> str:
     return f'{os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}'
 
 
-def loop_row(one: Loop) -> str:
+def loop_row(loop: StressStrainLoop) -> str:
     """Closed-form and simulated plateaus of a temperature [MPa]."""
-    numbers = [*one.closed_form, *one.plateaus['hybrid'], *one.plateaus['mas']]
-    return f'| {one.T_E:g} | ' + ' | '.join(f'{1e-6 * number:.2f}' for number in numbers) + ' |'
+    numbers = [*loop.closed_form, *loop.plateaus['hybrid'], *loop.plateaus['mas']]
+    return f'| {loop.T_E:g} | ' + ' | '.join(f'{1e-6 * number:.2f}' for number in numbers) + ' |'
 
 
-def difference_row(campaign: Campaign, name: str) -> str:
-    """Mean, RMS and largest difference of the models in a channel, over all samples of all runs."""
-    label, factor = UNITS[name]
-    gap = np.abs(factor * campaign.difference[name])
-    return f'| {label} | {gap.mean():.2g} | {np.sqrt(np.mean(gap**2)):.2g} | {gap.max():.2g} |'
-
-
-def swing(campaign: Campaign) -> float:
-    """From the smallest to the largest alpha of the first run [deg]."""
-    return float(np.degrees(np.ptp(campaign.example[1]['hybrid']['alpha_rad'])))
+def difference_row(random: RandomRuns, channel: str) -> str:
+    """Mean, RMS and largest difference of the models in a channel."""
+    label, factor = CHANNEL_LABELS[channel]
+    return f'| {label} | ' + ' | '.join(f'{factor * number:.2g}' for number in random.difference_of(channel)) + ' |'
 
 
 def paper_row() -> str:
     """The paper's times."""
-    hybrid, mas = (PAPER_SECONDS[kind] for kind in KINDS)
+    hybrid, mas = (PAPER_SECONDS[kind] for kind in MODEL_KINDS)
     return f'| paper (MATLAB, ode15s), mean | {hybrid} s | {mas} s | {saved(hybrid, mas):.0f} % |'
 
 
 def timing_rows(timing: Timing) -> list[str]:
     """Tolerance, error and times of both models."""
-    hybrid, mas = (1e3 * timing.seconds[kind] for kind in KINDS)
-    errors = ' | '.join(f'{timing.error[kind].max():.1e} deg' for kind in KINDS)
-    steps = ' | '.join(f'{timing.steps[kind].mean():.0f}' for kind in KINDS)
-    tolerances = ' | '.join(f'{timing.rtol[kind]:g}' for kind in KINDS)
+    hybrid, mas = (1e3 * timing.seconds[kind] for kind in MODEL_KINDS)
+    errors = ' | '.join(f'{timing.error[kind].max():.1e} deg' for kind in MODEL_KINDS)
+    steps = ' | '.join(f'{timing.steps[kind].mean():.0f}' for kind in MODEL_KINDS)
+    tolerances = ' | '.join(f'{timing.rtol[kind]:g}' for kind in MODEL_KINDS)
     return [
         f'| sma_sim, relative tolerance | {tolerances} | |',
         f'| ... its largest error of alpha | {errors} | |',
@@ -194,7 +179,7 @@ def saved(hybrid: float, mas: float) -> float:
 
 def mean_saved(timing: Timing) -> float:
     """The same for the mean times over all runs."""
-    return saved(*(float(timing.seconds[kind].mean()) for kind in KINDS))
+    return saved(*(float(timing.seconds[kind].mean()) for kind in MODEL_KINDS))
 
 
 def span(values: Vector) -> str:

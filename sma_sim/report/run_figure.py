@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
-from sma_sim.report.style import axes_of, draw_modes, new_figure
+from sma_sim.report.style import axes_of, draw_modes, sized_figure
 
 Vector = NDArray[np.float64]
 FREEZING = 273.15
@@ -49,23 +49,23 @@ PANELS = (
     Panel('J_eq [W]', (('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0),)),
     Panel('J [W]', (('J_W', 'J of one wire', ORANGE, 1.0, 0.0),)),
 )  # fmt: skip
-MODES = {'mode_1': 'wire 1', 'mode_2': 'wire 2', 'mode': 'wire'}
+MODE_COLUMNS = {'mode_1': 'wire 1', 'mode_2': 'wire 2', 'mode': 'wire'}
 HELD = ('J_eq_W', 'J_W', 'T_E_K')
-KNOWN = [curve[0] for panel in PANELS for curve in panel.curves] + list(MODES)
+KNOWN = [curve[0] for panel in PANELS for curve in panel.curves] + list(MODE_COLUMNS)
 
 
 def draw_run(columns: Mapping[str, Vector], title: str = '') -> Figure:
     """A figure of the columns (names of the file contract, (k,) each) over ``time_s``; NaN is a gap. Raises UserError."""
     present = {name for name, column in columns.items() if np.isfinite(column).any()}
     panels = [panel for panel in PANELS if present & {curve[0] for curve in panel.curves}]
-    modes = {label: columns[name] for name, label in MODES.items() if name in present}
+    modes = {label: columns[name] for name, label in MODE_COLUMNS.items() if name in present}
     time = columns['time_s']
     if not panels and not modes:
         raise UserError(f'nothing to draw: expected some of the columns {", ".join(KNOWN)}')
     if len(time) < 2 or (np.diff(time) < 0.0).any() or time[-1] == time[0]:
         raise UserError('column time_s: expected at least two rows, with times that increase')
     heights = [1.0] * len(panels) + [0.3 * len(modes)] * bool(modes)
-    figure = new_figure(9.0, 1.2 + PANEL_HEIGHT * sum(heights))
+    figure = sized_figure(9.0, 1.2 + PANEL_HEIGHT * sum(heights))
     axes = axes_of(figure, len(heights), heights)
     for axis, panel in zip(axes, panels, strict=False):
         draw_panel(axis, panel, columns, present)

@@ -18,10 +18,10 @@ from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 Vector = NDArray[np.float64]
 
 DPI = 120
-Place = Literal['outside lower center', 'outside upper center']
+LegendPosition = Literal['outside lower center', 'outside upper center']
 
 
-def new_figure(width: float, height: float) -> Figure:
+def sized_figure(width: float, height: float) -> Figure:
     """An empty figure of this size [inch], drawn without a screen."""
     figure = Figure(figsize=(width, height), layout='constrained')
     FigureCanvasAgg(figure)
@@ -32,11 +32,11 @@ def axes_of(figure: Figure, rows: int, heights: list[float] | None = None) -> li
     """Axes below each other that share their time."""
     axes = figure.subplots(rows, 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
     for axis in axes:
-        plain(axis)
+        plain_axes(axis)
     return list(axes)
 
 
-def plain(axis: Any) -> None:
+def plain_axes(axis: Any) -> None:
     """Light grid, no box."""
     axis.grid(color='#dddddd', linewidth=0.6)
     axis.set_axisbelow(True)
@@ -60,7 +60,7 @@ def draw_modes(axis: Any, time: Vector, modes: dict[str, Vector]) -> None:
     mode_legend(axis.figure, used, 'outside lower center')
 
 
-def mode_legend(figure: FigureBase, modes: Iterable[int], place: Place, title: str | None = None) -> None:
+def mode_legend(figure: FigureBase, modes: Iterable[int], place: LegendPosition, title: str | None = None) -> None:
     """One legend of the colours of `modes` beside the axes: inside, long names would cover a label."""
     patches = [Patch(color=MODE_COLOURS[n], label=MODE_NAMES[n]) for n in sorted(modes) if n in MODE_NAMES]
     figure.legend(

@@ -13,8 +13,8 @@ from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED, Cand
 from sma_sim.evidence.model_selection.refit import EXPLAINED
 from sma_sim.model.parameters import Parameter
 
-NOTHING = 'Nothing is missing that these data could show.'
-UNKNOWN = 'Something is missing that no known effect explains.'
+NOTHING_MISSING = 'Nothing is missing that these data could show.'
+UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 ONLY_HELD_OUT = (
     'The fitted runs are explained; what is missing shows only in the held-out runs: fit those too, and hold out others.'
 )
@@ -49,25 +49,25 @@ def short_title(diagnosis: Diagnosis) -> str:
         return 'stopped early'
     if diagnosis.verdict == 'unknown_effect':
         return 'an unknown effect'
-    return listed(missing_phrases(diagnosis)) or 'nothing is missing'
+    return joined_words(missing_phrases(diagnosis)) or 'nothing is missing'
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence or two; of a search that was stopped only what was found so far."""
     phrases = missing_phrases(diagnosis)
-    lacks = f'Your model lacks {listed(phrases)}'
+    lacks = f'Your model lacks {joined_words(phrases)}'
     if not diagnosis.search_ended:
         more = f'{lacks}; more may be missing' if phrases else 'Nothing was found to be missing so far'
         return f'Stopped before the search was complete. {more}.'
     if diagnosis.verdict == 'unknown_effect':
         return unknown_words(diagnosis, phrases)
-    return f'{lacks}{missing_words(diagnosis, phrases)}.' if phrases else NOTHING
+    return f'{lacks}{missing_words(diagnosis, phrases)}.' if phrases else NOTHING_MISSING
 
 
 def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     """How much is explained by what the model lacks, and of one effect its values and its rivals."""
     share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
-    candidates = accepted(diagnosis)
+    candidates = accepted_fits(diagnosis)
     if len(phrases) > 1 or len(candidates) != 1:
         return f'; {"together they explain" if len(phrases) > 1 else "it explains"} {share}'
     (candidate,) = candidates
@@ -79,12 +79,14 @@ def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     """What is known of something that no effect explains: what explains a part, and the equation that describes it."""
     share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
     if diagnosis.proposal is not None:
-        part = f' beside {listed(phrases)}' if phrases else ''
-        return f'{UNKNOWN} An equation describes it{part}: {diagnosis.proposal.formula.equation}; it explains {share}.'
+        part = f' beside {joined_words(phrases)}' if phrases else ''
+        return (
+            f'{UNKNOWN_EFFECT} An equation describes it{part}: {diagnosis.proposal.formula.equation}; it explains {share}.'
+        )
     if phrases:
         verb = 'explain' if len(phrases) > 1 else 'explains'
-        return f'{UNKNOWN} Only a part is explained: {listed(phrases)} {verb} {share}.'
-    return UNKNOWN
+        return f'{UNKNOWN_EFFECT} Only a part is explained: {joined_words(phrases)} {verb} {share}.'
+    return UNKNOWN_EFFECT
 
 
 def missing_phrases(diagnosis: Diagnosis) -> list[str]:
@@ -102,8 +104,8 @@ def explained_share(before: ModelStage, after: ModelStage) -> str:
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     """What to know beside the verdict and the errors: values, what explains as well, what is left."""
-    for candidate in accepted(diagnosis):
-        yield from effect_lines(candidate, diagnosis)
+    for candidate in accepted_fits(diagnosis):
+        yield from parameter_lines(candidate, diagnosis)
     yield from removed_lines(diagnosis)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         yield from left_lines(diagnosis)
@@ -121,7 +123,7 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """Effects that were accepted on the way and are not in the last model."""
     if diagnosis.taken_back:
         worse, best = diagnosis.steps[-3:-1] if diagnosis.proposal else diagnosis.steps[-2:]
-        names = listed([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
+        names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
     replaced = {step.effect for step in diagnosis.revisions}
     for step in diagnosis.rounds:
@@ -141,7 +143,7 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     yield from proposed_text(diagnosis)
 
 
-def effect_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:
+def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:
     """An accepted effect: its values in the last fit beside what is realistic, and what explains as well."""
     for parameter in candidate.found.effect.parameters:
         if f'effects.{candidate.name}.{parameter.name}' in diagnosis.calibration.values:
@@ -159,7 +161,7 @@ def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
     if not candidate.indistinguishable:
         return 'nothing else explains it as well'
     rivals = [f'{phrase_of(name, diagnosis)} ({name})' for name in candidate.indistinguishable]
-    return f'these data cannot tell it from {listed(rivals, "or")}'
+    return f'these data cannot tell it from {joined_words(rivals, "or")}'
 
 
 def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:
@@ -193,7 +195,7 @@ def interval_of(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> Inte
     return intervals.get(f'effects.{effect}.{parameter.name}')
 
 
-def accepted(diagnosis: Diagnosis) -> list[CandidateFit]:
+def accepted_fits(diagnosis: Diagnosis) -> list[CandidateFit]:
     """The effects of the last model that the search accepted, as they were judged last."""
     return [step.accepted for step in diagnosis.judged if step.accepted is not None]
 
@@ -205,7 +207,7 @@ def phrase_of(name: str, diagnosis: Diagnosis) -> str:
     return effects[name].phrase if name in effects else name.replace('_', ' ')
 
 
-def listed(words: Sequence[str], link: str = 'and') -> str:
+def joined_words(words: Sequence[str], link: str = 'and') -> str:
     """`a, b and c`."""
     *first, last = words or ['']
     return f'{", ".join(first)} {link} {last}' if first else last

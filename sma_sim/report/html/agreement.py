@@ -10,7 +10,7 @@ from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section
 from sma_sim.report.palette import BLUE, ORANGE, RED
 
-WORDS = (
+AGREEMENT_WORDS = (
     'Each run was fitted for its own sigma_MW0 and dsigma, everything else held at the calibration above. Marks: what each '
     'run says (open: held out); lines: what the model has for all of them.'
 )
@@ -21,7 +21,7 @@ def agreement_section(found: Agreement | None, config: Config) -> Section:
     if found is None:
         return Section('Run by run', [])
     blocks: list[Block] = [
-        Bullets(found.sentences), Plot(stress_figure(found.runs, config), WORDS, 380),
+        Bullets(found.sentences), Plot(stress_figure(found.runs, config), AGREEMENT_WORDS, 380),
         Paragraph('p: how likely so much spread would be if the model were right (Cochran\'s Q).', 'note'),
     ]  # fmt: skip
     return Section('Run by run', blocks)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEPS, GAP = 65_534, 65_535
-LEAST = 16  # numbers of a curve that is packed
+LEAST_PACKED = 16  # numbers of a curve that is packed
 BINARY = {'float64': ('f8', '<f8'), 'float32': ('f4', '<f4'), 'int32': ('i4', '<i4'), 'uint8': ('u1', '|u1')}
 
 
@@ -24,32 +24,32 @@ def figure_json(figure: Any) -> str:
     """The text of a `plotly.graph_objects.Figure`; a number that is not finite becomes null, or a gap in a curve."""
     packed: dict[str, int] = {}
     parts = {
-        'data': [plain(trace.to_plotly_json(), packed) for trace in figure.data],
-        'layout': plain(figure.layout.to_plotly_json(), packed),
+        'data': [json_value(trace.to_plotly_json(), packed) for trace in figure.data],
+        'layout': json_value(figure.layout.to_plotly_json(), packed),
         'packed': [json.loads(text) for text in packed],
     }
     return json.dumps(parts, separators=(',', ':'), allow_nan=False)
 
 
-def plain(value: Any, packed: dict[str, int]) -> Any:
+def json_value(value: Any, packed: dict[str, int]) -> Any:
     """JSON's types only; long curves of float32 go to `packed` (text of an entry: its place)."""
     if isinstance(value, dict):
-        return {name: plain(entry, packed) for name, entry in value.items()}
+        return {name: json_value(entry, packed) for name, entry in value.items()}
     if isinstance(value, np.ndarray):
         return array_json(value, packed)
     if isinstance(value, list | tuple):
-        return [plain(entry, packed) for entry in value]
+        return [json_value(entry, packed) for entry in value]
     if isinstance(value, np.generic):
-        return plain(value.item(), packed)
+        return json_value(value.item(), packed)
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def array_json(values: NDArray[Any], packed: dict[str, int]) -> Any:
     """An array: packed, in plotly.js's own binary form, or as a list."""
-    if values.dtype == np.float32 and values.ndim == 1 and len(values) >= LEAST:
+    if values.dtype == np.float32 and values.ndim == 1 and len(values) >= LEAST_PACKED:
         return {'packed': packed.setdefault(json.dumps(packed_curve(values)), len(packed))}
     if values.dtype.name not in BINARY or values.ndim > 2:
-        return plain(values.tolist(), packed)
+        return json_value(values.tolist(), packed)
     name, order = BINARY[values.dtype.name]
     shape = {} if values.ndim == 1 else {'shape': ', '.join(map(str, values.shape))}
     return {'dtype': name, 'bdata': base64_of(values.astype(order)), **shape}

@@ -9,8 +9,8 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
-MOST_RUNS = 24
-MOST_POINTS = 1000
+MOST_LOOP_RUNS = 24
+MOST_LOOP_POINTS = 1000
 # By system: what is drawn over what (a state's column, its factor, its label, the least range).
 LOOPS = {
     'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),
@@ -22,15 +22,15 @@ def hysteresis_section(comparison: Comparison) -> Section:
     """A figure per run and loop."""
     plots = [
         Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
-        for run in comparison.runs[:MOST_RUNS]
+        for run in comparison.runs[:MOST_LOOP_RUNS]
         for loop in LOOPS[comparison.config.system]
         if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
     ]
     if not plots:
         return Section('Hysteresis', [])
     words = 'Measured (grey) and model (blue).'
-    if len(comparison.runs) > MOST_RUNS:
-        words += f' The first {MOST_RUNS} of {len(comparison.runs)} runs.'
+    if len(comparison.runs) > MOST_LOOP_RUNS:
+        words += f' The first {MOST_LOOP_RUNS} of {len(comparison.runs)} runs.'
     return Section('Hysteresis', [Paragraph(words), Grid(plots)])
 
 
@@ -39,7 +39,7 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
     channel, column, scale, label, _ = loop
     unit, factor = DISPLAY_UNITS[channel]
     known = np.flatnonzero(np.isfinite(run.measured[channel]))
-    at = known[:: -(-len(known) // MOST_POINTS)]
+    at = known[:: -(-len(known) // MOST_LOOP_POINTS)]
     x = small(scale * run.states[column][at])
     figure = new_figure()
     for name, values, colour, width in (

@@ -14,8 +14,8 @@ from sma_sim.report.html.figures import SHOWN, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
 
-ROW = 150  # height of one input over time [px]
-EXPLAINED = (
+TIME_COURSE_HEIGHT = 150  # height of one input over time [px]
+COLUMN_NOTES = (
     'error left: over noise, of all data; in gaps: of blocks of time that were left out in turn; values: how many '
     'numbers were estimated, effectively; removed per value: squared error over noise that it removes in gaps, per '
     'such number; '
@@ -26,11 +26,11 @@ EXPLAINED = (
 
 def write_latent_page(path: Path, found: Latent, training: Campaign, held: Campaign | None) -> None:
     """The page. Raises UserError."""
-    sections = [verdict_section(found), inputs_section(found), data_section(training, held)]
+    sections = [missing_section(found), inputs_section(found), data_section(training, held)]
     write_page(path, f'Missing quantity: {found.verdict}', sections)
 
 
-def verdict_section(found: Latent) -> Section:
+def missing_section(found: Latent) -> Section:
     """The verdict, and the error that each port leaves."""
     first, *rest = verdict_sentences(found)
     blocks: list[Block] = [Paragraph(first, 'lead')]
@@ -38,7 +38,7 @@ def verdict_section(found: Latent) -> Section:
         blocks.append(Bullets([line.strip() for line in rest]))
     if found.findings:
         blocks += [Plot(error_figure(found), 'Error over noise that each port leaves; 1 is the noise.', 300),
-                   Table(RANKING_HEADER, ranking_rows(found)), Paragraph(EXPLAINED, 'note')]  # fmt: skip
+                   Table(RANKING_HEADER, ranking_rows(found)), Paragraph(COLUMN_NOTES, 'note')]  # fmt: skip
     return Section('What is missing', blocks)
 
 
@@ -80,4 +80,4 @@ def input_plot(finding: InputFinding) -> Plot:
         figure.update_yaxes(title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', row=row, col=1)
     figure.update_xaxes(title_text='time [s]', row=len(finding.inputs), col=1)
     words = ' and '.join(port.description for port in finding.hypothesis.ports)
-    return Plot(figure, words, ROW * len(finding.inputs) + 90)
+    return Plot(figure, words, TIME_COURSE_HEIGHT * len(finding.inputs) + 90)

@@ -13,32 +13,33 @@ from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, T
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
 MOST_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
-HEADER = ('parameter', 'value', '95 % interval', 'unit', 'before', 'change')
+PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'before', 'change')
 
 
 def parameters_section(found: Calibration, before: Mapping[str, float]) -> Section:
     """Table, intervals as a figure, sentences on identifiability, correlations; `before`: values that were started from."""
     sure = found.uncertainty
-    blocks: list[Block] = [Table(HEADER, [row(found, name, unit, before) for name, unit in names_of(found)])]
+    rows = [parameter_row(found, name, unit, before) for name, unit in fitted_names(found)]
+    blocks: list[Block] = [Table(PARAMETER_HEADER, rows)]
     if sure is not None and sure.intervals:
         blocks.append(Plot(
             interval_figure(sure, before), 'Fitted value with its 95 % interval over the value before. Open orange marks: '
             'the data do not see this parameter alone; the bar shows how far the fit could go.',
             60 + 30 * len(sure.intervals),
         ))  # fmt: skip
-    words = remarks(found)
+    words = fit_remarks(found)
     blocks += [Paragraph('What these data cannot tell, and what else to know:'), Bullets(words)] if words else []
     if sure is not None and len(sure.intervals) > 1:
         blocks.append(Plot(correlation_figure(sure), 'Correlation of the estimates.', 130 + 26 * len(sure.intervals)))
     return Section('Parameters', blocks)
 
 
-def names_of(found: Calibration) -> list[tuple[str, str]]:
+def fitted_names(found: Calibration) -> list[tuple[str, str]]:
     """Fitted parameters and their units."""
     return [(one.name, one.unit) for one in found.free]
 
 
-def row(found: Calibration, name: str, unit: str, before: Mapping[str, float]) -> tuple[str, ...]:
+def parameter_row(found: Calibration, name: str, unit: str, before: Mapping[str, float]) -> tuple[str, ...]:
     """One parameter."""
     known = {one.name: one for one in found.uncertainty.intervals} if found.uncertainty else {}
     value, first = found.values[name], before[name]
@@ -91,7 +92,7 @@ def correlation_figure(sure: Uncertainty) -> object:
     return figure
 
 
-def remarks(found: Calibration) -> list[str]:
+def fit_remarks(found: Calibration) -> list[str]:
     """What a person must know of a fit beside its numbers."""
     words = list(found.uncertainty.unseen) if found.uncertainty else []
     words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]

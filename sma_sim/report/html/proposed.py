@@ -13,12 +13,14 @@ from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.html.step_figures import channel_plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 
-COLOURS = (BLUE, RED, GREY, '#7a5195')
-CAPTION = (
+PORTRAIT_COLOURS = (BLUE, RED, GREY, '#7a5195')
+PORTRAIT_CAPTION = (
     'The missing quantity in the training runs (points: the formula plus what the residuals still call for, with two '
     'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
 )
-OTHERS = 'Formulas that were refitted, best first. Chosen: share of random halves of the data in which each is the best.'
+FORMULAS_CAPTION = (
+    'Formulas that were refitted, best first. Chosen: share of random halves of the data in which each is the best.'
+)
 
 
 def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
@@ -32,27 +34,28 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         for name, one in coefficients(found).items()
     ]  # fmt: skip
     others = [
-        (one['formula'], f'{one["cross_validated_error"]:.3f}', f'{100 * one["stability"]:.0f} %', listed(one['parameters']))
+        (one['formula'], f'{one["cross_validated_error"]:.3f}', f'{100 * one["stability"]:.0f} %',
+         values_line(one['parameters']))
         for one in map(ranked, proposal.ranking) if one['cross_validated_error'] is not None
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
-        Paragraph(f'{error_words(before, after)} {rival_words(proposal)}'),
+        Paragraph(f'{error_words(before, after)} {rivals_sentence(proposal)}'),
         Paragraph(stability_words(proposal)),
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
-        Plot(residual_figure(proposal.plot), CAPTION, 380),
+        Plot(residual_figure(proposal.plot), PORTRAIT_CAPTION, 380),
         channel_plot(before, after),
-        Table(('formula', 'cross-validated error', 'chosen', 'parameters'), others, OTHERS),
+        Table(('formula', 'cross-validated error', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
     ]  # fmt: skip
     return Section('Proposed equation', blocks)
 
 
-def listed(values: Mapping[str, float]) -> str:
+def values_line(values: Mapping[str, float]) -> str:
     """Fitted values in a line."""
     return ', '.join(f'{name} = {value:.3g}' for name, value in values.items())
 
 
-def rival_words(proposal: Proposal) -> str:
+def rivals_sentence(proposal: Proposal) -> str:
     """What cannot be told from it."""
     if not proposal.indistinguishable:
         return 'The other formulas that were refitted predict worse.'
@@ -65,7 +68,7 @@ def residual_figure(plot: PartialResidualPlot) -> object:
     for k, run in enumerate(plot.runs):
         figure.add_scatter(
             x=run.x, y=run.quantity, mode='markers', name=run.label,
-            marker={'color': COLOURS[k % len(COLOURS)], 'size': 6},
+            marker={'color': PORTRAIT_COLOURS[k % len(PORTRAIT_COLOURS)], 'size': 6},
             error_y={'type': 'data', 'array': 2.0 * run.std, 'thickness': 1, 'width': 0},
         )  # fmt: skip
     if plot.curve is not None:

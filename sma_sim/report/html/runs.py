@@ -16,18 +16,21 @@ from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
 BYTES = 500_000  # of the curves of all runs: a page stays below 3 MB
-MOST_RUNS = 30  # in the page
+MOST_TABS = 30  # in the page
 PER_POINT = 11  # bytes of one point: time, measured, model and residual, packed
-MOST_POINTS, LEAST_POINTS = 1600, 300  # per channel and run
-COMMANDS = {'module': (('J_eq_W', 'J_eq', 1.0, 'W'),), 'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W'))}
-VALUE, RESIDUAL, COMMAND, MODES = 105, 58, 62, 26  # heights [px]
+MOST_RUN_POINTS, LEAST_RUN_POINTS = 1600, 300  # per channel and run
+INPUT_COLUMNS = {
+    'module': (('J_eq_W', 'J_eq', 1.0, 'W'),),
+    'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W')),
+}
+VALUE_ROW, RESIDUAL_ROW, INPUT_ROW, MODE_ROW = 105, 58, 62, 26  # heights [px]
 
 
 def runs_section(summary: Summary) -> Section:
     """A tab per run."""
-    comparison, runs = summary.comparison, worst_runs(summary)
+    comparison, runs = summary.comparison, runs_to_show(summary)
     points = BYTES // (PER_POINT * len(runs) * len(comparison.channels))
-    points = int(np.clip(points, LEAST_POINTS, MOST_POINTS))
+    points = int(np.clip(points, LEAST_RUN_POINTS, MOST_RUN_POINTS))
     tabs: list[tuple[str, list[Block]]] = [
         (run.name + (' (held out)' if run.held_out else ''), [run_plot(comparison, run, points)]) for run in runs
     ]
@@ -41,28 +44,28 @@ def runs_section(summary: Summary) -> Section:
     return Section('Measured against model', [Paragraph(words), Tabs(tabs)])
 
 
-def worst_runs(summary: Summary) -> list[ComparedRun]:
+def runs_to_show(summary: Summary) -> list[ComparedRun]:
     """All runs, or those with the largest error over noise, in the order of the campaign."""
     runs = summary.comparison.runs
-    least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MOST_RUNS][-1]
+    least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MOST_TABS][-1]
     return [run for run in runs if summary.run_error(run.name) >= least]
 
 
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     """One run."""
     channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
-    commands = [one for one in COMMANDS[comparison.config.system] if np.ptp(run.states[one[0]]) > 0.0]
+    commands = [one for one in INPUT_COLUMNS[comparison.config.system] if np.ptp(run.states[one[0]]) > 0.0]
     wires = wires_of(comparison.config)
-    heights = [VALUE, RESIDUAL] * len(channels) + [COMMAND] * len(commands) + [MODES * len(wires)]
+    heights = [VALUE_ROW, RESIDUAL_ROW] * len(channels) + [INPUT_ROW] * len(commands) + [MODE_ROW * len(wires)]
     total = sum(heights)
     figure = new_figure(len(heights), [height / total for height in heights], gap=10 / (total + 10 * len(heights)))
     for k, channel in enumerate(channels):
         draw_channel(figure, run, channel, 2 * k + 1, points)
     for k, (column, label, factor, unit) in enumerate(commands):
         row = 2 * len(channels) + 1 + k
-        draw_command(figure, run, column, factor, row)
+        draw_input(figure, run, column, factor, row)
         figure.update_yaxes(title_text=f'{label} [{unit}]', row=row, col=1)
-    draw_modes(figure, run, wires, len(heights))
+    draw_mode_bars(figure, run, wires, len(heights))
     figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
     figure.update_layout(barmode='overlay', bargap=0.15)
     figure.update_xaxes(range=[float(run.time[0]), float(run.time[-1])])
@@ -92,7 +95,7 @@ def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: 
     figure.update_yaxes(title_text='res.', row=row + 1, col=1)
 
 
-def draw_command(figure: Any, run: ComparedRun, column: str, factor: float, row: int) -> None:
+def draw_input(figure: Any, run: ComparedRun, column: str, factor: float, row: int) -> None:
     """The input at the samples, only where it changes."""
     values = factor * run.states[column]
     held = column != 'strain'
@@ -104,7 +107,7 @@ def draw_command(figure: Any, run: ComparedRun, column: str, factor: float, row:
     )  # fmt: skip
 
 
-def draw_modes(figure: Any, run: ComparedRun, wires: dict[str, str], row: int) -> None:
+def draw_mode_bars(figure: Any, run: ComparedRun, wires: dict[str, str], row: int) -> None:
     """A band per wire; one trace per mode, so that the legend switches it."""
     names = {RESTING: 'at rest', **{mode: f'mode {name}' for mode, name in MODE_NAMES.items()}}
     colours = {RESTING: '#eceef1', **MODE_COLOURS}

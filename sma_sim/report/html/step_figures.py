@@ -16,7 +16,7 @@ from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
 MOST_SCREENED = 12
-MOST_POINTS = 1200
+MOST_CHANGE_POINTS = 1200
 WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logarithmic
 
 
@@ -24,7 +24,7 @@ def change_plot(change: StepChange) -> Plot:
     """Measured, model before and model after in the channel that changed most, with residuals over noise below."""
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
     unit, factor = DISPLAY_UNITS[channel]
-    at = envelope(change.before.residual(channel), MOST_POINTS)
+    at = envelope(change.before.residual(channel), MOST_CHANGE_POINTS)
     time = small(change.before.time[at])
     for name, values, colour, width in (
         ('measured', change.before.measured[channel], MEASURED, 3.0),

@@ -11,7 +11,7 @@ from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY
 
-HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'neighbours')
+SCORE_HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'neighbours')
 
 
 def summary_section(summary: Summary) -> Section:
@@ -26,9 +26,9 @@ def summary_section(summary: Summary) -> Section:
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
         'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
     )
-    rows = [score_row(kind, one) for kind, part in parts(summary) for one in part]
+    rows = [channel_row(kind, one) for kind, part in score_groups(summary) for one in part]
     blocks: list[Block] = [
-        Paragraph(words + '.', 'lead'), Plot(score_figure(summary), height=300), Table(HEADER, rows),
+        Paragraph(words + '.', 'lead'), Plot(score_figure(summary), height=300), Table(SCORE_HEADER, rows),
         Paragraph(note, 'note'), run_table(summary),
     ]  # fmt: skip
     return Section('How well it fits', blocks)
@@ -39,7 +39,7 @@ def count(runs: int) -> str:
     return f'{runs} run' + ('' if runs == 1 else 's')
 
 
-def parts(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
+def score_groups(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
     """Scores of the fitted runs, and of those held out."""
     return [('fitted', list(summary.fitted.values())), ('held out', list(summary.held_out.values()))]
 
@@ -47,7 +47,7 @@ def parts(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
 def score_figure(summary: Summary) -> object:
     """Error over noise by channel."""
     figure = new_figure()
-    for (kind, part), colour in zip(parts(summary), (SHOWN, HELD_OUT), strict=True):
+    for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=True):
         if part:
             figure.add_bar(
                 x=[one.channel for one in part], y=[round(one.over_noise, 4) for one in part], name=kind,
@@ -59,7 +59,7 @@ def score_figure(summary: Summary) -> object:
     return figure
 
 
-def score_row(kind: str, one: ChannelScore) -> tuple[str, ...]:
+def channel_row(kind: str, one: ChannelScore) -> tuple[str, ...]:
     """One channel."""
     white = one.whiteness
     return (

@@ -10,7 +10,7 @@ from sma_sim.report.html.figures import SHOWN, new_figure
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import GREY
 
-BAR, FRAME = 38, 92  # heights [px]
+BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 
 
 def where_section(summary: Summary) -> Section:
@@ -69,4 +69,4 @@ def share_plot(title: str, labels: list[str], error: list[float], other: list[fl
     )  # fmt: skip
     figure.update_yaxes(automargin=True, showgrid=False, type='category')
     figure.update_xaxes(ticksuffix=' %', rangemode='tozero', nticks=4, tickangle=0)
-    return Plot(figure, height=BAR * len(labels) + FRAME)
+    return Plot(figure, height=BAR_HEIGHT * len(labels) + FRAME_HEIGHT)
