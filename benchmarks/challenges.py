@@ -21,8 +21,8 @@ from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.evidence.model_selection.pooled_refit import ALL
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 PAIRS = (
@@ -76,7 +76,7 @@ def is_right(one: dict[str, Any]) -> bool:
 def is_detectable(one: dict[str, Any]) -> bool:
     """Whether the best fit without effects misses the held-out run, and does so even when it is fitted to that run too."""
     together = one.get('together')
-    reconciled = bool(together) and not one['effects'] and max(together.values()) <= ALL
+    reconciled = bool(together) and not one['effects'] and max(together.values()) <= CRITERIA.pooled_noise_only
     return one['bare'] > DETECTABLE and not reconciled
 
 

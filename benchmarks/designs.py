@@ -26,12 +26,13 @@ from sma_sim import Campaign, Input, Recording
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, LIGHTER
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
 from sma_sim.evidence.experiment_design.rival_fits import Hypothesis, bare_fit, hypotheses, named_rivals
 from sma_sim.evidence.experiment_design.sequences import Grid, as_input, default_sequence
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
-from sma_sim.evidence.model_selection.refit import FitResult, refit
+from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.model.config import Config
 
 PAIRS = (
@@ -82,8 +83,8 @@ def refitted(one: Hypothesis, more: Campaign, place: SearchContext) -> FitResult
     known = np.append(fitted.z, np.zeros(problem.wires))  # the new run's starts in the middle of their priors
     own = [p.name.startswith('effects.') for p in problem.free]
     middle = np.where([*own, *[False] * (len(known) - len(own))], known, 0.0)
-    ways = ((known, FIRST), (known, LIGHTER), (middle, FIRST), (middle, LIGHTER))
-    found = [refit(problem, z, place.pool, place.stop, effort) for z, effort in ways]
+    ways = [(z, criteria) for z in (known, middle) for criteria in (FROM_PRIORS, WEAKLY_DAMPED)]
+    found = [refit(problem, z, place, criteria) for z, criteria in ways]
     return min((fit for fit in found if fit is not None), key=lambda fit: fit.cost)
 
 
@@ -106,7 +107,7 @@ def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[st
     robot, nominal = robot_of(pair, seed)
     T_E = nominal.parameters['environment.T_E']
     random = np.random.default_rng([seed, 77])
-    place = SearchContext(pool, Event(), lambda words: None)
+    place = SearchContext(pool, Event())
     power, old = gentle_recordings(robot, nominal, pair, random, place)
     plan = next_experiment(
         old, nominal, DesignRequest(tuple(pair), (), LENGTH, HOLD, POWER, 440.0, 5e8, 'mas', tries, seed), pool

@@ -49,12 +49,12 @@ def solve(kind: str, seed: int, forces: bool, bare: bool, pool: Executor) -> dic
 @contextmanager
 def nothing_known() -> Iterator[None]:
     """Without the search among known effects."""
-    known = diagnosing.select
-    diagnosing.select = lambda base, place: ()
+    known = diagnosing.select_forward
+    diagnosing.select_forward = lambda base, place: ()
     try:
         yield
     finally:
-        diagnosing.select = known
+        diagnosing.select_forward = known
 
 
 def is_detectable(one: dict[str, Any]) -> bool:

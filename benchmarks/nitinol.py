@@ -19,7 +19,8 @@ from cases import add_options, solved
 
 from sma_sim import Campaign, Config, read_config
 from sma_sim.evidence.data.recordings import read_campaign
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage, diagnose
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 MAPS = Path(__file__).parent.parent / 'examples' / 'maps'
@@ -61,14 +62,17 @@ def shown(step: ModelStage, noise: float) -> dict[str, Any]:
     """One step of the fall: effects, and stress RMSE [MPa] fitted and held out."""
     return {
         'effects': list(step.effects), 'fitted': step.channels['stress'] * noise * 1e-6,
-        'held_out': step.held_out_channels['stress'] * noise * 1e-6, 'values': step.values,
+        'held_out': step.held_out_channels['stress'] * noise * 1e-6, 'values': dict(step.values),
     }  # fmt: skip
 
 
 def result(found: Diagnosis) -> dict[str, Any]:
     """What the table needs of a diagnosis."""
-    tried = [[one.name, one.ratio, one.plausible, one.family_p] for round_ in found.rounds for one in round_.tried]
-    steps = [shown(step, found.noise_std['stress']) for step in found.steps]
+    tried = [
+        [candidate.name, candidate.error_ratio, candidate.plausible, candidate.family_p]
+        for step in found.selection_steps for candidate in step.candidate_fits
+    ]  # fmt: skip
+    steps = [shown(stage, found.noise_std['stress']) for stage in found.stages]
     return {'verdict': found.verdict, 'steps': steps, 'tried': tried}
 
 

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from scipy.stats import kstest, kstwo
 
 from sma_sim.challenge.make import make_challenge
-from sma_sim.evidence.estimation.calibrate import Options, data_error, search
+from sma_sim.evidence.estimation.calibrate import multistart_search
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for
-from sma_sim.evidence.model_selection.nominal_fit import STARTS
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import plain_axes, save, sized_figure
@@ -42,10 +43,10 @@ def solve(number: int, pool: Executor) -> dict[str, Any]:
     made = make_challenge(FIRST_SEED + number, 0, forces=forces, rate=RATE)
     training = replace(made.campaign, recordings=made.campaign.recordings[:TRAINING])
     config = replace(made.nominal, model='mas')
-    bare = search(training, config, Options(starts=STARTS), pool, Event(), None)
-    best = screen(bare.problem, bare.best.z, candidates_for(config), pool)[0]
+    bare = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))
+    best = screen(bare.problem, bare.z, candidates_for(config), pool)[0]
     return {
-        'forces': forces, 'error': data_error(bare.problem, bare.best), 'p': best.family_p,
+        'forces': forces, 'error': bare.error, 'p': best.family_p,
         'effect': best.candidate.name, 'gain': best.gain,
     }  # fmt: skip
 

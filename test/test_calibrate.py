@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from campaigns import NOISE, campaign, config, scaled
 
-import sma_sim.evidence.estimation.calibrate as calibration
+import sma_sim.evidence.estimation.executors as executors
 from sma_sim import (
     Campaign,
     Config,
@@ -126,7 +126,7 @@ def test_ctrl_c_keeps_the_best_so_far(small, monkeypatch):
         if next(waits, None) is KeyboardInterrupt:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(calibration, 'wait', interrupted)
+    monkeypatch.setattr(executors, 'wait', interrupted)
     told = []
     found = calibrate(small, config(), FEW, progress=lambda label, iteration, cost: told.append((label, cost)))
     assert found.interrupted and not found.converged

@@ -19,16 +19,17 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.stage_change import step_change
+from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
-from sma_sim.evidence.estimation.calibrate import MultistartResult, Options, finished
-from sma_sim.evidence.estimation.levenberg_marquardt import MinimizerResult
+from sma_sim.evidence.estimation.calibrate import Options, final_fit
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible, with_effect
-from sma_sim.evidence.model_selection.forward_selection import SearchContext, retry_from_finite_step, with_realistic_values
+from sma_sim.evidence.model_selection.forward_selection import retry_from_finite_step, with_realistic_values
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.evidence.model_selection.refit import further_in, limited
-from sma_sim.evidence.model_selection.score_tests import Screened
+from sma_sim.evidence.model_selection.refit import at_finite_step
+from sma_sim.evidence.model_selection.restricted import limited
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.config import read_config
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 
@@ -53,7 +54,7 @@ def test_a_hidden_effect_is_found_with_its_value(with_gravity):
     _, found = with_gravity
     assert found.verdict == 'missing_effect' and found.effects == ('gravity',)
     assert found.calibration.values['effects.gravity.g_y'] == pytest.approx(-9.81, rel=0.03)
-    bare, last = found.steps
+    bare, last = found.stages
     assert bare.effects == () and bare.held_out > 2.0 and last.held_out < 1.15 and last.train < 1.1
     assert found.held_out == (f'{found.held_out[0]}',) and len(found.training) == 2
     assert found.calibration.config.model == 'mas'
@@ -70,44 +71,47 @@ def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
 
 def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gravity):
     runs, found = with_gravity
-    accepted = found.rounds[0].accepted.fitted
+    accepted = found.selection_steps[0].accepted.fit
     free = tuple(limited(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free)
     problem = replace(accepted.problem, free=free)
-    start = MultistartResult(problem, MinimizerResult(np.clip(accepted.z, *problem.limits()), accepted.cost, 0, True), ())
+    start = replace(accepted, problem=problem, z=np.clip(accepted.z, *problem.limits()))
     options = Options(free=tuple(p.name for p in free))
     with ThreadPoolExecutor(1) as pool:
-        last = finished(hold_out_last(runs, None)[0], start, options, pool, Event(), None)
-    assert last.problem.values(last.best.z)['effects.gravity.g_y'] == pytest.approx(-5.0)
+        last = final_fit(hold_out_last(runs, None)[0], start, options, SearchContext(pool, Event()))
+    assert last.values['effects.gravity.g_y'] == pytest.approx(-5.0)
 
 
 @pytest.mark.slow
 def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
-    first = with_gravity[1].rounds[0]
-    others = tuple(one for one in first.tried if one.name != 'gravity')
+    first = with_gravity[1].selection_steps[0]
+    others = tuple(one for one in first.candidate_fits if one.name != 'gravity')
     blind = replace(
-        first, tried=others, accepted=None, screened=tuple(one for one in first.screened if one.candidate.name != 'gravity')
+        first,
+        candidate_fits=others,
+        accepted=None,
+        screened=tuple(one for one in first.screened if one.candidate.name != 'gravity'),
     )
     with ThreadPoolExecutor(2) as pool:
-        place = SearchContext(pool, Event(), lambda words: None)
+        place = SearchContext(pool, Event())
         found = retry_from_finite_step(blind, place)
-        near = replace(blind, base=first.accepted.fitted)
+        near = replace(blind, base=first.accepted.fit)
         assert retry_from_finite_step(near, place) is near  # what leaves but noise is not looked at again
     assert found.accepted.name == 'gravity' and found.accepted.family_p == 1.0 and found.base is first.base
-    assert found.accepted.fitted.error < 1.1 and {one.name for one in others} < {one.name for one in found.tried}
+    assert found.accepted.fit.error < 1.1 and {one.name for one in others} < {one.name for one in found.candidate_fits}
     stopped = Event()
     stopped.set()
     with ThreadPoolExecutor(1) as pool:
-        assert retry_from_finite_step(blind, SearchContext(pool, stopped, lambda words: None)).stopped
+        assert retry_from_finite_step(blind, SearchContext(pool, stopped)).stopped
 
 
 def test_a_second_look_begins_some_way_from_nothing():
     by_name = {one.name: one for one in candidates_for(config())}
     step = by_name['thermal_crosstalk'].families[0][0]
-    faint = Screened(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6}, 1.0)
+    faint = ScreeningResult(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6}, 1.0)
     for screened in (None, faint):
-        assert further_in(faint.candidate, screened).values == {step.parameter: step.step}
+        assert at_finite_step(faint.candidate, screened).values == {step.parameter: step.step}
     down = {'g_y': -30.0, 'g_x': -1e-3}
-    started = further_in(by_name['gravity'], Screened(by_name['gravity'], 5.0, down, 0.5))
+    started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down, 0.5))
     assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and (started.gain, started.family_p) == (5.0, 0.5)
 
 
@@ -119,13 +123,17 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
     assert verdict_with_fewer(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
 
 
+def cannot_be_made(run):
+    return replace(run, error=np.inf, channels=dict.fromkeys(run.channels, np.inf))
+
+
 def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):
     runs, found = with_gravity
-    bare, last = found.steps
+    bare, last = found.stages
     campaigns = hold_out_last(runs, None)
-    broken = replace(bare, held_out=np.inf)
-    assert step_change(bare, last, *campaigns).held_out and not step_change(broken, last, *campaigns).held_out
-    assert np.isfinite(reduction_figure(replace(found, steps=(broken, last))).layout.yaxis.range).all()
+    broken = replace(bare, predicted=tuple(cannot_be_made(run) for run in bare.predicted))
+    assert stage_change(bare, last, *campaigns).held_out and not stage_change(broken, last, *campaigns).held_out
+    assert np.isfinite(reduction_figure(replace(found, stages=(broken, last))).layout.yaxis.range).all()
 
 
 @pytest.mark.parametrize(
@@ -145,14 +153,16 @@ def test_partial_explanations_that_are_worth_naming(errors, counts, kept):
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     _, found = with_gravity
-    first = found.rounds[0]
-    best = first.accepted.fitted.validated
-    assert not first.accepted.hopeless and len(first.tried) > 1
-    for one in first.tried:
-        assert one.hopeless == np.isnan(one.fitted.validated)
-        assert not one.hopeless or (one.fitted.error > 1.01 * best and one.name not in first.accepted.indistinguishable)
+    first = found.selection_steps[0]
+    best = first.accepted.fit.cross_validated_error
+    assert not first.accepted.not_cross_validated and len(first.candidate_fits) > 1
+    for one in first.candidate_fits:
+        assert one.not_cross_validated == np.isnan(one.fit.cross_validated_error)
+        if one.not_cross_validated:
+            assert one.fit.error > 1.01 * best and one.name not in first.accepted.indistinguishable
     told = {one['effect']: one['cross_validated_error_ratio'] for one in as_data(found)['ranking']}
-    assert {name for name, ratio in told.items() if ratio is None} == {one.name for one in first.tried if one.hopeless}
+    left_out = {one.name for one in first.candidate_fits if one.not_cross_validated}
+    assert {name for name, ratio in told.items() if ratio is None} == left_out
     assert None in told.values()
 
 
@@ -164,8 +174,8 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     changed = replace(runs, recordings=(*runs.recordings[:-1], other))
     found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=Options(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
-    assert found.steps[-1].train < 1.1 and found.steps[-1].held_out > 1.3
-    assert found.together is not None and not found.together.explained
+    assert found.stages[-1].train < 1.1 and found.stages[-1].held_out > 1.3
+    assert found.pooled_errors is not None and not found.pooled_errors.explained
     assert any(line.startswith('The fitted runs are explained') for line in as_text(found))
 
 
@@ -176,10 +186,10 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     turned = replace(runs, recordings=(*runs.recordings[:-1], measured('gravity', g_y=9.81).recordings[-1]))
     quick = DiagnosisRequest('mas', options=Options(starts=1, intervals=False), equation=False)
     found = diagnose(turned, config(), request=quick)
-    assert found.rounds[0].accepted.name == 'gravity'
+    assert found.selection_steps[0].accepted.name == 'gravity'
     assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
     assert found.verdict == 'unknown_effect' and found.effects == found.calibration.config.effects == ()
-    bare, worse, last = found.steps
+    bare, worse, last = found.stages
     assert worse.effects == ('gravity',) and worse.held_out > bare.held_out > 1.3 and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
     assert any(line.startswith('Removed again: gravity') and f'{worse.held_out:.2f} with' in line for line in as_text(found))
@@ -196,9 +206,10 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     request = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
     campaign_ = Campaign(tuple(runs), dict(NOISE))
     found = diagnose(campaign_, config(), request=request)
-    assert found.verdict == 'none' and found.effects == () and found.steps[-1].held_out > 1.3
-    assert found.together is not None and max(found.together.train, found.together.held_out) < 1.05
-    assert as_data(found)['fitted_together'] == {'train': found.together.train, 'held_out': found.together.held_out}
+    assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out > 1.3
+    pooled = found.pooled_errors
+    assert pooled is not None and max(pooled.train, pooled.held_out) < 1.05
+    assert as_data(found)['fitted_together'] == {'train': pooled.train, 'held_out': pooled.held_out}
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(campaign_, None)))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
@@ -213,27 +224,27 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     ],
 )  # fmt: skip
 def test_what_is_accepted_is_not_chance(with_gravity, family_p, fall, part, accepted):
-    found = with_gravity[1].rounds[0].accepted
-    more = replace(found.fitted, cost=2.5 * found.fitted.cost)  # it leaves more than noise: then nothing else speaks for it
-    tried = replace(found, fitted=more, family_p=family_p, fall=fall, part=part)
-    assert tried.fitted.error > 1.3 and tried.acceptable == accepted
+    found = with_gravity[1].selection_steps[0].accepted
+    more = replace(found.fit, cost=2.5 * found.fit.cost)  # it leaves more than noise: then nothing else speaks for it
+    tried = replace(found, fit=more, family_p=family_p, error_reduction=fall, explained=part)
+    assert tried.fit.error > 1.3 and tried.acceptable == accepted
 
 
 @pytest.mark.parametrize(('name', 'accepted'), [('g_x', True), ('g_y', False)])
 def test_a_value_is_realistic_where_the_data_do_not_insist_on_another(with_gravity, name, accepted):
     """A narrow range on the other side of zero: the data do not mind it along the stiff beam, and do across."""
-    first = with_gravity[1].rounds[0]
+    first = with_gravity[1].selection_steps[0]
     effect = first.accepted.found.effect
-    away = -np.sign(first.accepted.fitted.values_of('gravity')[name])
+    away = -np.sign(first.accepted.fit.values_of('gravity')[name])
     narrow = tuple(sorted((1e-5 * away, 1e-4 * away)))
     ranged = tuple(replace(p, realistic=narrow) if p.name == name else p for p in effect.parameters)
     found = replace(first.accepted.found, effect=replace(effect, parameters=ranged))
     refused = replace(first.accepted, found=found, plausible=False)
     with ThreadPoolExecutor(2) as pool:
-        (one,) = with_realistic_values(first.base, [refused], SearchContext(pool, Event(), lambda words: None))
+        (one,) = with_realistic_values(first.base, [refused], SearchContext(pool, Event()))
     assert one.acceptable == accepted
-    assert (0.0 <= one.fitted.values_of('gravity')[name] * away <= 1e-4) == accepted
-    assert one.fitted.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.03)
+    assert (0.0 <= one.fit.values_of('gravity')[name] * away <= 1e-4) == accepted
+    assert one.fit.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.03)
 
 
 def test_the_verdict_for_programs(with_gravity):
@@ -279,7 +290,7 @@ def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
         dressed, config(), request=DiagnosisRequest('mas', seed=7, options=Options(starts=1, seed=7, intervals=False))
     )
     assert (found.verdict, found.effects, found.held_out) == (first.verdict, first.effects, first.held_out)
-    assert found.steps[0].held_out == pytest.approx(first.steps[0].held_out, rel=0.02)
+    assert found.stages[0].held_out == pytest.approx(first.stages[0].held_out, rel=0.02)
 
 
 @pytest.mark.slow
@@ -290,14 +301,14 @@ def test_decimation_changes_nothing(with_gravity):
         for one in runs.recordings
     )
     found = diagnose(replace(runs, recordings=halved), config(), request=DiagnosisRequest('mas', options=Options(starts=1)))
-    assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.steps[-1].held_out < 1.2
+    assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.stages[-1].held_out < 1.2
 
 
 @pytest.mark.slow
 def test_nothing_missing_is_said():
     found = diagnose(measured(), config())
-    assert found.verdict == 'none' and found.effects == () and len(found.steps) == 1
-    assert found.steps[0].held_out < 1.15 and found.rounds[0].accepted is None
+    assert found.verdict == 'none' and found.effects == () and len(found.stages) == 1
+    assert found.stages[0].held_out < 1.15 and found.selection_steps[0].accepted is None
 
 
 def test_what_no_effect_explains_is_unknown():
@@ -308,7 +319,7 @@ def test_what_no_effect_explains_is_unknown():
         for one in runs.recordings
     )
     found = diagnose(replace(runs, recordings=shaken), config(), request=DiagnosisRequest('mas', equation=False))
-    assert found.verdict == 'unknown_effect' and found.steps[-1].held_out > 1.3
+    assert found.verdict == 'unknown_effect' and found.stages[-1].held_out > 1.3
     assert any('in alpha' in line for line in as_text(found))
 
 
@@ -317,7 +328,7 @@ def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
     request = DiagnosisRequest('mas', options=Options(starts=1), equation=False)
     found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=request)
-    assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.steps[-1].held_out)
+    assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.stages[-1].held_out)
     assert as_data(found)['error'][0]['held_out'] is None
 
 
@@ -393,8 +404,8 @@ def test_several_effects_that_leave_something_are_held_against_one_formula(
     monkeypatch, effects, left, predicted, with_formula, verdict
 ):
     """What of the equation search there is to look at here is its error alone."""
-    found = with_formula and SimpleNamespace(fitted=SimpleNamespace(validated=with_formula, error=1.0))
-    monkeypatch.setattr('sma_sim.evidence.diagnosis.diagnose.propose', lambda starts, place: found)
-    last = SimpleNamespace(effects=effects, error=left, validated=predicted)
-    place = SearchContext(None, Event(), lambda words: None)
+    found = with_formula and SimpleNamespace(fit=SimpleNamespace(prediction_error=with_formula))
+    monkeypatch.setattr('sma_sim.evidence.diagnosis.diagnose.propose', lambda starts, context: found)
+    last = SimpleNamespace(effects=effects, error=left, prediction_error=predicted)
+    place = SearchContext(None, Event())
     assert with_equation('missing_effect', None, last, place) == (verdict, found if verdict == 'unknown_effect' else None)

@@ -51,8 +51,8 @@ def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     one, two, _ = robot.campaign.recordings
     runs = Campaign((without(one, 'F_1', 'F_2'), without(two, 'U_x', empty=('F_1',))), robot.campaign.noise_std)
     found = diagnose(runs, robot.nominal, request=QUICK)
-    assert found.verdict == 'none' and found.held_out == () and np.isnan(found.steps[-1].held_out)
-    assert set(found.steps[-1].channels) == {'U_x', 'U_y', 'alpha', 'F_2'} and found.steps[-1].train < 1.1
+    assert found.verdict == 'none' and found.held_out == () and np.isnan(found.stages[-1].held_out)
+    assert set(found.stages[-1].channels) == {'U_x', 'U_y', 'alpha', 'F_2'} and found.stages[-1].train < 1.1
     assert any('No run was held out' in line for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', reviewed(found, runs, None))
     assert 'No run was held out' in (tmp_path / 'why.html').read_text()
@@ -68,7 +68,7 @@ def test_a_robot_that_never_moved():
         for k in range(3)
     )
     found = diagnose(Campaign(runs, NOISE), Config(), request=QUICK)
-    assert found.verdict == 'none' and found.steps[0].held_out < 1.2
+    assert found.verdict == 'none' and found.stages[0].held_out < 1.2
 
 
 def test_one_run_says_that_it_flatters(folder, tmp_path, capsys):

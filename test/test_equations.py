@@ -11,8 +11,8 @@ from campaigns import command, config
 from sma_sim import Effect, Parameter, find_effects, simulate
 from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
@@ -134,7 +134,7 @@ def ripple():
     case = make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0)
     training, held = hold_out_last(case.campaign, None)
     with ThreadPoolExecutor(2) as pool:
-        context = SearchContext(pool, Event(), lambda words: None)
+        context = SearchContext(pool, Event())
         request = DiagnosisRequest('mas')
         nominal = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), context)
         return case, nominal, propose([nominal], context)
@@ -142,10 +142,10 @@ def ripple():
 
 def test_the_equation_of_a_hidden_effect_is_found(ripple):
     case, nominal, proposal = ripple
-    assert proposal is not None and nominal.validated > 1.3
+    assert proposal is not None and nominal.cross_validated_error > 1.3
     assert proposal.formula.location.name == 'moment_alpha' and proposal.formula.variables == ('alpha',)
-    assert proposal.fitted.validated < 1.15 < proposal.error_before
-    values = proposal.fitted.values_of(proposal.effect)
+    assert proposal.fit.cross_validated_error < 1.15 < proposal.error_before
+    values = proposal.fit.values_of(proposal.effect)
     true = {name: value for name, (value, _) in case.answer.effects[0].parameters.items()}
     assert abs(values['c']) == pytest.approx(true['M_0'], rel=0.1)
     assert 2.0 * np.pi / values['k'] == pytest.approx(true['period'], rel=0.05)
@@ -157,13 +157,13 @@ def test_the_choice_is_as_firm_as_the_data(ripple):
     assert sum(fit.stability for fit in proposal.ranking) == pytest.approx(1.0)
     assert proposal.by_variable['alpha'] > 0.9 and proposal.stability > 0.3
     with ThreadPoolExecutor(2) as pool:
-        assert stabilities([proposal.fitted, nominal, proposal.fitted], pool) == pytest.approx([0.5, 0.0, 0.5])
+        assert stabilities([proposal.fit, nominal, proposal.fit], pool) == pytest.approx([0.5, 0.0, 0.5])
         assert stabilities([nominal], pool) == pytest.approx([1.0])
 
 
 def test_the_proposal_as_a_file_runs(ripple, tmp_path):
     case, _, proposal = ripple
-    values = proposal.fitted.values_of(proposal.effect)
+    values = proposal.fit.values_of(proposal.effect)
     file = proposal.write(tmp_path / 'effects', values, 'a test')
     (tmp_path / 'better.yaml').write_text(f'effects:\n  paths: [effects]\n  active: [{file.stem}]\n')
     read = read_config(tmp_path / 'better.yaml')

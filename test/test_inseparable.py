@@ -59,7 +59,7 @@ def test_all_of_them_at_once_are_absorbed(effects, model):
     """A spring and heat at the clamps, a gain of all power, a delay: moduli, lambda, c_V and delay take them."""
     hidden = (('attachment_compliance', {'C': 2e-4}), ('power_gain', {'g': 1.25}), ('clamps', {'G': 4e-3}))
     found = diagnose(robot(effects, model, *hidden, delay=0.06), config(), request=request(model))
-    assert found.verdict == 'none' and found.effects == () and found.steps[0].held_out < 1.1
+    assert found.verdict == 'none' and found.effects == () and found.stages[0].held_out < 1.1
     values = found.calibration.values
     assert found.calibration.delay == pytest.approx(0.06, abs=0.01)
     area = 2.0 * np.pi * config().parameters['wire.r0'] * config().parameters['wire.l0']
@@ -99,5 +99,5 @@ def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
         assert any('No data can tell it from a power gain 1/k' in line for line in as_text(found))
         indistinguishable = found.confounding['latent_heat_scale']
         assert {one.name for one in indistinguishable} == set(first['confounded_with']) and all(
-            one.apart < 0.3 for one in indistinguishable
+            one.rms_difference < 0.3 for one in indistinguishable
         )

@@ -9,8 +9,8 @@ from campaigns import campaign, config, scaled
 from sma_sim import Options, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation import run_subset
-from sma_sim.evidence.estimation.calibrate import SAME, problem_for
-from sma_sim.evidence.estimation.run_subset import of_all, of_part, part_of
+from sma_sim.evidence.estimation.calibrate import SAME_OPTIMUM, problem_for
+from sma_sim.evidence.estimation.run_subset import from_subset, to_subset
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
@@ -27,33 +27,33 @@ def many():
 @pytest.fixture(autouse=True)
 def some_are_many(monkeypatch):
     """A part of three."""
-    monkeypatch.setattr(run_subset, 'MOST', 3)
+    monkeypatch.setattr(run_subset, 'MAX_RUNS', 3)
 
 
 def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
     problem = problem_for(many, config(), FEW, 1)
-    part, z = part_of(problem), np.random.default_rng(1).normal(size=len(problem.unknowns))
+    part, z = run_subset.run_subset(problem), np.random.default_rng(1).normal(size=len(problem.unknowns))
     names = [run.name for run in part.runs]
     assert len(names) == 3 and names[0] == problem.runs[0].name and names[-1] == problem.runs[-1].name
-    small = of_part(problem, z)
-    assert len(small) == len(part.unknowns) and np.array_equal(of_all(problem, z, small), z)
-    changed = of_all(problem, z, small + 1.0)
+    small = to_subset(problem, z)
+    assert len(small) == len(part.unknowns) and np.array_equal(from_subset(problem, z, small), z)
+    changed = from_subset(problem, z, small + 1.0)
     assert np.count_nonzero(changed != z) == len(small)
-    for run, own in zip(part.runs, part.places(), strict=True):
+    for run, own in zip(part.runs, part.indices(), strict=True):
         k = [one.name for one in problem.runs].index(run.name)
-        assert np.array_equal(z[problem.places()[k]], small[own])
+        assert np.array_equal(z[problem.indices()[k]], small[own])
 
 
 def test_few_runs_are_searched_all():
     problem = problem_for(campaign(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
-    assert [run.name for run in part_of(problem).runs] == [run.name for run in problem.runs]
+    assert [run.name for run in run_subset.run_subset(problem).runs] == [run.name for run in problem.runs]
 
 
 def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, monkeypatch):
     found = calibrate(many, config(), FEW)
-    monkeypatch.setattr(run_subset, 'MOST', 100)
+    monkeypatch.setattr(run_subset, 'MAX_RUNS', 100)
     at_once = calibrate(many, config(), FEW)
-    assert abs(found.cost - at_once.cost) < 0.1 * SAME  # descents end where the next step is foretold to gain less
+    assert abs(found.cost - at_once.cost) < 0.1 * SAME_OPTIMUM  # descents end where the next step is foretold to gain less
     for name, value in at_once.values.items():
         assert found.values[name] == pytest.approx(value, rel=2e-3)
 
@@ -64,5 +64,5 @@ def test_a_hidden_effect_is_found_in_many_runs():
     runs = campaign(robot, range(1, 5), noise=1.0, rate=2.0)
     request = DiagnosisRequest('mas', options=replace(FEW, free=None), equation=False)
     found = diagnose(runs, config(), request=request)
-    assert found.effects == ('gravity',) and found.steps[-1].train < 1.15
-    assert found.rounds[0].tried[0].fitted.problem.runs == found.rounds[0].base.problem.runs
+    assert found.effects == ('gravity',) and found.stages[-1].train < 1.15
+    assert found.selection_steps[0].candidate_fits[0].fit.problem.runs == found.selection_steps[0].base.problem.runs

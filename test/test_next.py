@@ -267,8 +267,8 @@ def diagnosis(*rounds, effects, given=(), system='module'):
         Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, indistinguishable=indistinguishable))
         for before, name, indistinguishable in rounds
     ]
-    found = Some(calibration=Some(config=Some(system=system)), rounds=made, revisions=(), effects=effects)
-    return Some(**vars(found), judged=Diagnosis.judged.fget(found))
+    found = Some(calibration=Some(config=Some(system=system)), selection_steps=made, elimination_steps=(), effects=effects)
+    return Some(**vars(found), deciding_steps=Diagnosis.deciding_steps.fget(found))
 
 
 def test_a_diagnosis_offers_what_it_left_confounded():

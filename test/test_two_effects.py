@@ -10,18 +10,13 @@ from campaigns import campaign, config, scaled
 
 from sma_sim import find_effects
 from sma_sim.evidence.estimation.calibrate import Options
-from sma_sim.evidence.model_selection.backward_elimination import best_in_place, eliminate_backward
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.backward_elimination import best_replacement, eliminate_backward
+from sma_sim.evidence.model_selection.candidate_fit import best_acceptable
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.forward_selection import (
-    SURE_REDUCTION,
-    SearchContext,
-    best_acceptable,
-    one_step,
-    prediction_error,
-    with_another,
-)
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.forward_selection import pair_steps, selection_step
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
-from sma_sim.evidence.model_selection.refit import EXPLAINED
 from sma_sim.report.html.candidates import elimination_section
 
 QUICK = DiagnosisRequest('mas', options=Options(starts=1))
@@ -31,7 +26,7 @@ QUICK = DiagnosisRequest('mas', options=Options(starts=1))
 def place():
     """Where the work is done."""
     with ThreadPoolExecutor(2) as pool:
-        yield SearchContext(pool, Event(), lambda words: None)
+        yield SearchContext(pool, Event())
 
 
 def one_that_accepts_nothing(place, **hidden):
@@ -39,8 +34,8 @@ def one_that_accepts_nothing(place, **hidden):
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=0.96)
     for name, values in hidden.items():
         truth = with_effect(truth, find_effects()[name], values)
-    first = one_step(nominal_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
-    assert first.tried
+    first = selection_step(nominal_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
+    assert first.candidate_fits
     return replace(first, accepted=None)
 
 
@@ -52,23 +47,23 @@ def first(place):
 
 @pytest.mark.slow
 def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
-    lead, second = with_another(first, place)
-    assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fitted
+    lead, second = pair_steps(first, place)
+    assert lead.only_together and lead.accepted.name == 'gravity' and lead.after is lead.accepted.fit
     assert second.accepted.name == 'driver_lag' and second.base is lead.after
-    assert prediction_error(second.accepted.fitted) < (1.0 - SURE_REDUCTION) * prediction_error(first.base)
-    known = [replace(one, plausible=False) for one in first.tried]
-    assert with_another(replace(first, tried=tuple(known)), place) == (replace(first, tried=tuple(known)),)
+    assert second.accepted.fit.prediction_error < (1.0 - CRITERIA.strong_error_reduction) * first.base.prediction_error
+    known = [replace(one, plausible=False) for one in first.candidate_fits]
+    assert pair_steps(replace(first, candidate_fits=tuple(known)), place) == (replace(first, candidate_fits=tuple(known)),)
 
 
 @pytest.mark.slow
 def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_missing(place, first):
-    by_name = {one.name: one for one in first.tried}
-    wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fitted)
-    right = by_name['gravity'].fitted
-    second = one_step(wrong.after, place)
+    by_name = {one.name: one for one in first.candidate_fits}
+    wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fit)
+    right = by_name['gravity'].fit
+    second = selection_step(wrong.after, place)
     assert second.accepted.name == 'driver_lag'
-    last, (again,) = eliminate_backward(second.accepted.fitted, (wrong, second), place)
-    assert last.effects == ('gravity', 'driver_lag') and last.error < 0.9 * second.accepted.fitted.error
+    last, (again,) = eliminate_backward(second.accepted.fit, (wrong, second), place)
+    assert last.effects == ('gravity', 'driver_lag') and last.error < 0.9 * second.accepted.fit.error
     assert again.effect == 'sensor_bias' and again.base.effects == ('driver_lag',)
     assert again.accepted.name == 'gravity' and again.after is last
     assert last.values_of('gravity')['g_y'] == pytest.approx(-9.81, rel=0.1)
@@ -76,17 +71,18 @@ def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_m
     assert len(last.z) - len(names) == len(right.z) - len(right.problem.free) and len(set(names)) == len(names)
     section = elimination_section(again, SimpleNamespace(confounding={}))
     assert section.title == 'Again: sensor_bias' and section.blocks[0].text.endswith('gravity takes its place.')
-    others = [one for one in again.tried if one.name != 'gravity']
-    assert best_in_place('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'  # they are worse
+    others = [one for one in again.candidate_fits if one.name != 'gravity']
+    assert (
+        best_replacement('gravity', [replace(again.accepted, plausible=False), *others]).name == 'gravity'
+    )  # they are worse
 
 
 @pytest.mark.slow
 def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(place, first):
-    best, wrong, *_ = sorted(
-        (one for one in first.tried if one.name != 'driver_lag'), key=lambda one: (one.name != 'gravity', one.fitted.cost)
-    )
-    ahead = replace(wrong, plausible=True, family_p=0.01, fitted=replace(wrong.fitted, cost=0.5 * best.fitted.cost))
-    lead, second = with_another(replace(first, tried=(ahead, best)), place)
+    others = [one for one in first.candidate_fits if one.name != 'driver_lag']
+    best, wrong, *_ = sorted(others, key=lambda one: (one.name != 'gravity', one.fit.cost))
+    ahead = replace(wrong, plausible=True, family_p=0.01, fit=replace(wrong.fit, cost=0.5 * best.fit.cost))
+    lead, second = pair_steps(replace(first, candidate_fits=(ahead, best)), place)
     assert lead.accepted.name == 'gravity' and second.accepted.name == 'driver_lag'
 
 
@@ -97,18 +93,20 @@ def only_gravity(place):
 
 
 def test_a_lead_beside_which_nothing_explains_is_not_accepted(place, only_gravity):
-    assert with_another(only_gravity, place) == (only_gravity,)
+    assert pair_steps(only_gravity, place) == (only_gravity,)
 
 
 def test_what_leaves_but_noise_in_all_fitted_runs_is_accepted_though_one_left_out_goes_beyond_the_others(only_gravity):
-    (gravity,) = (one for one in only_gravity.tried if one.name == 'gravity')
-    others = [one for one in only_gravity.tried if one is not gravity]
-    far = replace(gravity, ratio=3.0, fall=-2.0, family_p=0.2, fitted=replace(gravity.fitted, validated=12.0))
-    better = [replace(one, plausible=True, family_p=0.01, fall=0.5, ratio=0.5) for one in others]
-    assert better and all(one.acceptable and one.fitted.error > EXPLAINED for one in better)
-    assert not far.enough and best_acceptable([*better, far]) is far
-    rival = replace(far, fitted=replace(far.fitted, cost=1.05 * far.fitted.cost, validated=11.9))  # 2 % more
+    (gravity,) = (one for one in only_gravity.candidate_fits if one.name == 'gravity')
+    others = [one for one in only_gravity.candidate_fits if one is not gravity]
+    far_off = replace(gravity.fit, cross_validated_error=12.0)
+    far = replace(gravity, error_ratio=3.0, error_reduction=-2.0, family_p=0.2, fit=far_off)
+    better = [replace(one, plausible=True, family_p=0.01, error_reduction=0.5, error_ratio=0.5) for one in others]
+    assert better and all(one.acceptable and one.fit.error > CRITERIA.noise_only for one in better)
+    assert not far.predicts_better and best_acceptable([*better, far]) is far
+    rival = replace(far, fit=replace(far.fit, cost=1.05 * far.fit.cost, cross_validated_error=11.9))  # 2 % more
     assert best_acceptable([rival, far]) is far
-    assert best_acceptable([foretells := replace(rival, fitted=replace(rival.fitted, validated=6.0)), far]) is foretells
-    half = replace(far, part=0.2)  # little was left without it: then the runs left out decide
+    predicts_better = replace(rival, fit=replace(rival.fit, cross_validated_error=6.0))
+    assert best_acceptable([predicts_better, far]) is predicts_better
+    half = replace(far, explained=0.2)  # little was left without it: then the runs left out decide
     assert not half.acceptable and best_acceptable([*better, half]) in better

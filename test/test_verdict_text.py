@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
@@ -14,36 +15,42 @@ EFFECTS = {name: found.effect for name, found in find_effects().items()}
 VALUES = {'gravity.g_y': (-9.8, -9.9, -9.7), 'gravity.g_x': (0.4, -1.0, 2.0), 'radiation.emissivity': (0.3, 0.2, 0.4)}
 
 
+KNOWN = {f'effects.{name}': numbers for name, numbers in VALUES.items()}
+
+
 def interval(name, value, low, high):
     fields = dict.fromkeys(Interval.__dataclass_fields__, None)
     return Interval(**fields | {'name': name, 'value': value, 'low': low, 'high': high, 'unit': '', 'seen': True})
+
+
+CALIBRATION = SimpleNamespace(
+    values={name: numbers[0] for name, numbers in KNOWN.items()},
+    uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
+)
 
 
 def candidate(name, *rivals):
     return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals)
 
 
-def stage(effects, held_out):
+def stage(effects, held_out, kind='added'):
     errors = {'train': held_out, 'held_out': held_out, 'channels': {}, 'held_out_channels': {'alpha': held_out}}
-    return SimpleNamespace(effects=tuple(effects), model='mas', **errors)
+    return SimpleNamespace(kind=kind, effects=tuple(effects), model='mas', calibration=CALIBRATION, **errors)
 
 
-def diagnosis(verdict, *candidates, errors=(10.0, 1.0), **changes):
+def diagnosis(verdict, *candidates, errors=(10.0, 1.0), stopped=False, **changes):
     """What the texts read of a diagnosis in which these candidates were accepted one after the other."""
     names = [one.name for one in candidates]
     rivals = [candidate(name) for one in candidates for name in one.indistinguishable]
-    steps = [SimpleNamespace(accepted=one, tried=(one, *rivals)) for one in candidates]
-    known = {f'effects.{name}': numbers for name, numbers in VALUES.items()}
-    intervals = [interval(name, *numbers) for name, numbers in known.items()]
+    steps = [SimpleNamespace(accepted=one, candidate_fits=(one, *rivals), stopped=False) for one in candidates]
+    steps.append(SimpleNamespace(accepted=None, candidate_fits=(), stopped=stopped))
     given = {
-        'verdict': verdict, 'effects': tuple(names), 'rounds': tuple(steps), 'judged': tuple(steps), 'revisions': (),
-        'steps': [stage(names[:k], error) for k, error in enumerate(errors)], 'search_ended': True, 'interrupted': False,
-        'calibration': SimpleNamespace(
-            values={name: numbers[0] for name, numbers in known.items()}, uncertainty=SimpleNamespace(intervals=intervals)
-        ),
-        'proposal': None, 'together': None, 'taken_back': (), 'training': ('run1', 'run2'), 'held_out': ('run3',),
+        'verdict': verdict, 'effects': tuple(names), 'selection_steps': tuple(steps), 'elimination_steps': (),
+        'stages': tuple(stage(names[:k], error, 'added' if k else 'nominal') for k, error in enumerate(errors)),
+        'held_out_ratio': {}, 'confounding': {}, 'training': ('run1', 'run2'), 'held_out': ('run3',), 'noise_std': {},
+        'interrupted': False, 'seconds': 1.0,
     }  # fmt: skip
-    return SimpleNamespace(**given | changes)
+    return Diagnosis(**given | changes)
 
 
 def test_one_missing_effect_is_said_with_its_value_share_and_rivals():
@@ -79,7 +86,7 @@ def test_nothing_missing():
 
 
 def test_an_effect_that_the_model_had_is_not_said_to_be_missing():
-    found = diagnosis('missing_effect', effects=('gravity',), steps=[stage(['gravity'], 1.0)])
+    found = diagnosis('missing_effect', effects=('gravity',), stages=(stage(['gravity'], 1.0, 'nominal'),))
     assert headline(found) == 'Nothing is missing that these data could show.'
 
 
@@ -92,13 +99,9 @@ def test_an_unknown_effect_with_and_without_an_equation():
     assert headline(diagnosis('unknown_effect', errors=(5.0,))) == 'Something is missing that no known effect explains.'
     assert any(line.startswith('What is left is 5.0 times the noise in alpha') for line in remarks(found))
     proposal = SimpleNamespace(formula=SimpleNamespace(equation='F_alpha = k alpha^3'))
-    stages = [stage((), 10.0), stage((), 10.0), stage((), 1.0)]
-    said = headline(replace_in(found, proposal=proposal, effects=(), steps=stages))
+    stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'taken_back'), stage((), 1.0, 'formula'))
+    said = headline(replace(found, proposal=proposal, effects=(), stages=stages))
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
-
-
-def replace_in(found, **changes):
-    return SimpleNamespace(**vars(found) | changes)
 
 
 @pytest.mark.parametrize(
@@ -109,20 +112,20 @@ def replace_in(found, **changes):
     ],
 )
 def test_a_search_that_was_stopped_says_what_it_found(candidates, expected):
-    assert headline(diagnosis('none', *candidates, search_ended=False, interrupted=True)) == expected
+    assert headline(diagnosis('none', *candidates, stopped=True, interrupted=True)) == expected
 
 
 def test_effects_that_were_dropped_or_removed_are_named():
     found = diagnosis('missing_effect', candidate('gravity'), candidate('radiation'), errors=(5.0, 2.0, 1.0))
-    assert 'Dropped: gravity, which' in ' '.join(remarks(replace_in(found, effects=('radiation',), judged=found.judged[1:])))
-    fewer = {'effects': ('gravity',), 'taken_back': ('radiation',), 'judged': found.judged[:1]}
-    removed = replace_in(found, verdict='unknown_effect', **fewer)
+    assert 'Dropped: gravity, which' in ' '.join(remarks(replace(found, effects=('radiation',))))
+    stages = (*found.stages[:2], stage(['gravity'], 1.0, 'taken_back'))
+    removed = replace(found, verdict='unknown_effect', effects=('gravity',), taken_back=('radiation',), stages=stages)
     said = ' '.join(remarks(removed))
     assert 'Removed again: heat lost by radiation.' in said and '2.00 with, 1.00 without' in said and 'Dropped' not in said
 
 
 def test_runs_that_one_model_explains_together():
-    found = diagnosis('none', errors=(3.0,), together=PooledErrors(1.01, 1.04))
+    found = diagnosis('none', errors=(3.0,), pooled_errors=PooledErrors(1.01, 1.04))
     assert any('error over noise 1.04 held out, 1.01 others' in line for line in remarks(found))
 
 
@@ -137,7 +140,7 @@ def test_what_weakens_a_verdict_is_said(changes, expected):
 def test_people_are_not_shown_codes():
     found = [
         diagnosis('none', errors=(1.0,)), diagnosis('missing_effect', candidate('gravity')),
-        diagnosis('unknown_effect', candidate('gravity')), diagnosis('none', search_ended=False),
+        diagnosis('unknown_effect', candidate('gravity')), diagnosis('none', stopped=True),
     ]  # fmt: skip
     for one in found:
         text = '\n'.join(as_text(one))

@@ -60,9 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_compilation()
     request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
-    with stoppable() as stop:  # also while files are written: the steps so far are to be in all of them
+    with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
-            found = diagnose(training, config, held, request, executor, tell, stop)
+            found = diagnose(training, config, held, request, executor, tell)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
         written = write_outputs(arguments, found, *hold_out_last(training, held))
     tell_written(arguments.out, written, arguments.report, arguments.json)
@@ -107,7 +107,7 @@ def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | No
     if found.proposal:
         folder = arguments.out.with_name(f'{arguments.out.stem}_effects')
         written = found.proposal.write(folder, values_of(found), f'proposed by {source}: a formula that fits, no known law')
-        folders, names = [*folders, folder.name], list(found.steps[-1].effects)
+        folders, names = [*folders, folder.name], list(found.stages[-1].effects)
     origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
     text = origin + parameter_file(found.calibration.config, folders)
     write_whole(arguments.out, lambda file: file.write(text))

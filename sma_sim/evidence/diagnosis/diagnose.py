@@ -1,332 +1,279 @@
 """Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
 
-a. The bare model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
+a. The nominal model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
 refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
-a realistic value; then it goes on from b. e. The held-out runs are looked at once, and the verdict is given; partial
+a realistic value; then it goes on from b. e. The held-out runs are read once, and the verdict is given; partial
 explanations that hardly help there are taken back. f. Where no known effect explains enough, or several leave more than
-noise, an equation is proposed (`sma_sim.evidence.equation`).
+noise, an equation is proposed (`sma_sim.evidence.symbolic_regression`).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from math import isnan
-from threading import Event
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import (
-    Calibration,
-    MultistartResult,
-    check,
-    finished,
-    over_runs,
-    problem_for,
-    result,
-)
-from sma_sim.evidence.estimation.cross_validation import RunFit, held_out, mean_error, run_fits, summed_up
+from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
+from sma_sim.evidence.estimation.calibrate import Calibration, check
+from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import some_executor
-from sma_sim.evidence.estimation.free_parameters import with_values
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.levenberg_marquardt import MinimizerResult
+from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
+from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.confounding import Confounding, confoundings
-from sma_sim.evidence.model_selection.forward_selection import (
-    LEAST_REDUCTION,
-    MOST_EFFECTS,
-    UNEXPLAINED,
-    OnProgress,
-    SearchContext,
-    SelectionStep,
-    prediction_error,
-    select,
-)
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.forward_selection import select_forward
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
-from sma_sim.evidence.model_selection.refit import EXPLAINED, FitResult
 from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
 from sma_sim.model.config import Config
 
-CLEARLY = 1.5  # error over noise above which a fit on all samples makes no other verdict of it
-SEVERAL, LEFT_OVER = 2, 1.05  # effects that leave more than this together are held against one formula
-WORTH_NAMING = 0.1  # part of the held-out error that a partial explanation takes away
-VERDICTS = ('none', 'missing_effect', 'unknown_effect')
-
-
-@dataclass(frozen=True)
-class ModelStage:
-    """One step of the error's fall: the effects so far, the errors over noise of training and held-out runs.
-
-    `channels`: training error by channel; `held_out_channels` likewise; NaN and empty where no run is held out. `config`
-    and `delay` [s] are the model's, `runs` and `predicted` the training and held-out runs under it.
-    """
-
-    effects: tuple[str, ...]
-    train: float
-    held_out: float
-    channels: dict[str, float]
-    held_out_channels: dict[str, float]
-    values: dict[str, float]
-    config: Config
-    delay: float
-    runs: tuple[RunFit, ...]
-    predicted: tuple[RunFit, ...]
-
-    @property
-    def model(self) -> str:
-        """`hybrid` or `mas`."""
-        return self.config.model
+ModelPath = list[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found. `calibration` is the fit of the last step on all samples; its `config` runs in the node.
+    """What was found.
 
-    `rounds` are those of the selection; `held_out_ratio`: by effect of the first round, held-out error with over without;
-    `predicted`: the held-out runs under the last model; `confounding`: by accepted effect, why others cannot be told apart.
-    With a `proposal` the last model is that with the proposed effect, which `effects` does not name. `together`: how well
-    one model explains fitted and held-out runs, where that which was fitted to the former misses the latter. `taken_back`:
-    effects that were accepted, but hardly help to foretell the held-out runs. `revisions`: effects looked at again beside
-    those that came after them.
+    `stages`: the models from the nominal one to the last; with a `proposal` the last one has the proposed effect, which
+    `effects` does not name. `selection_steps` and `elimination_steps`: what was tried, in order. `held_out_ratio`: by effect
+    of the first selection step, held-out error with over without. `confounding`: by accepted effect, why others cannot be
+    told apart. `pooled_errors`: how well one model explains fitted and held-out runs, where the one fitted to the former
+    misses the latter. `taken_back`: effects that were accepted, but hardly help to predict the held-out runs.
     """
 
     verdict: str
     effects: tuple[str, ...]
-    steps: tuple[ModelStage, ...]
-    rounds: tuple[SelectionStep, ...]
-    calibration: Calibration
-    held_out_ratio: dict[str, float]
-    predicted: tuple[RunFit, ...]
-    confounding: dict[str, tuple[Confounding, ...]]
+    stages: tuple[ModelStage, ...]
+    selection_steps: tuple[SelectionStep, ...]
+    elimination_steps: tuple[EliminationStep, ...]
+    held_out_ratio: Mapping[str, float]
+    confounding: Mapping[str, tuple[Confounding, ...]]
     training: tuple[str, ...]
     held_out: tuple[str, ...]
-    noise_std: dict[str, float]
+    noise_std: Mapping[str, float]
     interrupted: bool
     seconds: float
     proposal: Proposal | None = None
-    together: PooledErrors | None = None
+    pooled_errors: PooledErrors | None = None
     taken_back: tuple[str, ...] = ()
-    revisions: tuple[EliminationStep, ...] = ()
 
     @property
-    def judged(self) -> tuple[SelectionStep, ...]:
-        """By effect of the last model, in their order, the round in which it was judged last."""
-        last = {one.accepted.name: one for one in (*self.rounds, *self.revisions) if one.accepted is not None}
+    def calibration(self) -> Calibration:
+        """The fit of the last stage on all samples; its `config` runs in the node."""
+        return self.stages[-1].calibration
+
+    @property
+    def predicted(self) -> tuple[RunFit, ...]:
+        """The held-out runs under the last model."""
+        return self.stages[-1].predicted
+
+    @property
+    def nominal(self) -> ModelStage:
+        """The model without further effects."""
+        return next(stage for stage in self.stages if stage.kind == 'nominal')
+
+    @property
+    def with_known_effects(self) -> ModelStage:
+        """The last model without a proposed formula."""
+        return [stage for stage in self.stages if stage.kind != 'formula'][-1]
+
+    def change(self, kind: StageKind, effect: str = '') -> tuple[ModelStage, ModelStage] | None:
+        """The stages before and after a change of some kind, of an effect if one is named; None where there was none."""
+        for before, after in zip(self.stages, self.stages[1:], strict=False):
+            if after.kind == kind and effect in ('', *after.effects[-1:]):
+                return before, after
+        return None
+
+    @property
+    def deciding_steps(self) -> tuple[SelectionStep, ...]:
+        """By effect of the last model, in their order, the step in which it was last compared with its rivals."""
+        steps = (*self.selection_steps, *self.elimination_steps)
+        last = {step.accepted.name: step for step in steps if step.accepted is not None}
         return tuple(last[name] for name in self.effects if name in last)
 
     @property
     def search_ended(self) -> bool:
         """Whether the search came to its end, rather than being stopped on the way."""
-        last = self.rounds[-1] if self.rounds else None
-        return last is not None and not last.stopped and (last.accepted is None or len(self.rounds) == MOST_EFFECTS)
+        if not self.selection_steps or self.selection_steps[-1].stopped:
+            return False
+        return self.selection_steps[-1].accepted is None or len(self.selection_steps) == CRITERIA.max_effects
 
 
 def diagnose(
     campaign: Campaign, config: Config, held: Campaign | None = None, request: DiagnosisRequest | None = None,
-    executor: Executor | None = None, on_progress: OnProgress = lambda words: None, stop: Event | None = None,
+    executor: Executor | None = None, on_progress: OnProgress = silent,
 ) -> Diagnosis:  # fmt: skip
     """Find what `config` lacks to explain the campaign's recordings.
 
-    Those of `held` are only looked at in the end; without it the last of three or more recordings, by name, is held out.
-    Ctrl-C, or `stop`, ends the search with the steps so far. Raises UserError for what cannot be diagnosed.
+    Those of `held` are read once, in the end; without it the last of three or more recordings, by name, is held out. The
+    first Ctrl-C ends the search with the stages so far. Raises UserError for what cannot be diagnosed.
     """
-    if stop is None:
-        with stoppable() as stop:
-            return diagnose(campaign, config, held, request, executor, on_progress, stop)
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
-    training, out = hold_out_last(campaign, held)
+    training, held_out = hold_out_last(campaign, held)
     check(training, config, request.options)
-    with some_executor(executor) as pool:
+    with stoppable() as stop, some_executor(executor) as pool:
         context = SearchContext(pool, stop, on_progress, request.folders, request.seed)
-        bare = nominal_fit(training, config, request, context)
-        rounds = select(bare, context)
-        path, revisions = path_of(bare, rounds, context)
-        end = ending(path, training, out, request, context, t_start)
-        steps, last = end.steps, end.last
-        ratios = held_out_ratios(rounds[0], steps[0], out, context) if rounds else {}
-        confounding = {
-            one.accepted.name: confoundings(one, pool) for one in (*rounds, *revisions) if one.accepted is not None
-        }
+        found = searched(StageData(training, held_out, request.options), config, request, context)
+        interrupted = stop.is_set()
+    return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
+
+
+def searched(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
+    """The whole search; its time, and whether it was interrupted, are still open."""
+    nominal = nominal_fit(data.training, config, request, context)
+    steps = select_forward(nominal, context)
+    path, eliminations = path_of(nominal, steps, context)
+    end = conclusion(path, data, request, context)
+    ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
+    confounding = {
+        step.accepted.name: confoundings(step, context.pool)
+        for step in (*steps, *eliminations) if step.accepted is not None
+    }  # fmt: skip
     return Diagnosis(
-        end.verdict, last.effects, steps, rounds, end.calibration, ratios, steps[-1].predicted, confounding,
-        tuple(one.name for one in training.recordings), tuple(one.name for one in out.recordings) if out else (),
-        dict(campaign.noise_std), stop.is_set(), time.perf_counter() - t_start, end.proposal, end.together,
-        tuple(name for name in path[-1].effects if name not in last.effects), revisions,
+        verdict=end.verdict, effects=end.last.effects, stages=end.stages, selection_steps=steps,
+        elimination_steps=eliminations, held_out_ratio=ratios, confounding=confounding,
+        training=tuple(recording.name for recording in data.training.recordings),
+        held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
+        noise_std=dict(data.training.noise_std), interrupted=False, seconds=0.0, proposal=end.proposal,
+        pooled_errors=end.pooled_errors,
+        taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Ending:
-    """What is made of the models that were found: the verdict, the last of them, and its fit on all samples.
+def path_of(
+    nominal: FitResult, steps: Sequence[SelectionStep], context: SearchContext
+) -> tuple[ModelPath, tuple[EliminationStep, ...]]:
+    """The models from the nominal one to the last, whose effects were compared again beside each other."""
+    path: ModelPath = [('nominal', nominal), *(('added', step.after) for step in steps if step.after is not None)]
+    kind, before = path[-1]
+    last, eliminations = eliminate_backward(before, steps, context)
+    if last.effects == before.effects:
+        path[-1] = (kind, last)
+    else:
+        path.append(('dropped' if len(last.effects) < len(before.effects) else 'replaced', last))
+    return path, eliminations
 
-    `steps`, `together` and `proposal` as in Diagnosis.
-    """
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What is made of the models that were found: the verdict, the last of them without a formula, and the rest of a
+    `Diagnosis` that follows from both."""  # fmt: skip
 
     verdict: str
     last: FitResult
-    steps: tuple[ModelStage, ...]
-    calibration: Calibration
-    together: PooledErrors | None
+    stages: tuple[ModelStage, ...]
+    pooled_errors: PooledErrors | None
     proposal: Proposal | None
 
 
-def ending(
-    path: Sequence[FitResult],
-    training: Campaign,
-    out: Campaign | None,
-    request: DiagnosisRequest,
-    context: SearchContext,
-    t_start: float,
-) -> Ending:
-    """Look at the held-out runs, take back what does not help there, and look for an equation where much is left.
-
-    Where that is sure to follow, the model of known effects is not fitted on all samples first.
-    """
-    bare, last, stop = path[0], path[-1], context.stop
-    steps = [stage_of(training, out, one, request, context) for one in path[:-1]]
-    final, together = None, None
-    sketch = stage_of(training, out, last, request, context) if request.equation and last.error > CLEARLY else None
-    if sketch is not None and not sketch.held_out <= CLEARLY:
-        steps.append(sketch)
-    else:
-        final = final_stage(steps, training, out, last, request, context, t_start)
-    if out and goes_further(steps[-1]):
-        together = pooled_refit(training, out, last, steps[-1].predicted, request.options, context)
-    verdict = verdict_of(steps[-1], together)
-    if verdict == 'unknown_effect' and not stop.is_set() and (best := predicts_best(steps)) < len(path) - 1:
-        last = path[best]
-        context.on_progress('the held-out runs are foretold better with fewer effects')
-        if final is None:
-            steps.append(steps[best])
-        else:
-            final = final_stage(steps, training, out, last, request, context, t_start)
-        verdict = verdict_with_fewer(steps[-1])
+def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, context: SearchContext) -> Conclusion:
+    """Read the held-out runs, take back what does not help there, and look for an equation where much is left."""
+    (_, nominal), (kind, last) = path[0], path[-1]
+    stages = [provisional_stage(data, kind, fit, context) for kind, fit in path[:-1]]
+    stages.append(last_stage(data, kind, last, request, context))
+    pooled = None
+    if data.held_out and goes_further(stages[-1]):
+        predicted = stages[-1].predicted
+        pooled = pooled_refit(data.training, data.held_out, last, predicted, request.options, context)
+    verdict = verdict_of(stages[-1], pooled)
+    best = predicts_best(stages)
+    if verdict == 'unknown_effect' and not context.stop.is_set() and best < len(path) - 1:
+        _, last = path[best]
+        context.on_progress('the held-out runs are predicted better with fewer effects')
+        provisional = replace(stages[best], kind='taken_back')
+        stages.append(final_stage(data, 'taken_back', last, context) if stages[-1].final else provisional)
+        verdict = verdict_with_fewer(stages[-1])
     proposal = None
-    if request.equation and prediction_error(last) > EXPLAINED and not stop.is_set():
-        verdict, proposal = with_equation(verdict, bare, last, context)
+    if request.equation and last.prediction_error > CRITERIA.noise_only and not context.stop.is_set():
+        verdict, proposal = with_equation(verdict, nominal, last, context)
     if proposal is not None:
-        final = final_stage(steps, training, out, proposal.fitted, request, context, t_start)
-    elif final is None:
-        steps.pop()
-        final = final_stage(steps, training, out, last, request, context, t_start)
-    return Ending(verdict, last, tuple(steps), final, together, proposal)
+        stages.append(final_stage(data, 'formula', proposal.fit, context))
+    elif not stages[-1].final:
+        stages[-1] = final_stage(data, stages[-1].kind, last, context)
+    return Conclusion(verdict, last, tuple(stages), pooled, proposal)
 
 
-def with_equation(verdict: str, bare: FitResult, last: FitResult, context: SearchContext) -> tuple[str, Proposal | None]:
+def last_stage(
+    data: StageData, kind: StageKind, last: FitResult, request: DiagnosisRequest, context: SearchContext
+) -> ModelStage:
+    """The last model; fitted on all samples, unless so much is left that an equation is sure to be looked for first."""
+    if request.equation and last.error > CRITERIA.clearly_unexplained:
+        stage = provisional_stage(data, kind, last, context)
+        if not stage.held_out <= CRITERIA.clearly_unexplained:
+            return stage
+    return final_stage(data, kind, last, context)
+
+
+def with_equation(verdict: str, nominal: FitResult, last: FitResult, context: SearchContext) -> tuple[str, Proposal | None]:
     """The verdict and the equation of what no known effect explains, if any is better than nothing.
 
     Several effects that leave more than noise in the fitted runs may imitate something that none of them is: if one formula
-    foretells better than all of them, it is taken, and they explain a part.
+    predicts better than all of them, it is taken, and they explain a part.
     """
     if verdict == 'unknown_effect':
-        return verdict, propose([bare, last] if last is not bare else [bare], context)
-    if len(last.effects) < SEVERAL or last.error <= LEFT_OVER:
+        return verdict, propose([nominal, last] if last is not nominal else [nominal], context)
+    if len(last.effects) < CRITERIA.min_effects_for_formula or last.error <= CRITERIA.pooled_noise_only:
         return verdict, None
     context.on_progress(f'{" and ".join(last.effects)} leave more than noise: is there one formula that leaves less?')
-    found = propose([bare], context)
-    if found is None or prediction_error(found.fitted) > (1.0 - LEAST_REDUCTION) * prediction_error(last):
+    found = propose([nominal], context)
+    if found is None or found.fit.prediction_error > (1.0 - CRITERIA.min_error_reduction) * last.prediction_error:
         return verdict, None
     return 'unknown_effect', found
 
 
-def path_of(
-    bare: FitResult, rounds: Sequence[SelectionStep], context: SearchContext
-) -> tuple[list[FitResult], tuple[EliminationStep, ...]]:
-    """The models from the bare one to the last, whose effects were looked at again beside each other."""
-    path = [bare, *(after for after in (one.after for one in rounds) if after is not None)]
-    last, revisions = eliminate_backward(path[-1], rounds, context)
-    return [*(path[:-1] if last.effects == path[-1].effects else path), last], revisions
+def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:
+    """By effect of the first step, the held-out error with it over that without; empty where no run is held out."""
+    if data.held_out is None:
+        return {}
+    errors = {
+        candidate.name: pooled_error(data.predicted_by(candidate.fit.config, candidate.fit.delay, context))[0]
+        for candidate in first.candidate_fits
+    }
+    return {name: error / nominal.held_out for name, error in errors.items()}
 
 
-def final_stage(
-    steps: list[ModelStage], training: Campaign, out: Campaign | None, last: FitResult, request: DiagnosisRequest,
-    context: SearchContext, t_start: float,
-) -> Calibration:  # fmt: skip
-    """The last model fitted on all samples, with intervals; its errors become a further one of the `steps`."""
-    context.on_progress('the last fit, on all samples')
-    options = replace(request.options, free=tuple(p.name for p in last.problem.free))
-    found = MultistartResult(last.problem, MinimizerResult(last.z, last.cost, 0, True), ())
-    done = finished(training, found, options, context.pool, context.stop, None)
-    scores = {last.problem.config.model: last.validated}
-    rtol = last.problem.config.parameters['solver.rtol']
-    final = result(done, rtol, scores, options, context.pool, context.stop, t_start)
-    predicted = held_out(final.config, out, final.delay, context.pool) if out else ()
-    held, held_channels = summed_up(predicted)
-    steps.append(ModelStage(
-        last.effects, final.error, held, dict(final.channels), held_channels, dict(final.values), final.config, final.delay,
-        final.runs, predicted,
-    ))  # fmt: skip
-    return final
+def predicts_best(stages: Sequence[ModelStage]) -> int:
+    """The last stage that takes a part worth naming from the held-out error; the last of all without held-out runs.
 
-
-def stage_of(
-    training: Campaign, out: Campaign | None, one: FitResult, request: DiagnosisRequest, context: SearchContext
-) -> ModelStage:
-    """The errors of a model that was fitted on the way."""
-    problem = replace(
-        problem_for(training, one.problem.config, request.options, 1, step_limited=False), free=one.problem.free
-    )
-    runs = run_fits(problem, one.z, context.pool)
-    channels = over_runs(problem, runs)
-    config, delay = with_values(one.problem.config, one.values), one.problem.delay_at(one.z)
-    predicted = held_out(config, out, delay, context.pool) if out else ()
-    held, held_channels = summed_up(predicted)
-    return ModelStage(
-        one.effects, mean_error(channels), held, channels, held_channels, one.values, config, delay, runs, predicted
-    )
-
-
-def held_out_ratios(
-    first: SelectionStep, bare: ModelStage, out: Campaign | None, context: SearchContext
-) -> dict[str, float]:
-    """By effect of the first round, the held-out error with it over that without; empty where no run is held out."""
-    ratios: dict[str, float] = {}
-    if out is None:
-        return ratios
-    for one in first.tried:
-        config = with_values(one.fitted.problem.config, one.fitted.values)
-        predicted = held_out(config, out, one.fitted.problem.delay_at(one.fitted.z), context.pool)
-        ratios[one.name] = summed_up(predicted)[0] / bare.held_out
-    return ratios
-
-
-def predicts_best(steps: Sequence[ModelStage]) -> int:
-    """The last step that takes a part worth naming from the held-out error; the last of all without held-out runs.
-
-    What imitates something else takes little, or comes and goes with the run that is held out. A step without more effects
-    (a rival in the place of one, or one dropped) is undone only if it costs as much.
+    What imitates something else takes little, or comes and goes with the run that is held out. A stage without more effects
+    (one was replaced or dropped) is undone only if it costs as much.
     """
-    if isnan(steps[-1].held_out):
-        return len(steps) - 1
+    if isnan(stages[-1].held_out):
+        return len(stages) - 1
     best = 0
-    for k, step in enumerate(steps):
-        part = WORTH_NAMING if len(step.effects) > len(steps[best].effects) else -WORTH_NAMING
-        if step.held_out <= (1.0 - part) * steps[best].held_out:
+    for k, stage in enumerate(stages):
+        more = len(stage.effects) > len(stages[best].effects)
+        reduction = CRITERIA.min_named_reduction if more else -CRITERIA.min_named_reduction
+        if stage.held_out <= (1.0 - reduction) * stages[best].held_out:
             best = k
     return best
 
 
 def goes_further(last: ModelStage) -> bool:
     """Whether the fitted runs are explained, and those held out are not."""
-    return last.train <= EXPLAINED and last.held_out > UNEXPLAINED
+    return last.train <= CRITERIA.noise_only and last.held_out > CRITERIA.unexplained
 
 
-def verdict_of(last: ModelStage, together: PooledErrors | None) -> str:
+def verdict_of(last: ModelStage, pooled: PooledErrors | None) -> str:
     """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
 
     Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
-    cannot tell the parameters, which is no sign of an effect. Nor is a held-out run that the model explains `together` with
-    the fitted ones.
+    cannot determine the parameters, which is no sign of an effect. Nor is a held-out run that the model explains when it is
+    fitted to all runs (`pooled`).
     """
     error = last.train if isnan(last.held_out) else last.held_out
-    if error > UNEXPLAINED and not (together is not None and together.explained):
+    if error > CRITERIA.unexplained and not (pooled is not None and pooled.explained):
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
 
 
 def verdict_with_fewer(last: ModelStage) -> str:
     """The verdict on a model from which effects were taken back: what is left in the fitted runs asked for them."""
-    return 'unknown_effect' if last.train > UNEXPLAINED else verdict_of(last, None)
+    return 'unknown_effect' if last.train > CRITERIA.unexplained else verdict_of(last, None)

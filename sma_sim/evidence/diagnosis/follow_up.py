@@ -10,11 +10,11 @@ def confounded(found: Diagnosis) -> tuple[str, ...]:
 
     They are those of the last effect that others explain as well: what was there beside it is part of each.
     """
-    if found.calibration.config.system != 'module' or not found.rounds:
+    if found.calibration.config.system != 'module' or not found.selection_steps:
         return ()
-    given = len(found.rounds[0].base.effects)
-    for one in reversed(found.judged):
-        if one.accepted is not None and one.accepted.indistinguishable:
-            before = one.base.effects[given:]
-            return tuple('+'.join((*before, name)) for name in (one.accepted.name, *one.accepted.indistinguishable))
+    given = len(found.selection_steps[0].base.effects)
+    for step in reversed(found.deciding_steps):
+        if step.accepted is not None and step.accepted.indistinguishable:
+            before = step.base.effects[given:]
+            return tuple('+'.join((*before, name)) for name in (step.accepted.name, *step.accepted.indistinguishable))
     return ()

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.symbolic_regression.propose import FormulaFit, Proposal
-
-LITTLE = 0.005  # share of the halves that is not worth a word
 
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
     """The `proposed` entry of a verdict: port, formula, fitted coefficients, errors before and after, what is as good."""
-    proposal = known(diagnosis)
-    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    proposal, (before, after) = known(diagnosis), formula_change(diagnosis)
     formula = proposal.formula
     return {
         'effect': proposal.effect,
@@ -33,7 +31,7 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'file': str(file) if file else None,
         'source': formula.with_values(values_of(diagnosis)).text(),
         'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
-        'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fitted.validated)},
+        'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fit.cross_validated_error)},
         'alike': list(proposal.indistinguishable),
         'ranking': [ranked(fit) for fit in proposal.ranking],
     }
@@ -43,6 +41,13 @@ def known(diagnosis: Diagnosis) -> Proposal:
     """The proposal of a diagnosis that has one."""
     assert diagnosis.proposal is not None
     return diagnosis.proposal
+
+
+def formula_change(diagnosis: Diagnosis) -> tuple[ModelStage, ModelStage]:
+    """The stages without and with the proposed formula, of a diagnosis that has one."""
+    change = diagnosis.change('formula')
+    assert change is not None
+    return change
 
 
 def values_of(diagnosis: Diagnosis) -> dict[str, float]:
@@ -73,7 +78,7 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 
 def ranked(fit: FormulaFit) -> dict[str, Any]:
     """A formula that was refitted."""
-    fitted = fit.candidate.fitted.values_of(fit.formula.name)
+    fitted = fit.candidate.fit.values_of(fit.formula.name)
     return {
         'effect': fit.formula.name, 'port': fit.formula.location.hook, 'formula': fit.formula.equation,
         'cross_validated_error': finite(fit.error), 'parameters': fitted,
@@ -86,7 +91,7 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
     proposal = diagnosis.proposal
     if proposal is None:
         return
-    before, after = diagnosis.steps[-2], diagnosis.steps[-1]
+    before, after = formula_change(diagnosis)
     yield f'Proposed equation: {proposal.formula.equation}'
     for name, one in coefficients(diagnosis).items():
         std = '' if one['std'] is None else f' +- {one["std"]:.1g}'
@@ -99,7 +104,8 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
 
 def stability_words(proposal: Proposal) -> str:
     """How firmly the choice stands, in a sentence."""
-    shares = ', '.join(f'{name} in {100 * share:.0f} %' for name, share in proposal.by_variable.items() if share > LITTLE)
+    percent = {name: round(100.0 * share) for name, share in proposal.by_variable.items()}
+    shares = ', '.join(f'{name} in {share} %' for name, share in percent.items() if share > 0)
     chosen = f'It was chosen on {100 * proposal.stability:.0f} % of random halves of the data'
     return f'{chosen}; the chosen equation depends on {shares} of them.' if shares else f'{chosen}.'
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.stage_change import StepChange, step_change
+from sma_sim.evidence.diagnosis.stage_change import StageChange, stage_change
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.parameters import DEFAULTS
@@ -17,27 +17,26 @@ from sma_sim.model.parameters import DEFAULTS
 class DiagnosisReview:
     """A diagnosis, its recordings, and what was computed from both.
 
-    `changes`: by number of the selection step (from 1), where the effect that it accepted changed most; `remaining`: the
+    `changes`: by accepted effect, where the stage that added it changed most; `remaining`: the
     last model beside all recordings; `initial_values`: parameters of the nominal model, defaults where it has none.
     """
 
     diagnosis: Diagnosis
     training: Campaign
     held_out: Campaign | None
-    changes: Mapping[int, StepChange]
+    changes: Mapping[str, StageChange]
     remaining: Summary
     initial_values: Mapping[str, float]
 
 
 def reviewed(diagnosis: Diagnosis, training: Campaign, held_out: Campaign | None) -> DiagnosisReview:
     """Evaluate a diagnosis on the recordings that it was made with. Raises SimulationError."""
-    stages = diagnosis.steps
     changes = {
-        number: step_change(stages[number - 1], stages[number], training, held_out)
-        for number, step in enumerate(diagnosis.rounds, start=1)
-        if step.accepted is not None and number < len(stages)
+        step.accepted.name: stage_change(*change, training, held_out)
+        for step in diagnosis.selection_steps
+        if step.accepted is not None and (change := diagnosis.change('added', step.accepted.name)) is not None
     }
-    values = {name: parameter.default for name, parameter in DEFAULTS.items()} | stages[0].values
+    values = {name: parameter.default for name, parameter in DEFAULTS.items()} | dict(diagnosis.nominal.values)
     for parameter in diagnosis.calibration.free:
         values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')

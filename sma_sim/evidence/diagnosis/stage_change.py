@@ -1,4 +1,4 @@
-"""Where a step of a diagnosis changed most: one channel of one run, before and after."""
+"""Where a stage of a diagnosis changed most: one channel of one run, before and after."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.diagnosis.diagnose import ModelStage
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, compared_run
 
 
 @dataclass(frozen=True)
-class StepChange:
-    """The channel whose squared error fell most, in the run where it was largest; `errors` over noise, before and after."""
+class StageChange:
+    """The channel whose squared error decreased most, in the run where it was largest.
+
+    `errors`: over noise, before and after.
+    """
 
     channel: str
     held_out: bool
@@ -24,8 +27,8 @@ class StepChange:
     errors: tuple[float, float]
 
 
-def step_change(before: ModelStage, after: ModelStage, training: Campaign, held: Campaign | None) -> StepChange:
-    """The change from one step to the next: in a held-out run where both can be run. Raises SimulationError."""
+def stage_change(before: ModelStage, after: ModelStage, training: Campaign, held: Campaign | None) -> StageChange:
+    """The change from one stage to the next: in a held-out run where both can be run. Raises SimulationError."""
     predicted = bool(before.predicted) and bool(after.predicted) and math.isfinite(before.held_out + after.held_out)
     out = held is not None and predicted
     campaign = held if held is not None and out else training
@@ -36,11 +39,11 @@ def step_change(before: ModelStage, after: ModelStage, training: Campaign, held:
     k = [recording.name for recording in campaign.recordings].index(worst.name)
     one = compared_run(campaign, k, before.config, nuisances(first, before.delay))
     other = compared_run(campaign, k, after.config, nuisances(then, after.delay))
-    return StepChange(channel, out, one, other, (worst.channels[channel], same.channels[channel]))
+    return StageChange(channel, out, one, other, (worst.channels[channel], same.channels[channel]))
 
 
 def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
-    """The channel whose squared error over noise fell most."""
+    """The channel whose squared error over noise decreased most."""
     first, then = (before.held_out_channels, after.held_out_channels) if out else (before.channels, after.channels)
     return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
-from sma_sim.evidence.model_selection.forward_selection import CandidateFit, SelectionStep
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
 
 
@@ -19,14 +21,14 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
 
     `file` is where the proposed effect was written.
     """
-    first = diagnosis.rounds[0] if diagnosis.rounds else None
+    first = diagnosis.selection_steps[0] if diagnosis.selection_steps else None
     found: dict[str, Any] = finite({
         'verdict': diagnosis.verdict,
         'model': diagnosis.calibration.config.model,
         'effects': diagnosis.effects,
         'taken_back': diagnosis.taken_back,
         'ranking': ranking(first, diagnosis) if first else (),
-        'error': [error_of(step) for step in diagnosis.steps],
+        'error': [error_of(stage) for stage in diagnosis.stages],
         'noise_std': diagnosis.noise_std,
         'parameters': {
             name: value for name, value in flat_parameters(diagnosis.calibration.config).items()
@@ -37,7 +39,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,
         'seconds': diagnosis.seconds,
-        **({'fitted_together': asdict(diagnosis.together)} if diagnosis.together else {}),
+        **({'fitted_together': asdict(diagnosis.pooled_errors)} if diagnosis.pooled_errors else {}),
         **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
     return found
@@ -49,28 +51,28 @@ def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
     What explains as well as the accepted one is said as it was seen last, beside the other effects.
     """
     accepted = first.accepted.name if first.accepted else ''
-    indistinguishable = {one.name: one.indistinguishable for one in first.tried}
-    indistinguishable |= {
-        one.name: one.indistinguishable for again in diagnosis.revisions if again.effect == accepted for one in again.tried
+    again = [step for step in diagnosis.elimination_steps if step.effect == accepted]
+    indistinguishable = {
+        candidate.name: candidate.indistinguishable for step in (first, *again) for candidate in step.candidate_fits
     }
     kept = diagnosis.effects[:1]
-    ordered = sorted(first.tried, key=lambda one: (one.name not in kept, one.name != accepted, one.ratio))
-    return [rank_of(one, diagnosis.held_out_ratio, indistinguishable[one.name]) for one in ordered]
+    ordered = sorted(first.candidate_fits, key=lambda c: (c.name not in kept, c.name != accepted, c.error_ratio))
+    return [rank_of(candidate, diagnosis.held_out_ratio, indistinguishable[candidate.name]) for candidate in ordered]
 
 
-def rank_of(one: CandidateFit, ratios: dict[str, float], indistinguishable: tuple[str, ...]) -> dict[str, Any]:
+def rank_of(one: CandidateFit, ratios: Mapping[str, float], indistinguishable: tuple[str, ...]) -> dict[str, Any]:
     """One candidate."""
     units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
     std = {name.rpartition('.')[2]: s for name, s in one.std.items() if name.startswith(f'effects.{one.name}.')}
     return {
         'effect': one.name,
         'delta_bic': one.delta_bic,
-        'held_out_error_ratio': ratios.get(one.name, one.ratio),
-        'cross_validated_error_ratio': None if one.hopeless else one.ratio,
+        'held_out_error_ratio': ratios.get(one.name, one.error_ratio),
+        'cross_validated_error_ratio': None if one.not_cross_validated else one.error_ratio,
         'family_p': one.family_p,
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}
-            for name, value in one.fitted.values_of(one.name).items()
+            for name, value in one.fit.values_of(one.name).items()
         },
         'plausible': one.plausible,
         'confounded_with': indistinguishable,
@@ -78,14 +80,14 @@ def rank_of(one: CandidateFit, ratios: dict[str, float], indistinguishable: tupl
     }  # fmt: skip
 
 
-def error_of(step: ModelStage) -> dict[str, Any]:
-    """One step of the error's fall."""
+def error_of(stage: ModelStage) -> dict[str, Any]:
+    """The errors of one stage."""
     return {
-        'effects': step.effects,
-        'model': step.model,
-        'train': step.train,
-        'held_out': step.held_out,
-        'channels': step.held_out_channels or step.channels,
+        'effects': stage.effects,
+        'model': stage.model,
+        'train': stage.train,
+        'held_out': stage.held_out,
+        'channels': stage.held_out_channels or stage.channels,
     }
 
 

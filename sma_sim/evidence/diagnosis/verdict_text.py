@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import number, proposed_text
 from sma_sim.evidence.estimation.uncertainty import Interval
-from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED, CandidateFit
-from sma_sim.evidence.model_selection.refit import EXPLAINED
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.parameters import Parameter
 
 NOTHING_MISSING = 'Nothing is missing that these data could show.'
@@ -37,7 +38,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
     yield f'{"error over noise":<44} fitted  held out'
-    for stage in diagnosis.steps:
+    for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'
         yield f'  {name + " (" + stage.model + ")":<42} {number(stage.train):>6}  {number(stage.held_out):>8}'
     yield from remarks(diagnosis)
@@ -66,7 +67,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     """How much is explained by what the model lacks, and of one effect its values and its rivals."""
-    share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
+    share = explained_share(diagnosis.nominal, diagnosis.stages[-1])
     candidates = accepted_fits(diagnosis)
     if len(phrases) > 1 or len(candidates) != 1:
         return f'; {"together they explain" if len(phrases) > 1 else "it explains"} {share}'
@@ -77,7 +78,7 @@ def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
 
 def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     """What is known of something that no effect explains: what explains a part, and the equation that describes it."""
-    share = explained_share(diagnosis.steps[0], diagnosis.steps[-1])
+    share = explained_share(diagnosis.nominal, diagnosis.stages[-1])
     if diagnosis.proposal is not None:
         part = f' beside {joined_words(phrases)}' if phrases else ''
         return (
@@ -91,7 +92,7 @@ def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
 
 def missing_phrases(diagnosis: Diagnosis) -> list[str]:
     """What sentences call the effects that were found, those that the model had from the start left out."""
-    return [phrase_of(name, diagnosis) for name in diagnosis.effects if name not in diagnosis.steps[0].effects]
+    return [phrase_of(name, diagnosis) for name in diagnosis.effects if name not in diagnosis.nominal.effects]
 
 
 def explained_share(before: ModelStage, after: ModelStage) -> str:
@@ -109,8 +110,8 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from removed_lines(diagnosis)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         yield from left_lines(diagnosis)
-    elif diagnosis.together is not None and diagnosis.together.explained:
-        yield BEYOND_FITTED.format(**asdict(diagnosis.together))
+    elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained:
+        yield BEYOND_FITTED.format(**asdict(diagnosis.pooled_errors))
     if len(diagnosis.training) < 2:
         yield ONE_RUN
     elif not diagnosis.held_out:
@@ -121,12 +122,12 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
 
 def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """Effects that were accepted on the way and are not in the last model."""
-    if diagnosis.taken_back:
-        worse, best = diagnosis.steps[-3:-1] if diagnosis.proposal else diagnosis.steps[-2:]
+    if (taken_back := diagnosis.change('taken_back')) is not None:
+        worse, best = taken_back
         names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
-    replaced = {step.effect for step in diagnosis.revisions}
-    for step in diagnosis.rounds:
+    replaced = {step.effect for step in diagnosis.elimination_steps}
+    for step in diagnosis.selection_steps:
         name = step.accepted.name if step.accepted else ''
         if name and name not in (*diagnosis.effects, *diagnosis.taken_back, *replaced) and diagnosis.search_ended:
             yield DROPPED.format(effect=phrase_of(name, diagnosis))
@@ -134,11 +135,12 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """What known effects leave, and the equation that is proposed for it."""
-    last = diagnosis.steps[-2 if diagnosis.proposal else -1]
+    last = diagnosis.with_known_effects
     channels = last.held_out_channels or last.channels
     worst = max(channels, key=lambda name: channels[name])
-    yield f'What is left is {channels[worst]:.1f} times the noise in {worst} (more than {UNEXPLAINED:g} is not chance).'
-    if last.train <= EXPLAINED:
+    limit = CRITERIA.unexplained
+    yield f'What is left is {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
+    if last.train <= CRITERIA.noise_only:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)
 
@@ -197,13 +199,13 @@ def interval_of(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> Inte
 
 def accepted_fits(diagnosis: Diagnosis) -> list[CandidateFit]:
     """The effects of the last model that the search accepted, as they were judged last."""
-    return [step.accepted for step in diagnosis.judged if step.accepted is not None]
+    return [step.accepted for step in diagnosis.deciding_steps if step.accepted is not None]
 
 
 def phrase_of(name: str, diagnosis: Diagnosis) -> str:
     """What a sentence calls an effect."""
-    steps = (*diagnosis.rounds, *diagnosis.revisions)
-    effects = {candidate.name: candidate.found.effect for step in steps for candidate in step.tried}
+    steps = (*diagnosis.selection_steps, *diagnosis.elimination_steps)
+    effects = {candidate.name: candidate.found.effect for step in steps for candidate in step.candidate_fits}
     return effects[name].phrase if name in effects else name.replace('_', ' ')
 
 

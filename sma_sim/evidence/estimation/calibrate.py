@@ -1,56 +1,47 @@
 """Calibration: weighted nonlinear least squares over the compiled simulator, from several starts, for either model.
 
-Each descent begins on thinned samples, where it costs a third; the best goes on with all of them. Of two models the
-one that foretells runs which it was not fitted to is taken (docs/explanation/calibration.md).
+Each minimisation begins on thinned samples, where it costs a third; the best one goes on with all of them. Of two models the
+one that predicts runs which it was not fitted to is taken (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from math import isfinite, isnan
 from threading import Event
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated_error, mean_error, run_fits, with_starts
-from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
+from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
+from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, Held, choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import (
-    FIRST,
-    LAST,
-    LIGHTER,
-    MinimizerResult,
-    Progress,
-    StopCriteria,
-    cost_at,
-    feasible,
-    minimize,
-    start_point,
-)
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
-from sma_sim.evidence.estimation.run_subset import of_all, part_of
+from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
+from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
+from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, uncertainty
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-Answer = TypeVar('Answer')
-RTOL, LAST_RTOL = 1e-5, 1e-6  # of the simulations of the first descents and of the last
-THINNED = 1000  # samples per run of the first descents
+SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search, and of the last fit
+SEARCH_SAMPLES = 1000  # samples per run of a search
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
-NEARER = 10.0  # damping at first when runs join a descent that has come to its end without them
+JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that has ended without them
 TRIES = 20  # for a further start at which every run can be made
 # Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
-# priors weigh nothing then. In stages, because the valley of sharp weights is narrow.
-CLEAN, SHARPER, POLISHED_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
-SAME = 2.0  # a descent that ends within this of the best's cost has found the same
+# priors weigh nothing then. In stages, because the valley of large weights is narrow.
+CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
+SAME_OPTIMUM = 2.0  # a minimisation that ends within this of the best's cost has found the same
 MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
 
@@ -59,7 +50,7 @@ AT_BOUND = 1e-6
 class Options:
     """How to fit. `free` None: the default parameters. `model`: hybrid, mas, or auto for the better of both.
 
-    `starts` descents, the first from the configuration, the others `seed`-ed around it; `robust`: Huber's loss.
+    `starts` minimisations, the first from the configuration, the others `seed`-ed around it; `robust`: Huber's loss.
     """
 
     free: tuple[str, ...] | None = None
@@ -71,17 +62,8 @@ class Options:
 
 
 @dataclass(frozen=True)
-class OtherStart:
-    """Where a further start led: its cost above the best's, its parameters, and whether it is the same optimum."""
-
-    excess: float
-    values: Mapping[str, float]
-    same: bool
-
-
-@dataclass(frozen=True)
 class Calibration:
-    """A fitted model; SI units. `config` runs as it is. `cost`: half the sum of squares, prior included.
+    """A fit as it is reported; SI units. `config` runs as it is. `cost`: half the sum of squares, prior included.
 
     `channels` and `error`: RMSE over noise by channel, over all runs, and sqrt(mean of its square);
     `cross_validation`: that error on runs left out in turn, by model.
@@ -106,39 +88,38 @@ class Calibration:
     seconds: float
 
 
-@dataclass(frozen=True)
-class MultistartResult:
-    """The best descent of one model (on thinned samples at first), and where the other starts led."""
-
-    problem: Problem
-    best: MinimizerResult
-    others: tuple[OtherStart, ...]
-    validated: float = float('nan')
-
-
 def calibrate(
     campaign: Campaign, config: Config, options: Options | None = None, executor: Executor | None = None,
-    progress: Progress | None = None,
+    progress: OnIteration = silent_iteration,
 ) -> Calibration:  # fmt: skip
     """Fit the free parameters of `config` to all recordings of a campaign.
 
-    A KeyboardInterrupt ends the fit with the best so far (`interrupted`). Raises UserError for a campaign without
+    `progress` is called in every iteration with the name of the minimisation, its iteration and its cost. A
+    KeyboardInterrupt ends the fit with the best so far (`interrupted`). Raises UserError for a campaign without
     recordings, noise or channels, for wrong options, and when the model cannot be run at the start.
     """
-    options, t_start, stop = options or Options(), time.perf_counter(), Event()
+    options, t_start = options or Options(), time.perf_counter()
     check(campaign, config, options)
-    models = MODELS if options.model == 'auto' else (options.model,)
     with some_executor(executor) as pool:
-        found: list[MultistartResult] = []
-        for model in models:
-            if not (found and stop.is_set()):
-                found.append(search(campaign, replace(config, model=model), options, pool, stop, progress))
-        if len(found) > 1:
-            found = [replace(one, validated=validation(one, pool, stop)) for one in found]
-        best = min(found, key=lambda one: (one.validated if np.isfinite(one.validated) else 0.0, one.best.cost))
-        scores = {one.problem.config.model: one.validated for one in found if np.isfinite(one.validated)}
-        best = finished(campaign, best, options, pool, stop, progress)
-        return result(best, config.parameters['solver.rtol'], scores, options, pool, stop, t_start)
+        context = SearchContext(pool, Event(), silent, (), options.seed, progress)
+        fits = fits_by_model(campaign, config, options, context)
+        best = min(fits, key=lambda fit: (0.0 if isnan(fit.cross_validated_error) else fit.cross_validated_error, fit.cost))
+        found = final_calibration(campaign, best, options, context)
+    errors = {fit.config.model: fit.cross_validated_error for fit in fits if isfinite(fit.cross_validated_error)}
+    runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
+    return replace(found, config=runs_as_asked, cross_validation=errors, seconds=time.perf_counter() - t_start)
+
+
+def fits_by_model(campaign: Campaign, config: Config, options: Options, context: SearchContext) -> list[FitResult]:
+    """A search with each of the kinetics to try, cross-validated where there are two."""
+    fits: list[FitResult] = []
+    for model in MODELS if options.model == 'auto' else (options.model,):
+        if not (fits and context.stop.is_set()):
+            fits.append(multistart_search(campaign, replace(config, model=model), options, context))
+    if len(fits) == 1:
+        return fits
+    quiet = replace(context, on_iteration=silent_iteration)
+    return [run_in_threads([partial(cross_validated, fit, quiet)], context.stop)[0] for fit in fits]
 
 
 def check(campaign: Campaign, config: Config, options: Options) -> None:
@@ -157,71 +138,65 @@ def check(campaign: Campaign, config: Config, options: Options) -> None:
 
 def problem_for(campaign: Campaign, config: Config, options: Options, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
-    rtol = min(RTOL, config.parameters['solver.rtol'])
+    rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
     runs = tuple(fit_data(recording, campaign.noise_std, every, rtol, step_limited) for recording in campaign.recordings)
     return Problem(config, runs, free, options.robust).at_tolerance(rtol)
 
 
-def search(
-    campaign: Campaign, config: Config, options: Options, pool: Executor, stop: Event, progress: Progress | None,
-    effort: StopCriteria = FIRST,
-) -> MultistartResult:  # fmt: skip
-    """Descend from several starts on thinned samples, all but the first damped less; of many runs on a part at first."""
+def full_problem(campaign: Campaign, fit: FitResult, options: Options) -> Problem:
+    """The problem of a fit on all samples, the parameters free within the same bounds."""
+    return replace(problem_for(campaign, fit.problem.config, options, 1, step_limited=False), free=fit.problem.free)
+
+
+def multistart_search(
+    campaign: Campaign, config: Config, options: Options, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
+) -> FitResult:
+    """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first."""
     longest = max(len(recording.time) for recording in campaign.recordings)
-    thinned = problem_for(campaign, config, options, max(1, longest // THINNED))
-    part = part_of(thinned)
-    starts = starting_points(part, options, pool)
-    lighter = replace(effort, damping=LIGHTER.damping)
+    thinned = problem_for(campaign, config, options, max(1, longest // SEARCH_SAMPLES))
+    subset = run_subset(thinned)
+    weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
-        partial(minimize, part, z, pool, lighter if k else effort, stop, progress, f'{config.model}, start {k + 1}')
-        for k, z in enumerate(starts)
+        partial(minimize, subset, z, weak if k else criteria, context, f'{config.model}, start {k + 1}')
+        for k, z in enumerate(starting_points(subset, options, context.pool))
     ]
-    descents = run_in_threads(jobs, stop)
-    best = min(descents, key=lambda one: one.cost)
+    fits = run_in_threads(jobs, context.stop)
+    best = min(fits, key=lambda fit: fit.cost)
     others = tuple(
-        OtherStart(one.cost - best.cost, thinned.values(one.z), one.cost - best.cost < SAME)
-        for one in descents if one is not best
+        OtherStart(fit.cost - best.cost, thinned.values(fit.z), fit.cost - best.cost < SAME_OPTIMUM)
+        for fit in fits if fit is not best
     )  # fmt: skip
-    if len(part.runs) < len(thinned.runs):
-        z = of_all(thinned, start_point(thinned), best.z)
-        near, label = replace(effort, damping=NEARER), f'{config.model}, all runs'
-        last = run_in_threads([partial(minimize, thinned, z, pool, near, stop, progress, label)], stop)[0]
-        best = replace(last, iterations=last.iterations + best.iterations)
-    return MultistartResult(thinned, best, others)
+    if len(subset.runs) < len(thinned.runs):
+        z = from_subset(thinned, start_point(thinned), best.z)
+        best = continued(best, thinned, z, replace(criteria, damping=JOINING_DAMPING), context, 'all runs')
+    return replace(best, other_starts=others)
 
 
-def finished(
-    campaign: Campaign, found: MultistartResult, options: Options, pool: Executor, stop: Event, progress: Progress | None
-) -> MultistartResult:
-    """The descent continued on all samples, the parameters free within the same bounds."""
-    config = found.problem.config
-    whole = replace(problem_for(campaign, config, options, 1, step_limited=False), free=found.problem.free)
-    problem = whole.at_tolerance(LAST_RTOL)
-    label = f'{config.model}, all samples'
-    last = run_in_threads([partial(minimize, problem, found.best.z, pool, LAST, stop, progress, label)], stop)[0]
-    last = replace(last, iterations=last.iterations + found.best.iterations)
+def continued(
+    fit: FitResult, problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str
+) -> FitResult:  # fmt: skip
+    """A fit continued from z on another problem with the same parameters; iterations of both."""
+    job = partial(minimize, problem, z, criteria, context, f'{problem.config.model}, {label}')
+    (found,) = run_in_threads([job], context.stop)
+    return replace(
+        found, iterations=fit.iterations + found.iterations, cross_validated_error=fit.cross_validated_error,
+        other_starts=fit.other_starts,
+    )  # fmt: skip
+
+
+def final_fit(campaign: Campaign, fit: FitResult, options: Options, context: SearchContext) -> FitResult:
+    """The fit continued on all samples, the parameters free within the same bounds."""
+    whole = full_problem(campaign, fit, options)
+    problem = whole.at_tolerance(FINAL_RTOL)
+    found = continued(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     for sharper in SHARPER:
-        error = data_error(problem, last)
-        if error * sharper > 10.0 * CLEAN or stop.is_set():
+        if found.error * sharper > 10.0 * CLEAN or context.stop.is_set():
             break
-        problem = whole.at_tolerance(POLISHED_RTOL)
-        sharp = problem.weighted(sharper)
-        polished = run_in_threads([partial(minimize, sharp, last.z, pool, LAST, stop, progress, f'{label}, sharper')], stop)[
-            0
-        ]
-        last = at_stated_noise(problem, polished, last.iterations, pool)
-    return replace(found, problem=problem, best=last)
-
-
-def data_error(problem: Problem, found: MinimizerResult) -> float:
-    """The error over noise, without the prior's share of the cost."""
-    return float(np.sqrt(max(2.0 * found.cost - float(found.z @ found.z), 0.0) / problem.samples))
-
-
-def at_stated_noise(problem: Problem, polished: MinimizerResult, before: int, pool: Executor) -> MinimizerResult:
-    """A descent with sharper weights, its cost at the stated noise."""
-    return replace(polished, cost=cost_at(problem, polished.z, pool), iterations=before + polished.iterations)
+        problem = whole.at_tolerance(SHARP_RTOL)
+        sharp = continued(found, problem.weighted(sharper), found.z, ALL_SAMPLES, context, 'all samples, sharper')
+        found = replace(sharp, problem=problem, cost=cost_at(problem, sharp.z, context.pool))
+    return found
 
 
 def starting_points(problem: Problem, options: Options, pool: Executor) -> list[Vector]:
@@ -237,51 +212,41 @@ def starting_points(problem: Problem, options: Options, pool: Executor) -> list[
     return points
 
 
-def run_in_threads(jobs: Sequence[Callable[[], Answer]], stop: Event, at_once: int | None = None) -> list[Answer]:
-    """The answers of jobs that run in threads of their own (so many at once); Ctrl-C asks them to come to an end."""
-    with ThreadPoolExecutor(at_once or len(jobs)) as threads:
-        futures = [threads.submit(job) for job in jobs]
-        try:
-            wait(futures)
-        except KeyboardInterrupt:
-            stop.set()
-        return [future.result() for future in futures]
-
-
-def validation(found: MultistartResult, pool: Executor, stop: Event) -> float:
-    """The error on runs left out in turn, NaN where there is one run only."""
-    if stop.is_set():
-        return float('nan')
-    return run_in_threads([lambda: cross_validated_error(found.problem, found.best.z, pool, stop)], stop)[0]
-
-
-def result(
-    found: MultistartResult,
-    rtol: float,
-    scores: Mapping[str, float],
-    options: Options,
-    pool: Executor,
-    stop: Event,
-    t_start: float,
-) -> Calibration:
-    """What is reported of the chosen model."""
-    problem, z = found.problem, found.best.z
-    fits = run_fits(problem, z, pool)
-    sure = None
-    if options.intervals and not stop.is_set():
-        sure = run_in_threads([lambda: uncertainty(problem, z, pool)], stop)[0]
-    channels = over_runs(problem, fits)
-    return Calibration(
-        config=with_starts(problem.at_tolerance(rtol).fitted(z), fits), free=problem.free,
-        held=choose_free(problem.config, options.free)[1], values=problem.values(z),
-        delay=problem.delay_at(z), runs=fits, channels=channels, error=mean_error(channels), cost=found.best.cost,
-        iterations=found.best.iterations, converged=found.best.converged, interrupted=stop.is_set(),
-        at_bound=tuple(at_bound(problem, z)), cross_validation=dict(scores), other_starts=found.others,
-        uncertainty=sure, seconds=time.perf_counter() - t_start,
+def final_calibration(campaign: Campaign, fit: FitResult, options: Options, context: SearchContext) -> Calibration:
+    """The fit continued on all samples, with intervals; its tolerance is that of the fit that is continued."""
+    t_start = time.perf_counter()
+    last = final_fit(campaign, fit, options, context)
+    found = calibration_of(last, context)
+    known = None
+    if options.intervals and not context.stop.is_set():
+        (known,) = run_in_threads([lambda: uncertainty(last.problem, last.z, context.pool)], context.stop)
+    rtol = fit.problem.config.parameters['solver.rtol']
+    return replace(
+        found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
+        held=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
+        seconds=time.perf_counter() - t_start,
     )  # fmt: skip
 
 
-def over_runs(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
+def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
+    """A fit with its errors run by run, without intervals."""
+    runs = run_fits(fit.problem, fit.z, context.pool)
+    channels = channel_errors(fit.problem, runs)
+    return Calibration(
+        config=fit.config, free=fit.problem.free, held=(), values=fit.values, delay=fit.delay, runs=runs,
+        channels=channels, error=mean_error(channels), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
+        interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
+        cross_validation={fit.config.model: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,
+        seconds=0.0,
+    )  # fmt: skip
+
+
+def with_tolerance(config: Config, rtol: float) -> Config:
+    """The configuration with another solver.rtol."""
+    return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
+
+
+def channel_errors(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
     """RMSE over noise by channel, over the samples of all runs."""
     squares: dict[str, float] = {}
     counts: dict[str, int] = {}
@@ -297,6 +262,6 @@ def over_runs(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
 def at_bound(problem: Problem, z: Vector) -> list[str]:
     """The parameters that lie on a bound of the fit."""
     return [
-        one.name for one, x in zip(problem.free, z, strict=False)
-        if x - one.low < AT_BOUND or one.high - x < AT_BOUND
+        free.name for free, x in zip(problem.free, z, strict=False)
+        if x - free.low < AT_BOUND or free.high - x < AT_BOUND
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""How well parameters foretell runs that they were not fitted to."""
+"""How well parameters predict runs that they were not fitted to."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import inf, nan
 from threading import Event
 
 import numpy as np
@@ -13,16 +14,19 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.estimation.executors import some_executor
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, LAST, REFIT, minimize, start_point
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData, error_over_noise, fit_data, started
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 FOLDS = 5
-BEGINNINGS = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
-GOOD = 1.1  # error over noise with which no other beginning is tried
+INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
+GOOD = 1.1  # error over noise with which no further guess is tried
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ def mean_error(channels: Mapping[str, float]) -> float:
     return float(np.sqrt(np.mean(np.square(list(channels.values()))))) if channels else float('nan')
 
 
-def summed_up(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
+def pooled_error(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
     """Error over noise of several runs, in all and by channel; NaN where there are none."""
     names = dict.fromkeys(name for fit in fits for name in fit.channels)
     channels = {name: mean_error(by_run(fits, name)) for name in names}
@@ -68,8 +72,8 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     """Errors and nuisances of every run at z; infinite errors where the model cannot be run."""
     config, fits = problem.fitted(z), []
     residuals = residuals_at(problem, z, executor)
-    for run, place, found in zip(problem.runs, problem.places(), residuals, strict=True):
-        nuisance = problem.nuisance(z[place])
+    for run, indices, found in zip(problem.runs, problem.indices(), residuals, strict=True):
+        nuisance = problem.nuisance(z[indices])
         errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
         initial = started(config, run.source, nuisance.start).parameters if found is not None else config.parameters
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires))
@@ -77,39 +81,39 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     return tuple(fits)
 
 
-def foretell(config: Config, runs: tuple[FitData, ...], delay: float, executor: Executor, stop: Event) -> tuple[RunFit, ...]:
+def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext) -> tuple[RunFit, ...]:
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
     From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
     errors of a run that cannot be made are infinite.
     """
 
-    def one(run: FitData) -> RunFit:
+    def predicted(run: FitData) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
         found: list[RunFit] = []
-        for at in BEGINNINGS:
+        for guess in INITIAL_GUESSES:
             z = start_point(problem)
-            z[: problem.wires] = at
+            z[: problem.wires] = guess
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
-                z = minimize(problem, z, executor, replace(FIRST, enough=LAST.enough, gain=0.0), stop).z
-            found.append(run_fits(problem, z, executor)[0])
+                z = minimize(problem, z, RUN_UNKNOWNS, context).z
+            found.append(run_fits(problem, z, context.pool)[0])
             if found[-1].error <= GOOD:
                 break
         return min(found, key=lambda fit: fit.error)
 
     with ThreadPoolExecutor(len(runs)) as threads:
-        return tuple(threads.map(one, runs))
+        return tuple(threads.map(predicted, runs))
 
 
 def held_out(config: Config, campaign: Campaign, delay: float = 0.0, executor: Executor | None = None) -> tuple[RunFit, ...]:
-    """How well a fitted configuration and delay [s] foretell the recordings of a campaign; only starts are estimated.
+    """How well a fitted configuration and delay [s] predict the recordings of a campaign; only starts are estimated.
 
     Infinite errors for a run that cannot be made. Raises UserError when a noise is not known.
     """
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, campaign.noise_std, floor=floor) for recording in campaign.recordings)
     with some_executor(executor) as pool:
-        return foretell(config, runs, delay, pool, Event())
+        return predict_runs(config, runs, delay, SearchContext(pool, Event()))
 
 
 def folds(count: int) -> list[list[int]]:
@@ -118,24 +122,31 @@ def folds(count: int) -> list[list[int]]:
     return [list(range(k, count, groups)) for k in range(groups)]
 
 
-def cross_validated_error(problem: Problem, z: Vector, executor: Executor, stop: Event) -> float:
+def cross_validated(fit: FitResult, context: SearchContext) -> FitResult:
+    """With its error on runs left out in turn; NaN for a single run and after a stop, inf where a run cannot be made."""
+    try:
+        error = nan if context.stop.is_set() else cross_validated_error(fit.problem, fit.z, context)
+    except SimulationError:
+        error = inf
+    return replace(fit, cross_validated_error=nan if context.stop.is_set() else error)
+
+
+def cross_validated_error(problem: Problem, z: Vector, context: SearchContext) -> float:
     """Mean error over noise of runs left out in turn (refitted from z without them); NaN for a single run."""
     if len(problem.runs) < 2:
-        return float('nan')
-    places = problem.places()
+        return nan
+    indices, shared = problem.indices(), len(problem.shared)
 
-    def one(left_out: list[int]) -> list[float]:
+    def errors_of(left_out: list[int]) -> list[float]:
         kept = [k for k in range(len(problem.runs)) if k not in left_out]
-        runs = tuple(problem.runs[k] for k in kept)
-        fewer = replace(problem, runs=runs)
-        shared = len(problem.shared)
-        at = np.concatenate([z[:shared], *(z[places[k][shared:]] for k in kept)])
-        found = minimize(fewer, at, executor, REFIT, stop).z
+        fewer = replace(problem, runs=tuple(problem.runs[k] for k in kept))
+        start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
+        refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
-        return [fit.error for fit in foretell(fewer.fitted(found), out, fewer.delay_at(found), executor, stop)]
+        return [run.error for run in predict_runs(refitted.config, out, refitted.delay, context)]
 
     with ThreadPoolExecutor(FOLDS) as threads:
-        errors = [error for part in threads.map(one, folds(len(problem.runs))) for error in part]
+        errors = [error for part in threads.map(errors_of, folds(len(problem.runs))) for error in part]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

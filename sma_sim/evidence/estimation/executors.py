@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects
 from sma_sim.model.errors import UserError
+
+Answer = TypeVar('Answer')
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class PickledConfig:
 def unpack(
     parameters: dict[str, float], system: str, model: str, effects: list[tuple[str, tuple[float, ...]]], folders: list[str]
 ) -> PickledConfig:
-    """The parcel on the other side."""
+    """The configuration in the other process."""
     found = find_effects([Path(folder) for folder in folders]) if effects else {}
     active = tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects)
     return PickledConfig(Config(parameters, system, model, active))
@@ -60,6 +63,19 @@ def some_executor(executor: Executor | None) -> Iterator[Executor]:
         return
     with threadpool_limits(1, 'blas'), ThreadPoolExecutor(os.cpu_count()) as threads:
         yield threads
+
+
+def run_in_threads(jobs: Sequence[Callable[[], Answer]], stop: Stop, at_once: int | None = None) -> list[Answer]:
+    """The answers of jobs that run in threads of their own (so many at once); Ctrl-C asks them to come to an end."""
+    if not jobs:
+        return []
+    with ThreadPoolExecutor(at_once or len(jobs)) as threads:
+        futures = [threads.submit(job) for job in jobs]
+        try:
+            wait(futures)
+        except KeyboardInterrupt:
+            stop.set()
+        return [future.result() for future in futures]
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""Bounded Levenberg-Marquardt over normal equations that are summed run by run.
+"""Bounded Levenberg-Marquardt over normal equations that are accumulated run by run.
 
-A Jacobian of thirty runs does not fit where a whole one must be kept: each run's part is folded into the normal
-equations as it arrives. The prior, one in every coordinate, keeps them well conditioned.
+The Jacobian of thirty runs would not fit into memory at once: each run's part is added to the normal equations as it
+arrives. The prior, one in every coordinate, keeps them well conditioned.
 """
 
 from __future__ import annotations
@@ -9,89 +9,63 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky
 from scipy.optimize import lsq_linear
 
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import ROBUST, LinearizedRun, Problem, better_steps, linearize, residuals_at
+from sma_sim.evidence.estimation.search_context import SearchContext, Stop
+from sma_sim.evidence.estimation.stop_criteria import StopCriteria
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-MOST_DAMPING, MORE_DAMPING = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
-NEAR = 0.1  # relative gain of a step below which differences become central
-UNJUDGED = 3  # iterations of a descent before a watch may end it
-LEAST_COST = 1e-9  # per sample; below it only the solver's error is fitted
+MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
+CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
+WARM_UP = 3  # iterations before early stopping may end a minimisation
+COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
+QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """One run's share of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian."""
+    """One run's part of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian.
 
-    place: NDArray[np.int64]
+    `indices`: where the run's unknowns are in z.
+    """
+
+    indices: NDArray[np.int64]
     cost: float
     gradient: Vector
     hessian: Matrix
 
 
-@dataclass(frozen=True)
-class MinimizerResult:
-    """Where a descent ended: z, cost with the prior, and why it ended."""
-
-    z: Vector
-    cost: float
-    iterations: int
-    converged: bool
-
-
-@dataclass(frozen=True)
-class StopCriteria:
-    """How a descent goes: `most` iterations; `damping` of the first step; when it ends.
-
-    It ends when the next step is foretold to lower the cost by at most `enough` times the square of the error over
-    noise (0.01 moves no estimate by more than 0.14 of its standard deviation), or when the last one gained less than
-    the part `gain` of the cost. `near`: differences are central from the beginning.
-    """
-
-    most: int
-    damping: float
-    enough: float
-    gain: float
-    near: bool
-
-
-FIRST = StopCriteria(most=20, damping=1e4, enough=0.3, gain=3e-4, near=False)  # from afar, on thinned samples
-LIGHTER = replace(FIRST, damping=1e2)  # a second one from afar: either may pass by a valley that holds the other
-REFIT = StopCriteria(most=3, damping=1.0, enough=0.3, gain=3e-4, near=True)  # without some of the runs
-LAST = StopCriteria(most=12, damping=1.0, enough=0.01, gain=0.0, near=True)  # on all samples
-
-
-class Stop(Protocol):
-    """What ends a descent early: an event, or a race that is lost."""
-
-    def is_set(self) -> bool:
-        """Whether to end now."""
-
-
-Progress = Callable[[str, int, float], None]  # what is being done, iteration, cost
-
-
 class EarlyStopping:
-    """Watches the progress of one descent, and ends it as soon as `over` says so of the costs so far."""
+    """Follows the cost of one minimisation, and ends it as soon as `is_lost` says so of the costs so far."""
 
-    def __init__(self, stop: Stop, over: Callable[[Sequence[float]], bool]) -> None:
-        self._stop, self._over, self._costs = stop, over, list[float]()
+    def __init__(self, stop: Stop, is_lost: Callable[[Sequence[float]], bool]) -> None:
+        self._stop, self._is_lost, self._costs = stop, is_lost, list[float]()
 
-    def progress(self, label: str, iteration: int, cost: float) -> None:
-        """What the descent tells after each linearisation."""
+    def on_iteration(self, label: str, iteration: int, cost: float) -> None:
+        """Called after each linearisation."""
         self._costs.append(cost)
 
     def is_set(self) -> bool:
-        """Whether to end. The first steps are damped, whatever they lead to, so that they say nothing."""
-        return self._stop.is_set() or (len(self._costs) > UNJUDGED and self._over(self._costs))
+        """Whether to end. The first steps are damped, wherever they lead, so that they say nothing."""
+        return self._stop.is_set() or (len(self._costs) > WARM_UP and self._is_lost(self._costs))
+
+    def set(self) -> None:
+        """Ask everything that shares the stop to end."""
+        self._stop.set()
+
+
+def with_early_stopping(context: SearchContext, is_lost: Callable[[Sequence[float]], bool]) -> SearchContext:
+    """The context of one minimisation that ends as soon as `is_lost` says so of its costs so far."""
+    watch = EarlyStopping(context.stop, is_lost)
+    return replace(context, stop=watch, on_iteration=watch.on_iteration)
 
 
 def robust_cost(residuals: Matrix, robust: bool) -> float:
@@ -110,23 +84,22 @@ def robust_weights(residuals: Matrix) -> Matrix:
 
 def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
     """The normal equations of one run."""
-    jacobian = linear.jacobian.reshape(len(linear.place), -1)
+    jacobian = linear.jacobian.reshape(len(linear.indices), -1)
     residuals = linear.residuals.ravel()
     cost = robust_cost(residuals, robust)
     if robust:
         weights = robust_weights(residuals)
         jacobian, residuals = jacobian * weights, residuals * weights
-    return NormalEquations(linear.place, cost, jacobian @ residuals, jacobian @ jacobian.T)
+    return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
 
 
-def accumulated(parts: Sequence[NormalEquations], z: Vector, prior: float = 1.0) -> tuple[float, Vector, Matrix]:
-    """Cost, gradient and Hessian of all runs and of the prior."""
-    cost, gradient = 0.5 * prior * float(z @ z), prior * z
-    hessian = prior * np.eye(len(z))
+def accumulated(parts: Sequence[NormalEquations], z: Vector) -> QuadraticModel:
+    """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z."""
+    cost, gradient, hessian = 0.5 * float(z @ z), z.copy(), np.eye(len(z))
     for part in parts:
         cost += part.cost
-        gradient[part.place] += part.gradient
-        hessian[np.ix_(part.place, part.place)] += part.hessian
+        gradient[part.indices] += part.gradient
+        hessian[np.ix_(part.indices, part.indices)] += part.hessian
     return cost, gradient, hessian
 
 
@@ -157,32 +130,30 @@ def normal_parts(
 
 
 def minimize(
-    problem: Problem, z: Vector, executor: Executor, effort: StopCriteria, stop: Stop, progress: Progress | None = None,
-    label: str = '',
-) -> MinimizerResult:  # fmt: skip
-    """Go down from z with an effort. Raises SimulationError when the model cannot be run at the start.
+    problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = ''
+) -> FitResult:  # fmt: skip
+    """Minimise the cost from z. Raises SimulationError when the model cannot be run at the start.
 
     Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
-    central when a step gains little, because valleys are narrow.
+    central when a step gains little, because valleys are narrow. `label` names the minimisation in `on_iteration`.
     """
     half = 0.5 * problem.samples
-    central, damping = effort.near, effort.damping
-    steps = measured_steps(problem, z, executor) if effort.near else None
-    for iteration in range(effort.most):
-        parts = normal_parts(problem, z, executor, steps, central)
-        cost, gradient, hessian = accumulated(parts, z)
-        if progress is not None:
-            progress(label, iteration, cost)
-        if stop.is_set():
-            return MinimizerResult(z, cost, iteration, False)
-        least = effort.enough * max(cost / half, LEAST_COST)
-        step, gained, damping = accepted(problem, z, executor, (cost, gradient, hessian), damping, least)
+    central, damping = criteria.central, criteria.damping
+    steps = measured_steps(problem, z, context.pool) if central else None
+    for iteration in range(criteria.max_iterations):
+        model = accumulated(normal_parts(problem, z, context.pool, steps, central), z)
+        cost = model[0]
+        context.on_iteration(label, iteration, cost)
+        if context.stop.is_set():
+            return FitResult(problem, z, cost, iteration, False)
+        min_decrease = criteria.min_decrease * max(cost / half, COST_FLOOR)
+        step, gained, damping = damped_step(problem, z, model, damping, min_decrease, context.pool)
         z = z + step
-        if gained <= effort.gain * cost and (central or damping <= MOST_DAMPING):
-            return MinimizerResult(z, cost - gained, iteration, damping <= MOST_DAMPING)
-        central = central or gained < NEAR * cost
-        steps = better_steps(problem, hessian, central)
-    return MinimizerResult(z, cost - gained, effort.most, False)
+        if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
+            return FitResult(problem, z, cost - gained, iteration, damping <= MAX_DAMPING)
+        central = central or gained < CENTRAL_BELOW * cost
+        steps = better_steps(problem, model[2], central)
+    return FitResult(problem, z, cost - gained, criteria.max_iterations, False)
 
 
 def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
@@ -190,28 +161,28 @@ def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
     return better_steps(problem, accumulated(normal_parts(problem, z, executor), z)[2], central=True)
 
 
-def accepted(
-    problem: Problem, z: Vector, executor: Executor, model: tuple[float, Vector, Matrix], damping: float, least: float
+def damped_step(
+    problem: Problem, z: Vector, model: QuadraticModel, damping: float, min_decrease: float, executor: Executor
 ) -> tuple[Vector, float, float]:
-    """The first step that gains, damped more after each that does not: step, gain, damping for the next.
+    """The first step that lowers the cost, with more damping after each that does not: step, decrease, next damping.
 
-    No step and no gain when one is foretold to gain no more than `least`, or (beyond MOST_DAMPING) when none does.
+    No step and no decrease when it is predicted to gain at most `min_decrease`, or (beyond MAX_DAMPING) when none gains.
     """
     low, high = problem.limits()
     cost, gradient, hessian = model
-    while damping <= MOST_DAMPING:
+    while damping <= MAX_DAMPING:
         try:
             step = bounded_step(gradient, hessian, damping, low - z, high - z)
         except LinAlgError:
-            damping *= MORE_DAMPING
+            damping *= DAMPING_INCREASE
             continue
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
-        if expected <= least:
+        if expected <= min_decrease:
             break
         gained = cost - cost_at(problem, z + step, executor)
         if gained > 0.1 * expected:
             return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
-        damping *= MORE_DAMPING
+        damping *= DAMPING_INCREASE
     return np.zeros_like(z), 0.0, damping
 
 

@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
 MOST_OWN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
-BEND = 4.0  # higher derivatives relative to the one before, in z
+CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
@@ -57,10 +57,10 @@ class Problem:
     @property
     def unknowns(self) -> tuple[FreeParameter, ...]:
         """All unknowns in the order of z."""
-        return self.shared + tuple(one for run in self.runs for one in self.own(run))
+        return self.shared + tuple(unknown for run in self.runs for unknown in self.own(run))
 
-    def places(self) -> list[NDArray[np.int64]]:
-        """Per run, where its unknowns are in z: the shared ones, then its own."""
+    def indices(self) -> list[NDArray[np.int64]]:
+        """Per run, the indices of its unknowns in z: the shared ones, then its own."""
         shared, found, at = np.arange(len(self.shared)), [], len(self.shared)
         for run in self.runs:
             count = len(self.own(run))
@@ -71,11 +71,11 @@ class Problem:
     def limits(self) -> tuple[Vector, Vector]:
         """Bounds of z."""
         unknowns = self.unknowns
-        return np.array([one.low for one in unknowns]), np.array([one.high for one in unknowns])
+        return np.array([unknown.low for unknown in unknowns]), np.array([unknown.high for unknown in unknowns])
 
     def values(self, z: Vector) -> dict[str, float]:
         """The free parameters by name (SI)."""
-        return {one.name: one.value(float(x)) for one, x in zip(self.free, z, strict=False)}
+        return {free.name: free.value(float(x)) for free, x in zip(self.free, z, strict=False)}
 
     def fitted(self, z: Vector) -> Config:
         """The configuration with the free parameters at z."""
@@ -117,9 +117,9 @@ class Evaluation:
 def evaluate(task: Evaluation) -> list[Matrix | None]:
     """Weighted residuals (channels, k) at each point; None where the model cannot be run."""
     found: list[Matrix | None] = []
-    for parcel, nuisance in task.points:
+    for pickled, nuisance in task.points:
         try:
-            residuals = weighted_residuals(parcel.config, task.run, nuisance)
+            residuals = weighted_residuals(pickled.config, task.run, nuisance)
             found.append(residuals if np.isfinite(residuals).all() else None)
         except SimulationError:
             found.append(None)
@@ -128,9 +128,12 @@ def evaluate(task: Evaluation) -> list[Matrix | None]:
 
 @dataclass(frozen=True)
 class LinearizedRun:
-    """One run linearised: residuals (channels, k) and their derivatives (unknowns of the run, channels, k) in z."""
+    """One run linearised: residuals (channels, k) and their derivatives (unknowns of the run, channels, k) in z.
 
-    place: NDArray[np.int64]
+    `indices`: where the run's unknowns are in z.
+    """
+
+    indices: NDArray[np.int64]
     residuals: Matrix
     jacobian: NDArray[np.float64]
 
@@ -139,8 +142,8 @@ def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix
     """Weighted residuals of every run."""
     config = PickledConfig(problem.fitted(z))
     tasks = [
-        Evaluation(run, ((config, problem.nuisance(z[place])),))
-        for run, place in zip(problem.runs, problem.places(), strict=True)
+        Evaluation(run, ((config, problem.nuisance(z[indices])),))
+        for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
     return [future.result()[0] for future in [executor.submit(evaluate, task) for task in tasks]]
 
@@ -156,15 +159,16 @@ def linearize(
     steps = np.full(len(z), FIRST_STEP) if steps is None else steps
     pieces = max(1, -(-2 * workers_of(executor) // len(problem.runs)))
     submitted = []
-    for run, place in zip(problem.runs, problem.places(), strict=True):
-        part = z[place]
-        moves = difference_points(part, low[place], high[place], steps[place], central)
+    for run, indices in zip(problem.runs, problem.indices(), strict=True):
+        part = z[indices]
+        moves = difference_points(part, low[indices], high[indices], steps[indices], central)
         points = [(PickledConfig(problem.fitted(at)), problem.nuisance(at)) for at in [part, *(at for _, at in moves)]]
         chunks = [points[k::pieces] for k in range(pieces)]
         futures = [executor.submit(evaluate, Evaluation(run, tuple(chunk))) for chunk in chunks if chunk]
-        submitted.append((run, place, moves, futures, len(points)))
+        submitted.append((run, indices, moves, futures, len(points)))
     return [
-        assembled(run, z[place], place, moves, gathered(futures, count)) for run, place, moves, futures, count in submitted
+        assembled(run, z[indices], indices, moves, gathered(futures, count))
+        for run, indices, moves, futures, count in submitted
     ]
 
 
@@ -189,7 +193,7 @@ def difference_points(part: Vector, low: Vector, high: Vector, steps: Vector, ce
 
 
 def assembled(
-    run: FitData, part: Vector, place: NDArray[np.int64], moves: Sequence[tuple[int, Vector]],
+    run: FitData, part: Vector, indices: NDArray[np.int64], moves: Sequence[tuple[int, Vector]],
     found: Sequence[Matrix | None],
 ) -> LinearizedRun:  # fmt: skip
     """Difference quotients from the residuals at the points of one run."""
@@ -206,19 +210,19 @@ def assembled(
             jacobian[j] = (sides[0][1] - sides[1][1]) / (sides[0][0] - sides[1][0])
         elif sides:
             jacobian[j] = (sides[0][1] - base) / sides[0][0]
-    return LinearizedRun(place, base, jacobian)
+    return LinearizedRun(indices, base, jacobian)
 
 
 def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
     """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
 
-    With e the solver's error, s the sensitivity and b the BEND, one-sided differences are wrong by e/h + s b h/2, central
-    ones by e/h + s b^2 h^2/6: the steps are where that is least.
+    With e the solver's error, s the sensitivity and b the CURVATURE, one-sided differences are wrong by e/h + s b h/2,
+    central ones by e/h + s b^2 h^2/6: the steps are where that is least.
     """
     error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
     sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
     ratio = error / sensitivity
-    best = np.cbrt(3.0 * ratio / BEND**2) if central else np.sqrt(2.0 * ratio / BEND)
+    best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
     most = np.where(np.arange(len(best)) < len(problem.shared), MOST_STEP, MOST_OWN_STEP)
     steps: Vector = np.clip(best, LEAST_STEP, most)
     return steps

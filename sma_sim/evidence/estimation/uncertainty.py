@@ -76,10 +76,10 @@ def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)
     hessian, scores = np.diag(regular), np.diag(regular)
-    for one in linear:
-        part: NormalEquations = normal_equations(one, problem.robust)
-        hessian[np.ix_(one.place, one.place)] += part.hessian
-        scores[np.ix_(one.place, one.place)] += long_run(one, max(times.values()), problem.robust)
+    for run in linear:
+        part: NormalEquations = normal_equations(run, problem.robust)
+        hessian[np.ix_(run.indices, run.indices)] += part.hessian
+        scores[np.ix_(run.indices, run.indices)] += long_run(run, max(times.values()), problem.robust)
     inverse = np.linalg.inv(hessian)
     sandwich = inverse @ scores @ inverse
     variance = np.maximum(np.diag(inverse), np.diag(sandwich))

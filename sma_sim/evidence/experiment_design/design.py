@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.estimation.executors import PickledConfig, some_executor
 from sma_sim.evidence.estimation.residuals import FitData, command_column
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design.forecast import Foretold, Limits, Shown, empty_run, one_run, points_of
 from sma_sim.evidence.experiment_design.refitted_utilities import RefitResult, refits_for, settle
 from sma_sim.evidence.experiment_design.rival_fits import (
@@ -31,7 +32,6 @@ from sma_sim.evidence.experiment_design.rival_fits import (
 from sma_sim.evidence.experiment_design.sequence_search import Bench, SearchResult, Worth, judged, seek
 from sma_sim.evidence.experiment_design.sequences import Grid
 from sma_sim.evidence.experiment_design.utilities import gain, known, ratios, weak_directions, worth_of_ratios
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.errors import UserError
 
@@ -229,7 +229,7 @@ def under_recordings(one: Hypothesis, pool: Executor) -> list[list[Shown]]:
     config = PickledConfig(problem.fitted(z))
     futures = [
         pool.submit(one_run, ((config, problem.nuisance(z[place])),), run)
-        for run, place in zip(problem.runs, problem.places(), strict=True)
+        for run, place in zip(problem.runs, problem.indices(), strict=True)
     ]
     return [shown for shown in (future.result() for future in futures) if shown is not None]
 

@@ -14,16 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.estimation.calibrate import Options, problem_for, run_in_threads
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, LIGHTER, EarlyStopping, StopCriteria, minimize
+from sma_sim.evidence.estimation.calibrate import Options, problem_for
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.experiment_design.forecast import with_command
 from sma_sim.evidence.experiment_design.rival_fits import Hypothesis
 from sma_sim.evidence.experiment_design.sequence_search import Bench, EvaluatedSequence, SearchResult, judged
 from sma_sim.evidence.experiment_design.sequences import changed
 from sma_sim.evidence.experiment_design.utilities import Ratio, ratios, when_refitted, worth_of_ratios
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.solver.simulate import SimulationError
 
@@ -32,8 +34,8 @@ Matrix = NDArray[np.float64]
 Pair = tuple[int, int]
 Judged = tuple[EvaluatedSequence, tuple[Ratio, ...]]  # a sequence, and what is expected of it by pair
 SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
-FOLLOW = replace(LIGHTER, most=12, enough=1.0, gain=1e-3)
-SLOWLY = replace(FOLLOW, damping=FIRST.damping)
+FOLLOW = replace(WEAKLY_DAMPED, max_iterations=12, min_decrease=1.0, relative_decrease=1e-3)
+SLOWLY = replace(FOLLOW, damping=FROM_PRIORS.damping)
 ROUGH = 0.03  # of a log evidence ratio: what a step must gain to be followed by another
 TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
 SHARE, FEWEST = 0.05, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
@@ -87,7 +89,7 @@ def rivals_of(training: Campaign, found: Sequence[Hypothesis], place: SearchCont
     for one in found:
         full = problem_for(training, one.fitted.problem.config, Options(), every)
         problem = replace(full, free=one.fitted.problem.free).at_tolerance(RTOL).weighted(np.sqrt(every) / one.factor)
-        fitted = refit(problem, one.fitted.z, place.pool, place.stop, FOLLOW)
+        fitted = refit(problem, one.fitted.z, place, FOLLOW)
         assert fitted is not None  # it was fitted to these recordings
         truths = np.vstack([fitted.z[: one.shared], one.draws])[:TRUTHS]
         rivals.append(Rival(problem, fitted.z, fitted.cost, one.starts, truths))
@@ -125,9 +127,9 @@ def left_by(rival: Rival, true: Rival, truth: Vector, run: FitData, effort: Stop
     if on_progress is None:
         return float('nan')
     problem = replace(rival.problem, runs=(*rival.problem.runs, on_progress))
-    watch, z = EarlyStopping(place.stop, partial(told_enough, rival.cost)), np.append(rival.z, rival.starts)
+    watched, z = with_early_stopping(place, partial(told_enough, rival.cost)), np.append(rival.z, rival.starts)
     try:
-        cost = minimize(problem, z, place.pool, effort, watch, watch.progress).cost
+        cost = minimize(problem, z, effort, watched).cost
     except SimulationError:
         return float('nan')
     return max(cost - rival.cost - 0.5 * float(true.starts @ true.starts), 0.0)

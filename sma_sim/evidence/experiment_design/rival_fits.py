@@ -10,20 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.estimation.calibrate import LAST_RTOL, MODELS, Options, check, problem_for, run_in_threads, search
+from sma_sim.evidence.estimation.calibrate import (
+    FINAL_RTOL,
+    MODELS,
+    Options,
+    check,
+    full_problem,
+    multistart_search,
+)
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import (
-    FIRST,
-    StopCriteria,
     accumulated,
     cost_at,
     measured_steps,
     minimize,
     normal_parts,
 )
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.forward_selection import LEAST_GAIN, SURVIVORS, WELL, SearchContext
-from sma_sim.evidence.model_selection.refit import FitResult, best_refits, other_kinetics, plausible, refit
-from sma_sim.evidence.model_selection.score_tests import Screened, screen
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.forward_selection import most_promising
+from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
+from sma_sim.evidence.model_selection.refit import best_refits, refit
+from sma_sim.evidence.model_selection.restricted import is_plausible_fit
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import SimulationError
@@ -32,7 +44,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 BARE = 'nothing'  # the name of the hypothesis that no effect is missing
 PATIENT = StopCriteria(
-    most=25, damping=1e2, enough=0.1, gain=0.0, near=False
+    max_iterations=25, damping=1e2, min_decrease=0.1, relative_decrease=0.0, central=False
 )  # evidence differs by less than a fit's progress
 LEADING = 10.0  # log evidence behind the best within which an explanation is a rival to be told apart
 STARTS = 2  # of the bare fit
@@ -70,9 +82,8 @@ def bare_fit(training: Campaign, config: Config, models: Sequence[str], place: S
     found = []
     for model in models:
         place.on_progress(f'fitting the {model} model')
-        best = search(training, replace(config, model=model), options, place.pool, place.stop, None)
+        found.append(multistart_search(training, replace(config, model=model), options, place))
         stop_if_asked(place)
-        found.append(FitResult(best.problem, best.best.z, best.best.cost))
     return min(found, key=lambda one: one.cost)
 
 
@@ -104,20 +115,20 @@ def explained(bare: FitResult, effects: Sequence[str], place: SearchContext) -> 
         if name not in candidates:
             raise UserError(f'--between: {name} twice in one explanation')
         alone = screened_alone(fitted, candidates[name], place)
-        (better,) = best_refits(fitted, [alone], place.pool, place.stop)
+        (better,) = best_refits(fitted, [alone], place)
         if better is None:
             raise SimulationError(f'the model cannot be fitted with {name}')
         fitted = better
     return fitted
 
 
-def screened_alone(fitted: FitResult, candidate: Candidate, place: SearchContext) -> Screened:
+def screened_alone(fitted: FitResult, candidate: Candidate, place: SearchContext) -> ScreeningResult:
     """What a score test makes of one effect; its first probe where the recordings do not see it."""
     found = screen(fitted.problem, fitted.z, [candidate], place.pool, place.seed)
     if found:
         return found[0]
     probe = candidate.families[0][0]
-    return Screened(candidate, 0.0, {**probe.shape, probe.parameter: probe.neutral + probe.step}, 1.0)
+    return ScreeningResult(candidate, 0.0, {**probe.shape, probe.parameter: probe.neutral + probe.step}, 1.0)
 
 
 def leading_rivals(bare: FitResult, place: SearchContext) -> list[tuple[str, FitResult]]:
@@ -125,14 +136,14 @@ def leading_rivals(bare: FitResult, place: SearchContext) -> list[tuple[str, Fit
     candidates = candidates_for(bare.problem.config, place.folders)
     place.on_progress(f'screening {len(candidates)} effects')
     screened = screen(bare.problem, bare.z, candidates, place.pool, place.seed)
-    tried = [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+    tried = most_promising(screened)
     if not tried:
         return [(BARE, bare)]
     place.on_progress(f'fitting {", ".join(one.candidate.name for one in tried)}')
-    refitted = best_refits(bare, tried, place.pool, place.stop)
+    refitted = best_refits(bare, tried, place)
     fits = [
         (one.candidate.name, fit) for one, fit in zip(tried, refitted, strict=True)
-        if fit is not None and plausible(fit, one.candidate.found)
+        if fit is not None and is_plausible_fit(fit, one.candidate.found)
     ]  # fmt: skip
     scored = [(BARE, bare), *fits]
     best = min(rough_score(fit) for _, fit in scored)
@@ -147,14 +158,14 @@ def rough_score(fit: FitResult) -> float:
 def with_common_kinetics(rivals: Sequence[tuple[str, FitResult]], place: SearchContext) -> list[tuple[str, FitResult]]:
     """The same with the other kinetics, if the best explanation fits better with them: kinetics are no rival."""
     name, best = min(rivals, key=lambda one: one[1].cost)
-    if best.error < WELL:
+    if best.error < CRITERIA.other_kinetics_above:
         return list(rivals)
-    other = refit(*other_kinetics(best), place.pool, place.stop, FIRST)
+    other = refit(*with_other_kinetics(best), place, FROM_PRIORS)
     stop_if_asked(place)
     if other is None or other.cost >= best.cost:
         return list(rivals)
     place.on_progress(f'{other.problem.config.model} kinetics suit {name} better')
-    jobs = [partial(refit, *other_kinetics(fit), place.pool, place.stop, FIRST) for _, fit in rivals]
+    jobs = [partial(refit, *with_other_kinetics(fit), place, FROM_PRIORS) for _, fit in rivals]
     fits = run_in_threads(jobs, place.stop)
     return [(one, fit) for (one, _), fit in zip(rivals, fits, strict=True) if fit is not None]
 
@@ -177,10 +188,7 @@ def hypotheses(training: Campaign, rivals: Sequence[tuple[str, FitResult]], plac
 
 def on_all_samples(training: Campaign, fit: FitResult, place: SearchContext) -> FitResult:
     """The descent continued on all samples."""
-    whole = problem_for(training, fit.problem.config, Options(), 1, step_limited=False)
-    problem = replace(whole, free=fit.problem.free).at_tolerance(LAST_RTOL)
-    found = minimize(problem, fit.z, place.pool, PATIENT, place.stop)
-    return FitResult(problem, found.z, found.cost)
+    return minimize(full_problem(training, fit, Options()).at_tolerance(FINAL_RTOL), fit.z, PATIENT, place)
 
 
 def hypothesis(name: str, fit: FitResult, factor: float, place: SearchContext) -> Hypothesis:
@@ -191,7 +199,7 @@ def hypothesis(name: str, fit: FitResult, factor: float, place: SearchContext) -
     hessian = accumulated(parts, z)[2]
     n = len(problem.shared)
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    starts: Vector = np.array([z[at[n : n + problem.wires]] for at in problem.places()]).mean(axis=0)
+    starts: Vector = np.array([z[at[n : n + problem.wires]] for at in problem.indices()]).mean(axis=0)
     root = np.asarray(np.linalg.cholesky(covariance[:n, :n]), dtype=np.float64)
     draws = posterior_draws(fit, cost, covariance, place)[:, :n]
     evidence = -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])

@@ -13,6 +13,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.estimation.problem import Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, model_columns
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.latent_input.covariances import KnotStates
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
 from sma_sim.evidence.latent_input.inference import SufficientStatistics, sum_of_statistics
@@ -27,7 +28,6 @@ from sma_sim.evidence.latent_input.sensitivities import (
     submit_responses,
     with_rows_at_knots,
 )
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import CHANNELS
 
@@ -179,7 +179,7 @@ class LinearizationPoint:
         """The problem of run k alone, its inputs active, and its part of z."""
         effects = [input_effect(port, self.grids[k], u) for port, u in self.inputs[k].items() if port.hook != 'sensing']
         config = replace(self.problem.config, effects=(*self.problem.config.effects, *effects))
-        return replace(self.problem, config=config, runs=(self.problem.runs[k],)), self.z[self.problem.places()[k]]
+        return replace(self.problem, config=config, runs=(self.problem.runs[k],)), self.z[self.problem.indices()[k]]
 
     def sensor_offsets(self, k: int, delay: float) -> Matrix:
         """What inputs at the sensing ports add to the weighted residuals of run k, (channels, samples)."""
@@ -237,7 +237,7 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
         part = slice(first_row[port.name], first_row[port.name] + len(u))
         residuals = residuals - ((u / port.probe) @ all_rows[part]).reshape(residuals.shape)
     return RunDesign(
-        run.name, run.channels, grid, residuals, all_rows, first_row, point.problem.places()[k],
+        run.name, run.channels, grid, residuals, all_rows, first_row, point.problem.indices()[k],
         statistics_by_fold(all_rows, residuals, grid), excess, run.samples,
         model_columns(initial_state, replace(fixed_run, time=grid.knots), nuisance),
     )  # fmt: skip

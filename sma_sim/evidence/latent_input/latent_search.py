@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import Options, check, problem_for, run_in_threads
-from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.estimation.calibrate import Options, check, problem_for
+from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, minimize, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA
 from sma_sim.evidence.latent_input.design_matrix import (
     DesignMatrix,
@@ -42,9 +45,10 @@ from sma_sim.evidence.latent_input.ranking import (
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, Latent
-from sma_sim.evidence.model_selection.forward_selection import OnProgress, SearchContext
-from sma_sim.evidence.model_selection.nominal_fit import STARTS, DiagnosisRequest, nominal_fit
-from sma_sim.evidence.model_selection.refit import FitResult, other_kinetics, refit
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered
 from sma_sim.model.config import Config
 
@@ -75,7 +79,7 @@ class LatentRequest:
     model: str = 'auto'
     fit: bool = True
     seed: int = 0
-    options: Options = field(default_factory=lambda: Options(starts=STARTS))
+    options: Options = field(default_factory=lambda: Options(starts=CRITERIA.nominal_starts))
 
 
 def latent(
@@ -134,7 +138,7 @@ def fit_starts_and_delay(training: Campaign, config: Config, request: LatentRequ
     full = problem_for(training, config, request.options, every)
     nuisance_only = replace(full, free=())
     context.on_progress('estimating starts and delay')
-    optimum = minimize(nuisance_only, start_point(nuisance_only), context.pool, FIRST, context.stop)
+    optimum = minimize(nuisance_only, start_point(nuisance_only), FROM_PRIORS, context)
     return FitResult(full, np.concatenate([np.zeros(len(full.free)), optimum.z]), optimum.cost)
 
 
@@ -148,7 +152,7 @@ def worst_runs(fitted: FitResult, pool: Executor) -> list[int]:
 def problem_on_all_samples(training: Campaign, fitted: FitResult, chosen: Sequence[int]) -> tuple[Problem, Vector]:
     """The problem of some runs on all their samples, and z there."""
     full = replace(problem_for(training, fitted.problem.config, Options(), 1), free=fitted.problem.free)
-    indices, shared = full.places(), len(full.shared)
+    indices, shared = full.indices(), len(full.shared)
     z = np.concatenate([fitted.z[:shared], *(fitted.z[indices[k][shared:]] for k in chosen)])
     return replace(full, runs=tuple(full.runs[k] for k in chosen)), z
 
@@ -162,7 +166,7 @@ def kinetics_difference(
     """
     context.on_progress('fitting the other kinetics to this model')
     problem, z = problem_on_all_samples(training, fitted, chosen)
-    other, start = problem_on_all_samples(training, FitResult(*other_kinetics(fitted), 0.0), chosen)
+    other, start = problem_on_all_samples(training, FitResult(*with_other_kinetics(fitted), 0.0), chosen)
     runs = tuple(
         run
         if residuals is None
@@ -170,7 +174,7 @@ def kinetics_difference(
         for run, residuals in zip(problem.runs, residuals_at(problem, z, context.pool), strict=True)
     )
     as_measured = replace(other, runs=runs)
-    refitted = refit(as_measured, start, context.pool, context.stop, FIRST)
+    refitted = refit(as_measured, start, context, FROM_PRIORS)
     point = linearization_point(as_measured, start if refitted is None else refitted.z)
     return [
         np.zeros_like(run.residuals) if difference is None else difference
@@ -192,7 +196,7 @@ def search_inputs(training: Campaign, fitted: FitResult, may_refit: bool, contex
     )  # fmt: skip
     if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:
         context.on_progress('fitting with a tempered likelihood')
-        fitted = tempered(fitted, context.pool, context.stop)[0]
+        fitted = tempered(fitted, context)[0]
     start = linearization_point(*problem_on_all_samples(training, fitted, chosen))
     try:
         result = replace(result, held_out=nominal_error_in_gaps(linearization_point(problem, z), context))

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from threading import Event
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
 from sma_sim.evidence.latent_input.covariances import prior_covariances
 from sma_sim.evidence.latent_input.design_matrix import GAP_FOLDS, DesignMatrix, Stopped
@@ -28,7 +28,6 @@ from sma_sim.evidence.latent_input.inference import (
     schur_complement,
     squares_in_gaps,
 )
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -52,7 +51,7 @@ class HypothesisEvidence:
     null_draws: Vector
 
 
-def results_of(jobs: Sequence[Callable[[], JobResult]], pool: Executor, stop: Event) -> list[JobResult]:
+def results_of(jobs: Sequence[Callable[[], JobResult]], pool: Executor, stop: Stop) -> list[JobResult]:
     """The results of jobs, in order. Raises Stopped."""
     futures = [pool.submit(job) for job in jobs]
     results = []

@@ -15,9 +15,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.calibrate import run_in_threads
-from sma_sim.evidence.estimation.executors import workers_of
+from sma_sim.evidence.estimation.executors import run_in_threads, workers_of
 from sma_sim.evidence.estimation.injection_points import Port
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA
 from sma_sim.evidence.latent_input.design_matrix import LinearizationPoint, Stopped, design_matrix
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
@@ -29,7 +29,6 @@ from sma_sim.evidence.latent_input.ranking import (
     inflation_from,
     noise_inflation,
 )
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]

@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.parameters import Parameter
-
-SHAPE_PARTS = (1 / 6, 1 / 2, 5 / 6)  # of the realistic range at which a parameter without a neutral value is probed
-STEP_PART = 0.3  # of a realistic range that reaches to its neutral value: the step of a probe
-SLACK = 0.1  # of its width by which a value may lie beyond its realistic range
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,10 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
 
     Effects that are active already, that have no meaning in the system, or no neutral value, are none.
     """
-    active = {one.found.effect.name for one in config.effects}
-    found = (one for name, one in sorted(find_effects(folders).items()) if name not in active)
-    tried = (candidate_of(one) for one in found if config.system in one.effect.systems)
-    return tuple(one for one in tried if one.families)
+    active = {effect.found.effect.name for effect in config.effects}
+    missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
+    candidates = (candidate_of(found) for found in missing if config.system in found.effect.systems)
+    return tuple(candidate for candidate in candidates if candidate.families)
 
 
 def candidate_of(found: FoundEffect) -> Candidate:
@@ -67,7 +64,7 @@ def shape_values(parameter: Parameter) -> list[float]:
     """Values of a parameter that is undefined while the effect is off: a grid over its realistic range."""
     if parameter.realistic is None:
         return [parameter.default]
-    return [between(*parameter.realistic, part) for part in SHAPE_PARTS]
+    return [between(*parameter.realistic, fraction) for fraction in CRITERIA.shape_fractions]
 
 
 def steps_of(parameter: Parameter) -> list[float]:
@@ -81,14 +78,14 @@ def steps_of(parameter: Parameter) -> list[float]:
         return [between(low - neutral, high - neutral, 0.5)]
     if high < neutral:
         return [-between(neutral - high, neutral - low, 0.5)]
-    return [STEP_PART * (end - neutral) for end in (high, low) if end != neutral]
+    return [CRITERIA.probe_fraction * (end - neutral) for end in (high, low) if end != neutral]
 
 
-def between(low: float, high: float, part: float) -> float:
+def between(low: float, high: float, fraction: float) -> float:
     """A point of a range, on a logarithmic scale where that has one."""
-    if low > 0.0 and high / low > 3.0:
-        return low * math.pow(high / low, part)
-    return low + part * (high - low)
+    if low > 0.0 and high / low > CRITERIA.log_range_ratio:
+        return low * math.pow(high / low, fraction)
+    return low + fraction * (high - low)
 
 
 def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float]) -> Config:
@@ -114,7 +111,7 @@ def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
         if between is None or parameter.name not in values:
             continue
         low, high = between
-        room = SLACK * (high - low)
-        if not (low - room <= values[parameter.name] <= high + room) or math.isnan(values[parameter.name]):
+        tolerance = CRITERIA.range_tolerance * (high - low)
+        if not (low - tolerance <= values[parameter.name] <= high + tolerance) or math.isnan(values[parameter.name]):
             return False
     return True

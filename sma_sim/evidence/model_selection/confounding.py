@@ -1,4 +1,4 @@
-"""Why two effects cannot be told apart: how alike what they change is, once each was fitted with everything else."""
+"""Why two effects cannot be told apart: how similar their responses are, once each was fitted with everything else."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import residuals_at
-from sma_sim.evidence.model_selection.forward_selection import SelectionStep
-from sma_sim.evidence.model_selection.refit import FitResult
+from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.model.effects.effect import Effect
 
 Vector = NDArray[np.float64]
@@ -21,41 +21,41 @@ class Confounding:
     """An effect beside the accepted one.
 
     `cosine`: of what the two refitted models change in the channels (over noise) against the model without either, that is
-    of the responses with all that the fit can absorb taken out; NaN where one changes nothing. `apart`: root mean square
-    of the difference of the two refitted models, over noise. `known`: the effects themselves say that they are confused.
+    of the responses with all that the fit can absorb taken out; NaN where one changes nothing. `rms_difference`: root mean
+    square of the difference of the two refitted models, over noise. `known`: the effects list each other as confused.
     """
 
     name: str
     cosine: float
-    apart: float
+    rms_difference: float
     known: bool
 
     def __str__(self) -> str:
-        words = f'fitted with everything else, it and {self.name} differ by {self.apart:.2g} times the noise'
+        words = f'fitted with everything else, it and {self.name} differ by {self.rms_difference:.2g} times the noise'
         if self.cosine == self.cosine:
             words += f', and what they explain has the same shape (cosine {self.cosine:.3f})'
         return words + ('; their equations leave nearly the same signature' if self.known else '')
 
 
-def confoundings(one: SelectionStep, pool: Executor) -> tuple[Confounding, ...]:
-    """The accepted effect of a round beside all that explain alike."""
-    accepted = one.accepted
+def confoundings(step: SelectionStep, pool: Executor) -> tuple[Confounding, ...]:
+    """The accepted effect of a step beside all that explain as well."""
+    accepted = step.accepted
     if accepted is None or not accepted.indistinguishable:
         return ()
-    bare, first = response(one.base, pool), response(accepted.fitted, pool)
+    base, first = response(step.base, pool), response(accepted.fit, pool)
     found = []
-    for other in one.tried:
+    for other in step.candidate_fits:
         if other.name in accepted.indistinguishable:
-            second = response(other.fitted, pool)
-            apart = float(np.sqrt(np.mean((first - second) ** 2)))
+            second = response(other.fit, pool)
+            rms_difference = float(np.sqrt(np.mean((first - second) ** 2)))
             known = is_known(accepted.found.effect, other.found.effect)
-            found.append(Confounding(other.name, cosine(first - bare, second - bare), apart, known))
+            found.append(Confounding(other.name, cosine(first - base, second - base), rms_difference, known))
     return tuple(found)
 
 
-def response(one: FitResult, pool: Executor) -> Vector:
+def response(fit: FitResult, pool: Executor) -> Vector:
     """What the model shows in all runs, over noise, but for what was measured (which is the same for all models)."""
-    shown = residuals_at(one.problem, one.z, pool)
+    shown = residuals_at(fit.problem, fit.z, pool)
     return np.concatenate([residuals.ravel() for residuals in shown if residuals is not None])
 
 
@@ -65,6 +65,6 @@ def cosine(a: Vector, b: Vector) -> float:
     return float(a @ b) / sizes if sizes > 0.0 else float('nan')
 
 
-def is_known(one: Effect, other: Effect) -> bool:
-    """Whether one of two effects is said to be confused with the other."""
-    return other.name in one.confused_with or one.name in other.confused_with
+def is_known(effect: Effect, other: Effect) -> bool:
+    """Whether one of two effects is listed as confused with the other."""
+    return other.name in effect.confused_with or effect.name in other.confused_with

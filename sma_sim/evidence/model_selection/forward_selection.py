@@ -1,4 +1,4 @@
-"""Forward selection of missing effects: screen, refit, judge on runs left out in turn, accept the best, go on.
+"""Forward selection of missing effects: screen, refit, cross-validate, accept the best, go on.
 
 What later effects say of earlier ones is asked in the end (`backward_elimination`). The held-out runs are not read here.
 """
@@ -6,376 +6,191 @@ What later effects say of earlier ones is asked in the end (`backward_eliminatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from pathlib import Path
-from threading import Event
+from collections.abc import Sequence
+from dataclasses import replace
 
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST
-from sma_sim.evidence.model_selection.candidates import candidates_for
-from sma_sim.evidence.model_selection.refit import (
-    EXPLAINED,
-    FitResult,
-    bayesian_gain,
-    best_refits,
-    further_in,
-    other_kinetics,
-    plausible,
-    quick_refits,
-    refit,
-    standard_errors,
-    validated,
-    within,
+from sma_sim.evidence.estimation.cross_validation import cross_validated
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidate_fit import (
+    CandidateFit,
+    SelectionStep,
+    best_acceptable,
+    candidate_fit,
+    ordered_by_error,
 )
-from sma_sim.evidence.model_selection.score_tests import Screened, screen
+from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
+from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, quick_refits, refit
+from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.model.effects.discovery import FoundEffect
 
-LEAST_REDUCTION = 0.03  # part of the cross-validated error (of the noise, below it) that an accepted effect takes away
-SAME = 0.01  # relative difference of cross-validated errors within which two effects explain alike
-SURE_REDUCTION = (
-    0.25  # of the cross-validated error and of the fitted squares: needs no further proof, chance does not do both
-)
-SIGNIFICANT = 0.05  # chance that the best of all candidates gains as much from residuals without any of them
-SURVIVORS, FINALISTS = 8, 4  # candidates that are refitted, and cross-validated
-LEAST_GAIN = 0.1  # of the best's: a candidate that gains less is not refitted
-UNEXPLAINED = 1.3  # error over noise above which something is missing that no accepted effect explains
-WORTH = 0.02  # part of the squares that the best must foretell to explain, for a refit to be worth its time
-LEAST_PART = 0.4  # of the fitted squares: the noise is reached from an error of 1.3 or more
-MOST_EFFECTS = 4
-LEADS = 2  # that are tried beside another effect
-WELL = 1.01  # error over noise below which the other kinetics are not tried
 
-OnProgress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class CandidateFit:
-    """A candidate after its refit: how it compares with the model without it.
-
-    `ratio`: cross-validated error with over without (the fitted error, which is less, where it is `hopeless`); `fall`: by
-    how much it falls, in parts of the error or of the noise, whichever is larger; `part`: of the fitted squares that it
-    explains; `family_p` of the screening; `indistinguishable`: others that explain as well.
-    """
-
-    found: FoundEffect
-    fitted: FitResult
-    delta_bic: float
-    ratio: float
-    fall: float
-    part: float
-    family_p: float
-    plausible: bool
-    std: dict[str, float]
-    indistinguishable: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name of the effect."""
-        return self.found.effect.name
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether its fitted error is beyond another's on runs left out, so that it was not cross-validated."""
-        return len(self.fitted.problem.runs) > 1 and math.isnan(self.fitted.validated)
-
-    @property
-    def acceptable(self) -> bool:
-        """Whether it explains enough, by more than chance, with realistic values."""
-        return self.convincing and self.plausible
-
-    @property
-    def convincing(self) -> bool:
-        """Whether it explains enough or all, whatever its values."""
-        return self.enough or self.explains_all
-
-    @property
-    def explains_all(self) -> bool:
-        """Whether it leaves but noise where much was left without it, all fitted runs together.
-
-        A run may go beyond what the others tell, who then foretell it badly with the right effect too.
-        """
-        return self.fitted.error <= EXPLAINED and self.part >= LEAST_PART
-
-    @property
-    def enough(self) -> bool:
-        """Whether runs left out are foretold better by enough, and by more than chance."""
-        return self.fall >= LEAST_REDUCTION and self.not_chance
-
-    @property
-    def not_chance(self) -> bool:
-        """Whether the score test says so, or the runs do by themselves, fitted and left out.
-
-        A model that is far off foretells better with anything that holds it back; then the fitted runs are hardly helped.
-        """
-        return self.family_p <= SIGNIFICANT or (self.fall >= SURE_REDUCTION and self.part >= SURE_REDUCTION)
+def select_forward(nominal: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
+    """Steps until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
+    base, steps = nominal, list[SelectionStep]()
+    while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
+        step = selection_step(base, context)
+        step = retry_from_finite_step(step, context) if steps else step
+        full = len(steps) + 2 > CRITERIA.max_effects
+        steps += [step] if step.accepted is not None or full else pair_steps(step, context)
+        accepted = steps[-1].accepted
+        if accepted is None:
+            break
+        base = accepted.fit
+        errors = f'{base.error:.2f} fitted, {base.prediction_error:.2f} on runs left out'
+        context.on_progress(f'accepted {accepted.name}: error over noise {errors}')
+        steps[-1] = replace(steps[-1], after=base)
+    return tuple(steps)
 
 
-@dataclass(frozen=True)
-class SelectionStep:
-    """One round of the selection: the model it began with, all that was screened, what was tried, what was accepted.
-
-    `after`: the model with the accepted effect, whose kinetics suit it better; `stopped`: it was not brought to
-    its end, so that nothing could be accepted. `only_together`: accepted for what it explains beside the next one.
-    """
-
-    base: FitResult
-    screened: tuple[Screened, ...]
-    tried: tuple[CandidateFit, ...]
-    accepted: CandidateFit | None
-    after: FitResult | None = None
-    stopped: bool = False
-    only_together: bool = False
-
-
-@dataclass(frozen=True)
-class SearchContext:
-    """What all steps of a selection share."""
-
-    pool: Executor
-    stop: Event
-    on_progress: OnProgress
-    folders: tuple[Path, ...] = ()
-    seed: int = 0
-
-
-def prediction_error(one: FitResult) -> float:
-    """The cross-validated error; the training error where there is one run only."""
-    return one.validated if one.validated == one.validated else one.error
-
-
-def one_step(base: FitResult, context: SearchContext) -> SelectionStep:
+def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
     """Screen all candidates, refit the best, and see whether one is to be accepted."""
     candidates = candidates_for(base.problem.config, context.folders)
     context.on_progress(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
     if context.stop.is_set():
         return SelectionStep(base, screened, (), None, stopped=True)
-    chosen = survivors(screened)
-    if not chosen or chosen[0].gain < WORTH * max(base.squares, base.problem.samples):
+    promising = most_promising(screened)
+    needed = CRITERIA.min_explained_by_screening * max(base.squares, base.problem.samples)
+    if not promising or promising[0].gain < needed:
         return SelectionStep(base, screened, (), None)
-    return step_with(base, screened, chosen, context)
+    return step_with(base, screened, promising, context)
 
 
-def survivors(screened: Sequence[Screened]) -> list[Screened]:
-    """Those that are worth a refit: the best, and what gains a part of that."""
-    return [one for one in screened if one.gain >= LEAST_GAIN * screened[0].gain][:SURVIVORS]
+def most_promising(screened: Sequence[ScreeningResult]) -> list[ScreeningResult]:
+    """Those to refit: the best, and what gains a fraction of that."""
+    least = CRITERIA.min_relative_gain * screened[0].gain if screened else 0.0
+    return [result for result in screened if result.gain >= least][: CRITERIA.refitted_candidates]
 
 
 def step_with(
-    base: FitResult, screened: tuple[Screened, ...], chosen: Sequence[Screened], context: SearchContext
+    base: FitResult, screened: tuple[ScreeningResult, ...], chosen: Sequence[ScreeningResult], context: SearchContext
 ) -> SelectionStep:
-    """The round that refits some candidates and accepts the best of them, or none."""
-    context.on_progress(f'refitting with {", ".join(one.candidate.name for one in chosen)}')
-    refitted = best_refits(base, chosen, context.pool, context.stop, FINALISTS)
-    pairs = [(one, fitted) for one, fitted in zip(chosen, refitted, strict=True) if fitted is not None]
+    """The step that refits some candidates and accepts the best of them, or none."""
+    context.on_progress(f'refitting with {", ".join(result.candidate.name for result in chosen)}')
+    refits = best_refits(base, chosen, context, CRITERIA.cross_validated_candidates)
+    pairs = [(result, fit) for result, fit in zip(chosen, refits, strict=True) if fit is not None]
     pairs.sort(key=lambda pair: pair[1].cost)
-    tried: list[CandidateFit] = []
-    for one, fitted in pairs[:FINALISTS]:
-        best = min((prediction_error(other.fitted) for other in tried if other.acceptable), default=math.inf)
+    fits: list[CandidateFit] = []
+    for result, fit in pairs[: CRITERIA.cross_validated_candidates]:
+        best = min((other.fit.prediction_error for other in fits if other.acceptable), default=math.inf)
         if not context.stop.is_set():
-            tried.append(candidate_fit(base, one, fitted, context, best))
-    tried = with_realistic_values(base, in_better_kinetics(base, tried, context), context)
+            fits.append(cross_validated_candidate(base, result, fit, context, best))
+    fits = with_realistic_values(base, in_better_kinetics(base, fits, context), context)
     if context.stop.is_set():
         return SelectionStep(base, screened, (), None, stopped=True)
-    ordered = ordered_by_ratio(tried)
+    ordered = ordered_by_error(fits)
     return SelectionStep(base, screened, ordered, best_acceptable(ordered))
 
 
 def retry_from_finite_step(first: SelectionStep, context: SearchContext) -> SelectionStep:
-    """A round that accepts nothing and leaves much, with the best of those too that the score test passed over.
+    """A step that accepts nothing and leaves much, with the best of those too that the score test passed over.
 
-    A bent model may lie such that the right effect gains nothing to first order, and yet leads downhill from some way in.
-    Not asked of the bare model, where descents are long and the score test has missed next to nothing.
+    A bent model may lie such that the right effect gains nothing to first order, and yet leads downhill at a finite step.
+    Not asked of the nominal model, where minimisations are long and the score test has missed next to nothing.
     """
-    if first.accepted is not None or first.stopped or first.base.error <= UNEXPLAINED:
+    if first.accepted is not None or first.stopped or first.base.error <= CRITERIA.unexplained:
         return first
-    screened = {one.candidate.name: one for one in first.screened}
-    seen = {one.candidate.name for one in survivors(first.screened)} if first.tried else set()
-    others = [one for one in candidates_for(first.base.problem.config, context.folders) if one.name not in seen]
-    context.on_progress(f'a second look at {len(others)} effects')
-    starts = [further_in(one, screened.get(one.name)) for one in others]
-    leads = quick_refits(first.base, starts, SURE_REDUCTION, context.pool, context.stop)[:LEADS]
+    screened = {result.candidate.name: result for result in first.screened}
+    refitted = {result.candidate.name for result in most_promising(first.screened)} if first.candidate_fits else set()
+    others = [c for c in candidates_for(first.base.problem.config, context.folders) if c.name not in refitted]
+    context.on_progress(f'retrying {len(others)} effects from a finite step')
+    starts = [at_finite_step(candidate, screened.get(candidate.name)) for candidate in others]
+    leading = quick_refits(first.base, starts, CRITERIA.strong_error_reduction, context)[: CRITERIA.pair_candidates]
     if context.stop.is_set():
         return replace(first, stopped=True)
-    again = step_with(first.base, first.screened, leads, context) if leads else first
+    again = step_with(first.base, first.screened, leading, context) if leading else first
     if again.stopped or again.accepted is None:
         return replace(first, stopped=again.stopped)
-    ordered = ordered_by_ratio([*again.tried, *first.tried])
-    return replace(again, tried=ordered, accepted=best_acceptable(ordered))
+    ordered = ordered_by_error([*again.candidate_fits, *first.candidate_fits])
+    return replace(again, candidate_fits=ordered, accepted=best_acceptable(ordered))
 
 
-def candidate_fit(
-    base: FitResult, screened: Screened, fitted: FitResult, context: SearchContext, best: float = math.inf
+def cross_validated_candidate(
+    base: FitResult, screened: ScreeningResult, fit: FitResult, context: SearchContext, best: float = math.inf
 ) -> CandidateFit:
     """A refitted candidate, cross-validated if that could bring it near the `best` cross-validated error so far.
 
-    Runs that are left out are foretold no better than they can be fitted.
+    Runs that are left out are predicted no better than they can be fitted.
     """
     found = screened.candidate.found
-    if fitted.error <= (1.0 + SAME) * best:
+    if fit.error <= (1.0 + CRITERIA.same_error) * best:
         context.on_progress(f'cross-validating {found.effect.name}')
-        fitted = validated(fitted, context.pool, context.stop)
-    return compared(base, found, fitted, screened.family_p, context)
+        fit = cross_validated(fit, context)
+    return candidate_fit(base, found, fit, screened.family_p, context)
 
 
-def compared(
-    base: FitResult, found: FoundEffect, fitted: FitResult, family_p: float, context: SearchContext
-) -> CandidateFit:
-    """A candidate that was refitted and cross-validated beside the model without it."""
-    before, after = prediction_error(base), prediction_error(fitted)
-    return CandidateFit(
-        found, fitted, bayesian_gain(base, fitted), after / before, (before - after) / max(before, 1.0),
-        1.0 - fitted.squares / base.squares, family_p, plausible(fitted, found), standard_errors(fitted, context.pool),
-    )  # fmt: skip
-
-
-def in_better_kinetics(base: FitResult, tried: Sequence[CandidateFit], context: SearchContext) -> list[CandidateFit]:
+def in_better_kinetics(base: FitResult, fits: Sequence[CandidateFit], context: SearchContext) -> list[CandidateFit]:
     """All of them with the kinetics that suit them better, where those suit the best of them better.
 
     Rivals are to be compared with the kinetics that the model is left with: with others their values and errors are bent.
     """
-    chosen = best_acceptable(tried)
-    other = None if chosen is None else better_kinetics(chosen.fitted, context)
-    if chosen is None or other is None or other is chosen.fitted:
-        return list(tried)
+    chosen = best_acceptable(fits)
+    other = None if chosen is None else better_kinetics(chosen.fit, context)
+    if chosen is None or other is None or other is chosen.fit:
+        return list(fits)
     found = []
-    for one in tried:
-        fitted = other if one is chosen else one.fitted if one.hopeless else better_kinetics(one.fitted, context)
-        found.append(one if fitted is one.fitted else compared(base, one.found, fitted, one.family_p, context))
+    for candidate in fits:
+        fit = other if candidate is chosen else candidate.fit
+        if candidate is not chosen and not candidate.not_cross_validated:
+            fit = better_kinetics(candidate.fit, context)
+        unchanged = fit is candidate.fit
+        found.append(candidate if unchanged else candidate_fit(base, candidate.found, fit, candidate.family_p, context))
     return found
 
 
-def with_realistic_values(base: FitResult, tried: Sequence[CandidateFit], context: SearchContext) -> list[CandidateFit]:
+def with_realistic_values(base: FitResult, fits: Sequence[CandidateFit], context: SearchContext) -> list[CandidateFit]:
     """The same, with other values where only unrealistic ones keep the best of them from being accepted.
 
-    A bare model that lacks an effect may prefer the wrong kinetics, which bend the values of the right effect; and data that
-    tell a value badly do not insist on the one that fits best.
+    A nominal model that lacks an effect may prefer the wrong kinetics, which bend the values of the right effect; and data
+    that determine a value badly do not insist on the one that fits best.
     """
-    best = min((prediction_error(one.fitted) for one in tried if one.acceptable), default=math.inf)
+    best = min((candidate.fit.prediction_error for candidate in fits if candidate.acceptable), default=math.inf)
     found = []
-    for one in tried:
-        if not one.plausible and one.convincing and prediction_error(one.fitted) < best:
-            other = realistic(one.fitted, one.found, context)
-            one = one if other is None else compared(base, one.found, other, one.family_p, context)
-        found.append(one)
+    for candidate in fits:
+        if not candidate.plausible and candidate.convincing and candidate.fit.prediction_error < best:
+            other = realistic_fit(candidate.fit, candidate.found, context)
+            if other is not None:
+                candidate = candidate_fit(base, candidate.found, other, candidate.family_p, context)
+        found.append(candidate)
     return found
 
 
-def realistic(one: FitResult, found: FoundEffect, context: SearchContext) -> FitResult | None:
+def realistic_fit(fit: FitResult, found: FoundEffect, context: SearchContext) -> FitResult | None:
     """A fit that explains as well, with the effect's values in their realistic ranges; None where there is none."""
     context.on_progress(f'{found.effect.name} fits with values that are not realistic: trying others')
-    free = better_kinetics(one, context)
-    if plausible(free, found) or context.stop.is_set():
+    free = better_kinetics(fit, context)
+    if is_plausible_fit(free, found) or context.stop.is_set():
         return free
-    bounded = refit(*within(free, found), context.pool, context.stop)
+    bounded = refit(*within_realistic_range(free, found), context)
     if bounded is None:
         return None
-    bounded = validated(bounded, context.pool, context.stop)
+    bounded = cross_validated(bounded, context)
     return bounded if is_as_good(bounded, free) and not context.stop.is_set() else None
 
 
-def ordered_by_ratio(tried: Sequence[CandidateFit]) -> tuple[CandidateFit, ...]:
-    """Best first, each with those that explain as well."""
-    return tuple(
-        replace(one, indistinguishable=indistinguishable(one, tried)) for one in sorted(tried, key=lambda one: one.ratio)
-    )
+def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionStep, ...]:
+    """A step that accepts nothing; or its best candidate and the next step, if what that accepts explains beside it.
 
-
-def indistinguishable(one: CandidateFit, tried: Sequence[CandidateFit]) -> tuple[str, ...]:
-    """Other plausible candidates whose cross-validated error is within SAME."""
-    error = prediction_error(one.fitted)
-    return tuple(
-        other.name for other in tried
-        if other is not one and other.plausible and abs(prediction_error(other.fitted) - error) <= SAME * error
-    )  # fmt: skip
-
-
-def best_acceptable(tried: Sequence[CandidateFit]) -> CandidateFit | None:
-    """The acceptable candidate with the least error; among those that explain alike the one with the fewest parameters.
-
-    Where one leaves but noise in all fitted runs, what leaves clearly more there is out.
+    Where two effects are missing, a model with one of them is still bent by the other, and may predict no better than
+    with none. Both are judged together, by what they predict, without a score test. Which candidate is right shows only
+    then, so that a second one is tried where the first does not lead to the noise.
     """
-    good = [one for one in tried if one.acceptable]
-    if not good:
-        return None
-    least = min(good, key=lambda one: one.fitted.error)
-    if least.fitted.error <= EXPLAINED:
-        good = [one for one in good if not is_outdone(one, least)]
-    best = min(prediction_error(one.fitted) for one in good)
-    close = [one for one in good if prediction_error(one.fitted) <= (1.0 + SAME) * best]
-    return min(close, key=lambda one: (len(one.fitted.problem.free), prediction_error(one.fitted)))
-
-
-def is_outdone(one: CandidateFit, best: CandidateFit) -> bool:
-    """Whether the best leaves less in the fitted runs: much less, or less without foretelling those left out much worse."""
-    more = one.fitted.error / best.fitted.error
-    foretells = prediction_error(one.fitted) < (1.0 - LEAST_REDUCTION) * prediction_error(best.fitted)
-    return more > EXPLAINED or (more > 1.0 + SAME and not foretells)
-
-
-def select(base: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
-    """Rounds until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
-    rounds: list[SelectionStep] = []
-    while not context.stop.is_set() and len(rounds) < MOST_EFFECTS:
-        one = one_step(base, context)
-        one = retry_from_finite_step(one, context) if rounds else one
-        rounds += [one] if one.accepted is not None or len(rounds) + 2 > MOST_EFFECTS else with_another(one, context)
-        accepted = rounds[-1].accepted
-        if accepted is None:
-            break
-        fitted, left_out = accepted.fitted.error, prediction_error(accepted.fitted)
-        context.on_progress(
-            f'accepted {accepted.name}: error over noise {fitted:.2f} fitted, {left_out:.2f} on runs left out'
-        )
-        base = accepted.fitted
-        rounds[-1] = replace(rounds[-1], after=base)
-    return tuple(rounds)
-
-
-def with_another(first: SelectionStep, context: SearchContext) -> tuple[SelectionStep, ...]:
-    """A round that accepts nothing; or its best lead and the next round, if what that accepts explains beside the lead.
-
-    Where two effects are missing, a model with one of them is still bent by the other, and may foretell no better than
-    with none. Both are judged as one: by what they foretell together, without the help of a score test. Which lead is right
-    shows only then, so that a second is tried where the first does not lead to the noise.
-    """
-    leads = [one for one in first.tried if one.plausible and one.family_p <= SIGNIFICANT]
-    if first.stopped or first.base.error <= UNEXPLAINED:
+    significant = [c for c in first.candidate_fits if c.plausible and c.family_p <= CRITERIA.significance]
+    if first.stopped or first.base.error <= CRITERIA.unexplained:
         return (first,)
-    rounds: tuple[SelectionStep, ...] = (first,)
-    best, stopped = (1.0 - SURE_REDUCTION) * prediction_error(first.base), False
-    for lead in sorted(leads, key=lambda one: one.fitted.cost)[:LEADS]:
-        context.on_progress(f'{lead.name} may explain beside another effect')
-        second = one_step(lead.fitted, context)
+    steps: tuple[SelectionStep, ...] = (first,)
+    best, stopped = (1.0 - CRITERIA.strong_error_reduction) * first.base.prediction_error, False
+    for candidate in sorted(significant, key=lambda c: c.fit.cost)[: CRITERIA.pair_candidates]:
+        context.on_progress(f'{candidate.name} may explain beside another effect')
+        second = selection_step(candidate.fit, context)
         stopped = stopped or second.stopped
-        if second.accepted is not None and prediction_error(second.accepted.fitted) <= best:
-            best = prediction_error(second.accepted.fitted)
-            rounds = (replace(first, accepted=lead, after=lead.fitted, only_together=True), second)
-        if stopped or min(best, lead.fitted.error) <= EXPLAINED:
+        if second.accepted is not None and second.accepted.fit.prediction_error <= best:
+            best = second.accepted.fit.prediction_error
+            steps = (replace(first, accepted=candidate, after=candidate.fit, only_together=True), second)
+        if stopped or min(best, candidate.fit.error) <= CRITERIA.noise_only:
             break
-    return rounds if len(rounds) > 1 else (replace(first, stopped=stopped),)
-
-
-def better_kinetics(one: FitResult, context: SearchContext) -> FitResult:
-    """The same effects with the other kinetics, if they foretell better: kinetics are a choice of model, not a finding."""
-    if one.error < WELL or context.stop.is_set():
-        return one
-    problem, z = other_kinetics(one)
-    other = refit(problem, z, context.pool, context.stop, FIRST)
-    if other is None or other.error > (1.0 + SAME) * one.error:
-        return one
-    other = validated(other, context.pool, context.stop)
-    if context.stop.is_set() or prediction_error(other) >= prediction_error(one):
-        return one
-    context.on_progress(
-        f'{other.problem.config.model} kinetics foretell better: error over noise {prediction_error(other):.2f}'
-    )
-    return other
-
-
-def is_as_good(less: FitResult, one: FitResult) -> bool:
-    """Whether a model with less freedom foretells as well without leaving more, or leaves but the same noise."""
-    foretells = prediction_error(less) <= (1.0 + SAME) * prediction_error(one)
-    more = less.error / one.error
-    return (foretells and more <= 1.0 + LEAST_REDUCTION) or (less.error <= EXPLAINED and more <= 1.0 + SAME)
+    return steps if len(steps) > 1 else (replace(first, stopped=stopped),)

@@ -7,15 +7,13 @@ from math import isfinite
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.estimation.calibrate import MODELS, Options, search
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST
-from sma_sim.evidence.model_selection.forward_selection import SearchContext, prediction_error
-from sma_sim.evidence.model_selection.refit import FitResult, validated
+from sma_sim.evidence.estimation.calibrate import MODELS, Options, multistart_search
+from sma_sim.evidence.estimation.cross_validation import cross_validated
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
-
-STARTS = 2  # of the nominal fit
-NOMINAL = replace(FIRST, most=12, gain=1e-3)  # a model that lacks an effect creeps along valleys that end nowhere
-PREFERENCE = 0.8  # of the hybrid model's error for that of MAS
 
 
 @dataclass(frozen=True)
@@ -28,20 +26,24 @@ class DiagnosisRequest:
     model: str = 'auto'
     folders: tuple[Path, ...] = ()
     seed: int = 0
-    options: Options = field(default_factory=lambda: Options(starts=STARTS))
+    options: Options = field(default_factory=lambda: Options(starts=CRITERIA.nominal_starts))
     equation: bool = True
 
 
 def nominal_fit(training: Campaign, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
     """The better of the kinetics without further effects."""
-    found = []
+    fits: list[FitResult] = []
     for model in MODELS if request.model == 'auto' else (request.model,):
         context.on_progress(f'fitting the {model} model')
-        best = search(training, replace(config, model=model), request.options, context.pool, context.stop, None, NOMINAL)
-        found.append(validated(FitResult(best.problem, best.best.z, best.best.cost), context.pool, context.stop))
-        context.on_progress(f'{model}: error over noise {prediction_error(found[-1]):.2f}')
+        best = multistart_search(training, replace(config, model=model), request.options, context, NOMINAL_MODEL)
+        fits.append(cross_validated(best, context))
+        context.on_progress(f'{model}: error over noise {fits[-1].prediction_error:.2f}')
         if context.stop.is_set():
             break
-    whole = [one for one in found if isfinite(one.validated)] or found  # stopped on the way, the last one is not
-    # MAS has the hybrid model as a limit (V_L large), so that the hybrid one must be clearly better to be taken
-    return min(whole, key=lambda one: prediction_error(one) * (PREFERENCE if one.problem.config.model == 'mas' else 1.0))
+    complete = [fit for fit in fits if isfinite(fit.cross_validated_error)] or fits  # after a stop, the last one is not
+    return min(complete, key=comparable_error)
+
+
+def comparable_error(fit: FitResult) -> float:
+    """The error by which kinetics are compared."""
+    return fit.prediction_error * (CRITERIA.hybrid_error_ratio if fit.problem.config.model == 'mas' else 1.0)

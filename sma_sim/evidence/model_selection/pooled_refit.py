@@ -1,6 +1,6 @@
 """Is a held-out run beyond the model, or only beyond what the fitted runs tell of its parameters?
 
-A run that goes further than the fitted ones needs parameters that these hardly tell: its error is large, and nothing is
+A run that goes further than the fitted ones needs parameters that these hardly determine: its error is large, and nothing is
 missing. Then one set of parameters explains all runs; where something is missing, none does.
 """
 
@@ -13,12 +13,13 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
-from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, run_fits, summed_up
-from sma_sim.evidence.estimation.levenberg_marquardt import FIRST, start_point
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
-from sma_sim.evidence.model_selection.refit import FitResult, refit
-
-ALL = 1.05  # error over noise of runs that one model explains: more is no chance in some hundred samples, but small
+from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, pooled_error, run_fits
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.refit import refit
 
 
 @dataclass(frozen=True)
@@ -31,24 +32,25 @@ class PooledErrors:
     @property
     def explained(self) -> bool:
         """Whether nothing is left in either."""
-        return max(self.train, self.held_out) <= ALL
+        return max(self.train, self.held_out) <= CRITERIA.pooled_noise_only
 
 
 def pooled_refit(
-    training: Campaign, out: Campaign, last: FitResult, predicted: Sequence[RunFit], options: Options, context: SearchContext
-) -> PooledErrors | None:
-    """The last model fitted to the held-out runs too, from where it is and they are `predicted` to begin.
+    training: Campaign, held_out: Campaign, last: FitResult, predicted: Sequence[RunFit], options: Options,
+    context: SearchContext,
+) -> PooledErrors | None:  # fmt: skip
+    """The last model fitted to the held-out runs too, from where it is and where they are `predicted` to start.
 
     None where it cannot be run, or was stopped.
     """
-    both = replace(training, recordings=(*training.recordings, *out.recordings))
+    both = replace(training, recordings=(*training.recordings, *held_out.recordings))
     problem = replace(problem_for(both, last.problem.config, options, 1), free=last.problem.free)
-    own = [z for fit in predicted for z in own_unknowns(fit)]
+    own = [z for run in predicted for z in own_unknowns(run)]
     z = start_point(problem, np.concatenate([last.z, own]))
-    context.on_progress('the held-out runs fitted too')
-    found = refit(problem, z, context.pool, context.stop, FIRST)
+    context.on_progress('fitting the held-out runs too')
+    found = refit(problem, z, context, FROM_PRIORS)
     if found is None or context.stop.is_set():
         return None
     fits = run_fits(problem, found.z, context.pool)
     count = len(training.recordings)
-    return PooledErrors(summed_up(fits[:count])[0], summed_up(fits[count:])[0])
+    return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0])

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.refit import FitResult
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_minimum
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
@@ -64,12 +63,12 @@ def augmented_problem(base: FitResult, terms: tuple[TermFit, ...]) -> tuple[Prob
 
 
 def fit_with_terms(
-    base: FitResult, tempering: float, terms: tuple[TermFit, ...], pool: Executor, stop: Event
+    base: FitResult, tempering: float, terms: tuple[TermFit, ...], context: SearchContext
 ) -> AugmentedFit | None:
     """The fit with the terms, at a factor on the noise variance; None where the model cannot be run."""
     problem, z = augmented_problem(base, terms)
     try:
-        fitted = tempered_minimum(problem, z, tempering, pool, stop)
+        fitted = tempered_minimum(problem, z, tempering, context)
     except SimulationError:
         return None
     values, refitted = fitted.values, []

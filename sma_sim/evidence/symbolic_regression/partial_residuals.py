@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.model_selection.refit import FitResult
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, Location, locations_of_hook
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial

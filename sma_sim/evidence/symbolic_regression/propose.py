@@ -11,21 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.evidence.estimation.calibrate import run_in_threads
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
-from sma_sim.evidence.estimation.levenberg_marquardt import StopCriteria
 from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import StopCriteria
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.forward_selection import (
-    SAME,
-    CandidateFit,
-    SearchContext,
-    better_kinetics,
-    candidate_fit,
-    prediction_error,
-)
-from sma_sim.evidence.model_selection.refit import FitResult, refit
-from sma_sim.evidence.model_selection.score_tests import Screened
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.forward_selection import cross_validated_candidate
+from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics
+from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.formula import Formula
@@ -37,7 +35,9 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 MATERIAL_HOOKS = ('wire_strain', 'transformation_stress')  # taken only where no load or heat explains as much
-FORMULA_STOP_CRITERIA = StopCriteria(most=10, damping=1.0, enough=0.3, gain=1e-3, near=True)  # it starts at its optimum
+FORMULA_STOP_CRITERIA = StopCriteria(
+    max_iterations=10, damping=1.0, min_decrease=0.3, relative_decrease=1e-3, central=True
+)  # it starts at its optimum
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class FormulaFit:
     @property
     def error(self) -> float:
         """Cross-validated error over noise."""
-        return prediction_error(self.candidate.fitted)
+        return self.candidate.fit.prediction_error
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Proposal:
     ----------
     formula
         What is proposed.
-    fitted
+    fit
         The model with it.
     error_before
         The cross-validated error over noise without it.
@@ -80,7 +80,7 @@ class Proposal:
     """
 
     formula: Formula
-    fitted: FitResult
+    fit: FitResult
     error_before: float
     ranking: tuple[FormulaFit, ...]
     indistinguishable: tuple[str, ...]
@@ -135,7 +135,7 @@ def propose(bases: Sequence[FitResult], context: SearchContext) -> Proposal | No
         The formula as an effect, with the model refitted and the others that were considered; None where no formula removes
         `TERM_SEARCH_CRITERIA.min_error_reduction` of the least cross-validated error, or the search was stopped.
     """
-    least_error = min(prediction_error(base) for base in bases)
+    least_error = min(base.prediction_error for base in bases)
     for base in bases:
         if context.stop.is_set():
             break
@@ -150,12 +150,12 @@ def proposal_for(base: FitResult, least_error: float, context: SearchContext) ->
     ranking = refitted_formulas(base, context)
     if not ranking or ranking[0].error > (1.0 - TERM_SEARCH_CRITERIA.min_error_reduction) * least_error:
         return None
-    shares = stabilities([fit.candidate.fitted for fit in ranking], context.pool, context.seed)
+    shares = stabilities([fit.candidate.fit for fit in ranking], context.pool, context.seed)
     ranking = [replace(fit, stability=float(share)) for fit, share in zip(ranking, shares, strict=True)]
-    close = [fit for fit in ranking if fit.error <= (1.0 + SAME) * ranking[0].error]
+    close = [fit for fit in ranking if fit.error <= (1.0 + CRITERIA.same_error) * ranking[0].error]
     chosen = min(close, key=simplicity)
     context.on_progress(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
-    fitted = better_kinetics(chosen.candidate.fitted, context)
+    fitted = better_kinetics(chosen.candidate.fit, context)
     formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
     return Proposal(
         formula, fitted, least_error, tuple(ranking), tuple(fit.formula.name for fit in close if fit is not chosen),
@@ -186,11 +186,11 @@ def fit_formula(base: FitResult, fit: AugmentedFit, context: SearchContext) -> F
     formula = Formula(fit.terms)
     effect = formula.load()
     problem, z = problem_with_formula(base, fit, formula)
-    fitted = refit(problem, z, context.pool, context.stop, FORMULA_STOP_CRITERIA)
+    fitted = refit(problem, z, context, FORMULA_STOP_CRITERIA)
     if fitted is None or context.stop.is_set():
         return None
-    screened = Screened(Candidate(effect, ()), base.cost - fitted.cost, {}, 1.0)
-    return FormulaFit(formula, candidate_fit(base, screened, fitted, context))
+    screened = ScreeningResult(Candidate(effect, ()), base.cost - fitted.cost, {}, 1.0)
+    return FormulaFit(formula, cross_validated_candidate(base, screened, fitted, context))
 
 
 def problem_with_formula(base: FitResult, fit: AugmentedFit, formula: Formula) -> tuple[Problem, Vector]:

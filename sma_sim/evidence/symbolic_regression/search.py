@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from sma_sim.evidence.estimation.calibrate import run_in_threads
-from sma_sim.evidence.model_selection.forward_selection import SearchContext
-from sma_sim.evidence.model_selection.refit import FitResult
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, fit_with_terms
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
@@ -20,7 +20,7 @@ from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFi
 def search_formulas(nominal: FitResult, context: SearchContext) -> list[AugmentedFit]:
     """Fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
     criteria = TERM_SEARCH_CRITERIA
-    base, tempering = tempered(nominal, context.pool, context.stop)
+    base, tempering = tempered(nominal, context)
     context.on_progress('fitting the terms of an equation at every port')
     terms = fit_all_terms(LinearizedFit(base.problem.weighted(1.0 / tempering), base.z, context.pool))
     first = [(term,) for term in best_by_location(terms, criteria.max_first_terms)]
@@ -50,7 +50,7 @@ def fit_formulas(
     """Fits with each of some formulas, at a factor on the noise variance."""
     if not formulas:
         return []
-    jobs = [partial(fit_with_terms, base, tempering, terms, context.pool, context.stop) for terms in formulas]
+    jobs = [partial(fit_with_terms, base, tempering, terms, context) for terms in formulas]
     return [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
 
 

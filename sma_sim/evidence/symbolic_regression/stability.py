@@ -14,8 +14,8 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
-from sma_sim.evidence.model_selection.refit import FitResult
 
 Vector = NDArray[np.float64]
 SEGMENTS_PER_RUN = 25  # each longer than residuals correlate

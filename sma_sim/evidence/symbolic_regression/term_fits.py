@@ -19,7 +19,8 @@ from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import Evaluation, LinearizedRun, Problem, evaluate, linearize
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.score_tests import FAINT, projection
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, Location, locations_for
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
 from sma_sim.evidence.symbolic_regression.terms import Term
@@ -79,9 +80,9 @@ class LinearizedFit:
         self._problem, self._z, self._pool = problem, z, pool
         self.linear: list[LinearizedRun] = linearize(problem, z, pool, measured_steps(problem, z, pool), central=True)
         self.residuals = np.concatenate([run.residuals.ravel() for run in self.linear])
-        self._project = projection(self.linear, len(z))
+        self._project = Projection(self.linear, len(z))
         self.projected_residuals = self._project(self.residuals)
-        self._config, self._indices = problem.at_tolerance(RESPONSE_RTOL).fitted(z), problem.places()
+        self._config, self._indices = problem.at_tolerance(RESPONSE_RTOL).fitted(z), problem.indices()
         self._nominal = [self._submit(PickledConfig(self._config), k) for k in range(len(problem.runs))]
         self._frequencies = peak_frequencies(problem, self.linear)
 
@@ -119,7 +120,7 @@ class LinearizedFit:
     def project(self, response: Vector) -> Vector | None:
         """What the fitted parameters do not absorb of a response; None where the channels do not see it."""
         projected, size = self._project(response), float(response @ response)
-        return None if size == 0.0 or float(projected @ projected) < FAINT * size else projected
+        return None if size == 0.0 or float(projected @ projected) < CRITERIA.min_unabsorbed * size else projected
 
 
 def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> float:

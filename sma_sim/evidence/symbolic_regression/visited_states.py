@@ -43,7 +43,7 @@ class VisitedStates:
 def visited_by_wire(problem: Problem, z: Vector, wire: int = 0) -> list[VisitedStates]:
     """All runs of a problem at z, as one wire sees them."""
     config, visited = problem.fitted(z), []
-    for run, indices in zip(problem.runs, problem.places(), strict=True):
+    for run, indices in zip(problem.runs, problem.indices(), strict=True):
         columns = model_columns(config, run, problem.nuisance(z[indices]))
         every = max(1, len(run.time) // MAX_STATES_PER_RUN)
         fields = kernel_fields(run.time, columns, config.parameters, wire)

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep
-from sma_sim.evidence.model_selection.forward_selection import LEAST_REDUCTION, CandidateFit, SelectionStep
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Section, Table
 from sma_sim.report.html.step_figures import change_plot, channel_plot, range_plots, screen_plot
 
@@ -21,16 +22,16 @@ CANDIDATE_CAPTION = (
 
 def selection_section(number: int, step: SelectionStep, review: DiagnosisReview) -> Section:
     """A step of the forward selection with its figures and tables."""
-    diagnosis, stages = review.diagnosis, review.diagnosis.steps
+    diagnosis, accepted = review.diagnosis, step.accepted
     blocks: list[Block] = [Paragraph(outcome(step), 'lead')]
-    if step.accepted is not None and number in review.changes:
-        blocks += [change_plot(review.changes[number]), Grid(range_plots(step.accepted))]
-    if step.tried:
+    if accepted is not None and accepted.name in review.changes:
+        blocks += [change_plot(review.changes[accepted.name]), Grid(range_plots(accepted))]
+    if step.candidate_fits:
         blocks += candidate_blocks(step, diagnosis.held_out_ratio if number == 1 else {})
-    if step.accepted is not None:
-        blocks += confounding_blocks(step.accepted, diagnosis)
-        if number < len(stages):
-            blocks.append(channel_plot(stages[number - 1], stages[number]))
+    if accepted is not None:
+        blocks += confounding_blocks(accepted, diagnosis)
+        if (change := diagnosis.change('added', accepted.name)) is not None:
+            blocks.append(channel_plot(*change))
     if step.screened:
         blocks.append(screen_plot(step))
     return Section(f'Step {number}', blocks)
@@ -50,8 +51,8 @@ def elimination_section(step: EliminationStep, diagnosis: Diagnosis) -> Section:
 def candidate_blocks(step: SelectionStep, held_out_ratios: Mapping[str, float]) -> list[Block]:
     """What was tried, and why it was taken or not; `held_out_ratios` of errors by effect."""
     return [
-        Table(CANDIDATE_HEADER, [candidate_row(fit, held_out_ratios) for fit in step.tried], CANDIDATE_CAPTION),
-        Bullets([f'{fit.name}: {decision(fit, step.accepted)}' for fit in step.tried]),
+        Table(CANDIDATE_HEADER, [candidate_row(fit, held_out_ratios) for fit in step.candidate_fits], CANDIDATE_CAPTION),
+        Bullets([f'{fit.name}: {decision(fit, step.accepted)}' for fit in step.candidate_fits]),
     ]
 
 
@@ -61,63 +62,65 @@ def outcome(step: SelectionStep) -> str:
         name = step.accepted.name
         return f'{name} explains little by itself, but much together with the effect of the next step: both are accepted.'
     if step.accepted is not None:
-        reduction = 100.0 * (1.0 - step.accepted.ratio)
+        reduction = 100.0 * (1.0 - step.accepted.error_ratio)
         return f'{step.accepted.name} is accepted: the cross-validated error falls by {reduction:.0f} %.'
     if step.stopped:
         return 'The search was stopped in this step.'
-    if not step.tried:
+    if not step.candidate_fits:
         return 'Nothing that was screened could explain enough of what is left: the search ends.'
-    best = step.tried[0]
+    best = step.candidate_fits[0]
     return f'Nothing more is accepted. The best, {best.name}: {"; ".join(objections(best))}.'
 
 
-def objections(fit: CandidateFit) -> list[str]:
+def objections(candidate: CandidateFit) -> list[str]:
     """Why a candidate cannot be accepted."""
+    least = CRITERIA.min_error_reduction
     tests = (
-        (fit.fall < LEAST_REDUCTION, f'the cross-validated error falls by less than {100 * LEAST_REDUCTION:.0f} %'),
-        (not fit.not_chance, f'chance alone would do as well in {100 * fit.family_p:.0f} % of cases'),
-        (not fit.plausible, f'not realistic: {fitted_values(fit)}'),
+        (candidate.error_reduction < least, f'the cross-validated error falls by less than {100 * least:.0f} %'),
+        (not candidate.significant, f'chance alone would do as well in {100 * candidate.family_p:.0f} % of cases'),
+        (not candidate.plausible, f'not realistic: {fitted_values(candidate)}'),
     )
     return [words for holds, words in tests if holds]
 
 
-def fitted_values(fit: CandidateFit) -> str:
+def fitted_values(candidate: CandidateFit) -> str:
     """The fitted values of an effect with their units."""
-    units = {parameter.name: parameter.unit for parameter in fit.found.effect.parameters}
-    values = fit.fitted.values_of(fit.name).items()
+    units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
+    values = candidate.fit.values_of(candidate.name).items()
     return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in values)
 
 
-def candidate_row(fit: CandidateFit, held_out_ratios: Mapping[str, float]) -> tuple[str, ...]:
+def candidate_row(candidate: CandidateFit, held_out_ratios: Mapping[str, float]) -> tuple[str, ...]:
     """The table row of a candidate."""
-    held_out = held_out_ratios.get(fit.name)
+    held_out = held_out_ratios.get(candidate.name)
+    bound = '> ' if candidate.not_cross_validated else ''
     return (
-        fit.name, f'{"> " if fit.hopeless else ""}{fit.ratio:.3f}', '' if held_out is None else f'{held_out:.3f}',
-        f'{fit.family_p:.3f}', f'{fit.delta_bic:.0f}',
-        'yes' if fit.plausible else 'no',
+        candidate.name, f'{bound}{candidate.error_ratio:.3f}', '' if held_out is None else f'{held_out:.3f}',
+        f'{candidate.family_p:.3f}', f'{candidate.delta_bic:.0f}',
+        'yes' if candidate.plausible else 'no',
     )  # fmt: skip
 
 
-def decision(fit: CandidateFit, accepted: CandidateFit | None) -> str:
+def decision(candidate: CandidateFit, accepted: CandidateFit | None) -> str:
     """Why a candidate was accepted or not, in a few words."""
-    if fit is accepted:
-        return f'accepted, {fitted_values(fit)}'
-    against = '; '.join(objections(fit))
+    if candidate is accepted:
+        return f'accepted, {fitted_values(candidate)}'
+    against = '; '.join(objections(candidate))
     if against or accepted is None:
         return against
-    extent = 'as well as' if fit.name in accepted.indistinguishable else 'less than'
-    return f'explains {extent} {accepted.name}, {fitted_values(fit)}'
+    extent = 'as well as' if candidate.name in accepted.indistinguishable else 'less than'
+    return f'explains {extent} {accepted.name}, {fitted_values(candidate)}'
 
 
-def confounding_blocks(fit: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:
+def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:
     """Which effects explain as well, and why they cannot be told apart; which parameters are known to hide the effect."""
-    reasons = [str(confounding) for confounding in diagnosis.confounding.get(fit.name, ())]
-    hidden_by = [name for name in fit.found.effect.confused_with if '.' in name or name == 'delay']
+    reasons = [str(confounding) for confounding in diagnosis.confounding.get(candidate.name, ())]
+    hidden_by = [name for name in candidate.found.effect.confused_with if '.' in name or name == 'delay']
     if reasons:
-        yield Paragraph(f'These data cannot tell {fit.name} from {", ".join(fit.indistinguishable)}. Why:')
+        yield Paragraph(f'These data cannot tell {candidate.name} from {", ".join(candidate.indistinguishable)}. Why:')
         yield Bullets(reasons)
-    if fit.found.effect.same_as:
-        yield Paragraph(f'The equations make it the same as {fit.found.effect.same_as}: no data can tell them apart.')
+    if candidate.found.effect.same_as:
+        yield Paragraph(f'The equations make it the same as {candidate.found.effect.same_as}: no data can tell them apart.')
     if hidden_by:
-        text = f'A small {fit.name} may hide in {", ".join(hidden_by)}: their estimates are correlated.'
+        text = f'A small {candidate.name} may hide in {", ".join(hidden_by)}: their estimates are correlated.'
         yield Paragraph(text, 'note')

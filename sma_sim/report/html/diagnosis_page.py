@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.diagnosis.diagnose import Diagnosis, ModelStage
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title
-from sma_sim.evidence.model_selection.forward_selection import UNEXPLAINED
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.report.html.candidates import elimination_section, selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -23,8 +24,8 @@ from sma_sim.report.palette import GREY
 def write_diagnosis_page(path: Path, review: DiagnosisReview, next_command: str = '') -> None:
     """The page of a diagnosis; `next_command` designs a deciding experiment. Raises UserError."""
     diagnosis = review.diagnosis
-    steps = [selection_section(number, step, review) for number, step in enumerate(diagnosis.rounds, start=1)]
-    steps += [elimination_section(step, diagnosis) for step in diagnosis.revisions]
+    steps = [selection_section(number, step, review) for number, step in enumerate(diagnosis.selection_steps, start=1)]
+    steps += [elimination_section(step, diagnosis) for step in diagnosis.elimination_steps]
     if diagnosis.proposal is not None:
         steps.append(proposed_section(diagnosis, diagnosis.proposal))
     sections = [
@@ -48,7 +49,7 @@ def verdict_section(diagnosis: Diagnosis, next_command: str) -> Section:
 
 def reduction_figure(diagnosis: Diagnosis) -> object:
     """Error over noise by stage, down to the noise."""
-    stages = diagnosis.steps
+    stages = diagnosis.stages
     before = ((), *(stage.effects for stage in stages))
     labels = [f'{stage_label(stage, had)}<br>({stage.model})' for stage, had in zip(stages, before, strict=False)]
     figure = new_figure()
@@ -82,6 +83,6 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     yield f'Fitted: {", ".join(diagnosis.training)}. Held out, evaluated only at the end: {held_out}.'
     if diagnosis.verdict == 'none' and not diagnosis.effects:
         yield 'No effect of the library lowers the cross-validated error by more than chance would.'
-    rule = f'An error over noise above {UNEXPLAINED:g} at the end counts as unexplained'
-    explained = diagnosis.together is not None and diagnosis.together.explained
+    rule = f'An error over noise above {CRITERIA.unexplained:g} at the end counts as unexplained'
+    explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained
     yield rule + (', except in runs that one model explains together.' if explained else '.')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, ranked, stability_words
+from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, formula_change, ranked, stability_words
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
 from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
@@ -25,7 +25,7 @@ FORMULAS_CAPTION = (
 
 def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     """The formula, its parameters, the quantity over its variable, the other formulas that were tried."""
-    before, after = found.steps[-2], found.steps[-1]
+    before, after = formula_change(found)
     lead = f'No known effect explains what is left. Proposed: {proposal.formula.equation}'
     rows = [
         (name, f'{one["value"]:.4g}', '' if one['std'] is None else f'{one["std"]:.1g}',

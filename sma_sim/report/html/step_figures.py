@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
-from sma_sim.evidence.diagnosis.diagnose import ModelStage
-from sma_sim.evidence.diagnosis.stage_change import StepChange
+from sma_sim.evidence.diagnosis.model_stage import ModelStage
+from sma_sim.evidence.diagnosis.stage_change import StageChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
-from sma_sim.evidence.model_selection.forward_selection import CandidateFit, SelectionStep
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.model.parameters import Parameter
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new_figure, small
@@ -20,7 +20,7 @@ MOST_CHANGE_POINTS = 1200
 WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logarithmic
 
 
-def change_plot(change: StepChange) -> Plot:
+def change_plot(change: StageChange) -> Plot:
     """Measured, model before and model after in the channel that changed most, with residuals over noise below."""
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
     unit, factor = DISPLAY_UNITS[channel]
@@ -57,7 +57,7 @@ def over_noise(run: ComparedRun, channel: str, at: object) -> object:
 
 def range_plots(one: CandidateFit) -> list[Plot]:
     """A figure per fitted parameter of an effect: value and 95 % interval beside what is realistic."""
-    fitted = one.fitted.values_of(one.name)
+    fitted = one.fit.values_of(one.name)
     return [
         range_plot(parameter, fitted[parameter.name], one.std.get(f'effects.{one.name}.{parameter.name}', math.nan))
         for parameter in one.found.effect.parameters if parameter.name in fitted
@@ -107,7 +107,7 @@ def channel_plot(before: ModelStage, after: ModelStage) -> Plot:
 
 
 def screen_plot(one: SelectionStep) -> Plot:
-    """Screened effects by what they could explain."""
+    """ScreeningResult effects by what they could explain."""
     best = list(reversed(one.screened[:MOST_SCREENED]))
     accepted = one.accepted.name if one.accepted else ''
     figure = new_figure()

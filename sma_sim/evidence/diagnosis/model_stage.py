@@ -1,0 +1,111 @@
+"""The stages of a diagnosis: the models from the nominal one to the last, each with what it leaves of the error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.estimation.calibrate import (
+    Calibration,
+    Options,
+    calibration_of,
+    final_calibration,
+    full_problem,
+)
+from sma_sim.evidence.estimation.cross_validation import RunFit, held_out, pooled_error
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.model.config import Config
+
+StageKind = Literal['nominal', 'added', 'replaced', 'dropped', 'taken_back', 'formula']
+
+
+@dataclass(frozen=True)
+class ModelStage:
+    """A model of a diagnosis: its fit, and the held-out runs as it predicts them (none where no run is held out).
+
+    `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, `replaced` by another beside those
+    that came later, `dropped` because these made it superfluous, `taken_back` because it hardly helps to predict the
+    held-out runs; a `formula` was added for what no known effect explains. `final`: continued on all samples.
+    """
+
+    kind: StageKind
+    effects: tuple[str, ...]
+    calibration: Calibration
+    predicted: tuple[RunFit, ...]
+    final: bool
+
+    @property
+    def model(self) -> str:
+        """`hybrid` or `mas`."""
+        return self.config.model
+
+    @property
+    def config(self) -> Config:
+        """The configuration with the fitted parameters."""
+        return self.calibration.config
+
+    @property
+    def delay(self) -> float:
+        """The fitted delay of the measurement [s]."""
+        return self.calibration.delay
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The fitted parameters by name (SI)."""
+        return self.calibration.values
+
+    @property
+    def runs(self) -> tuple[RunFit, ...]:
+        """The training runs under the model."""
+        return self.calibration.runs
+
+    @property
+    def train(self) -> float:
+        """Error over noise of the training runs."""
+        return self.calibration.error
+
+    @property
+    def channels(self) -> Mapping[str, float]:
+        """Error over noise of the training runs, by channel."""
+        return self.calibration.channels
+
+    @property
+    def held_out(self) -> float:
+        """Error over noise of the held-out runs, NaN without any."""
+        return pooled_error(self.predicted)[0]
+
+    @property
+    def held_out_channels(self) -> Mapping[str, float]:
+        """Error over noise of the held-out runs, by channel."""
+        return pooled_error(self.predicted)[1]
+
+
+@dataclass(frozen=True)
+class StageData:
+    """What all stages are fitted to, what they predict, and how they are fitted."""
+
+    training: Campaign
+    held_out: Campaign | None
+    options: Options
+
+    def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:
+        """The held-out runs under a model."""
+        return held_out(config, self.held_out, delay, context.pool) if self.held_out else ()
+
+
+def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
+    """A model as it was fitted in the search; its errors are those of all samples."""
+    whole = replace(fit, problem=full_problem(data.training, fit, data.options))
+    found = calibration_of(whole, context)
+    return ModelStage(kind, fit.effects, found, data.predicted_by(fit.config, fit.delay, context), final=False)
+
+
+def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
+    """A model fitted on all samples, with intervals."""
+    context.on_progress('the last fit, on all samples')
+    options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
+    found = final_calibration(data.training, fit, options, context)
+    return ModelStage(kind, fit.effects, found, data.predicted_by(found.config, found.delay, context), final=True)

@@ -1,0 +1,81 @@
+"""A fit: one record from the optimizer to the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isnan, nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.model.config import Config
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OtherStart:
+    """Where a further start led: its cost above the best's, its parameters (SI), and whether it is the same optimum."""
+
+    excess: float
+    values: Mapping[str, float]
+    same: bool
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A problem at its optimum z (n,), as `minimize` leaves it.
+
+    `cost`: half the sum of the squared residuals over noise, prior included. `cross_validated_error`: error over noise on
+    runs left out in turn, NaN where that is not known. `other_starts`: of a search from several.
+    """
+
+    problem: Problem
+    z: Vector
+    cost: float
+    iterations: int = 0
+    converged: bool = True
+    cross_validated_error: float = nan
+    other_starts: tuple[OtherStart, ...] = ()
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the active effects, in the order in which they were added."""
+        return tuple(active.found.effect.name for active in self.problem.config.effects)
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared residuals over noise, without the prior's part of the cost."""
+        return max(2.0 * self.cost - float(self.z @ self.z), 0.0)
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the residuals over noise."""
+        return sqrt(self.squares / self.problem.samples)
+
+    @property
+    def prediction_error(self) -> float:
+        """The cross-validated error; the fitted one where there is none (a single run)."""
+        return self.error if isnan(self.cross_validated_error) else self.cross_validated_error
+
+    @property
+    def config(self) -> Config:
+        """The configuration with the fitted parameters."""
+        return self.problem.fitted(self.z)
+
+    @property
+    def delay(self) -> float:
+        """The fitted delay of the measurement [s]."""
+        return self.problem.delay_at(self.z)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The free parameters by name (SI)."""
+        return self.problem.values(self.z)
+
+    def values_of(self, effect: str) -> dict[str, float]:
+        """The fitted parameters of one effect, by their short names (SI)."""
+        prefix = f'effects.{effect}.'
+        return {name.removeprefix(prefix): value for name, value in self.values.items() if name.startswith(prefix)}

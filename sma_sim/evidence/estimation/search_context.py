@@ -1,0 +1,45 @@
+"""What all steps of a search share: where they are computed, what ends them, whom they report to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+OnProgress = Callable[[str], None]  # what is being done, in words
+OnIteration = Callable[[str, int, float], None]  # which minimisation, its iteration, its cost
+
+
+class Stop(Protocol):
+    """What ends a search early, such as a `threading.Event`."""
+
+    def is_set(self) -> bool:
+        """Whether to end now."""
+
+    def set(self) -> None:
+        """Ask everything that shares it to end."""
+
+
+def silent(words: str) -> None:
+    """Report no progress."""
+
+
+def silent_iteration(label: str, iteration: int, cost: float) -> None:
+    """Report no iteration."""
+
+
+@dataclass(frozen=True)
+class SearchContext:
+    """Shared by all steps of a search.
+
+    `pool`: runs the simulations; `stop`: set by Ctrl-C; `folders`: the user's own effects; `seed`: of bootstrap and draws.
+    """
+
+    pool: Executor
+    stop: Stop
+    on_progress: OnProgress = silent
+    folders: tuple[Path, ...] = ()
+    seed: int = 0
+    on_iteration: OnIteration = silent_iteration

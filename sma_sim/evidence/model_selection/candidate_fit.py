@@ -1,0 +1,170 @@
+"""A candidate's fit compared with the model without it, and the choice among several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from math import isnan, log
+
+import numpy as np
+
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import FreeParameter
+from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.restricted import is_plausible_fit
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.model.effects.discovery import FoundEffect
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """The fit with a candidate effect, compared with the base, which is the fit without it.
+
+    `error_ratio`: cross-validated error with over without (the fitted error, which is smaller, where it is
+    `not_cross_validated`); `error_reduction`: by how much it is lower, as a fraction of the error or of the noise,
+    whichever is larger; `explained`: fraction of the fitted squares; `family_p` of the screening; `std`: standard errors by
+    full name (SI); `indistinguishable`: other candidates that explain as well.
+    """
+
+    found: FoundEffect
+    fit: FitResult
+    delta_bic: float
+    error_ratio: float
+    error_reduction: float
+    explained: float
+    family_p: float
+    plausible: bool
+    std: Mapping[str, float]
+    indistinguishable: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.found.effect.name
+
+    @property
+    def not_cross_validated(self) -> bool:
+        """Whether its fitted error was larger than another's cross-validated one, so that it could not win."""
+        return len(self.fit.problem.runs) > 1 and isnan(self.fit.cross_validated_error)
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether it explains enough, by more than chance, with realistic values."""
+        return self.convincing and self.plausible
+
+    @property
+    def convincing(self) -> bool:
+        """Whether it explains enough or all, whatever its values."""
+        return self.predicts_better or self.leaves_only_noise
+
+    @property
+    def leaves_only_noise(self) -> bool:
+        """Whether it leaves only noise where much was left without it, all fitted runs together.
+
+        A run may go beyond what the others tell, which then predict it badly with the right effect too.
+        """
+        return self.fit.error <= CRITERIA.noise_only and self.explained >= CRITERIA.min_explained_by_full_fit
+
+    @property
+    def predicts_better(self) -> bool:
+        """Whether runs left out are predicted better by enough, and by more than chance."""
+        return self.error_reduction >= CRITERIA.min_error_reduction and self.significant
+
+    @property
+    def significant(self) -> bool:
+        """Whether the score test says so, or the runs do by themselves, fitted and left out.
+
+        A model that is far off predicts better with anything that holds it back; then the fitted runs are hardly helped.
+        """
+        strong = CRITERIA.strong_error_reduction
+        return self.family_p <= CRITERIA.significance or (self.error_reduction >= strong and self.explained >= strong)
+
+
+@dataclass(frozen=True)
+class SelectionStep:
+    """One step of the selection: the base, all that was screened, the candidates that were fitted, what was accepted.
+
+    `after`: the model with the accepted effect; `stopped`: it was not brought to its end, so that nothing could be accepted.
+    `only_together`: accepted for what it explains beside the effect of the next step.
+    """
+
+    base: FitResult
+    screened: tuple[ScreeningResult, ...]
+    candidate_fits: tuple[CandidateFit, ...]
+    accepted: CandidateFit | None
+    after: FitResult | None = None
+    stopped: bool = False
+    only_together: bool = False
+
+
+def candidate_fit(
+    base: FitResult, found: FoundEffect, fit: FitResult, family_p: float, context: SearchContext
+) -> CandidateFit:
+    """The comparison of a fit with a candidate effect and the base without it."""
+    before, after = base.prediction_error, fit.prediction_error
+    return CandidateFit(
+        found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
+        1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
+    )  # fmt: skip
+
+
+def delta_bic(base: FitResult, fit: FitResult) -> float:
+    """Difference of the Bayesian information criterion, with minus without: negative is better."""
+    more = len(fit.problem.free) - len(base.problem.free)
+    return 2.0 * (fit.cost - base.cost) + more * log(fit.problem.samples)
+
+
+def standard_errors(fit: FitResult, pool: Executor) -> dict[str, float]:
+    """Standard deviations of the free parameters (SI) from the Hessian, widened by the size of the residuals."""
+    _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z)
+    std = np.sqrt(np.diag(np.linalg.inv(hessian))) * max(1.0, fit.error)
+    return {p.name: std_of_value(p, float(z), float(s)) for p, z, s in zip(fit.problem.free, fit.z, std, strict=False)}
+
+
+def std_of_value(parameter: FreeParameter, z: float, std: float) -> float:
+    """A standard deviation in z as one of the value (SI)."""
+    return (parameter.value(z) if parameter.log else 1.0) * parameter.scale * std
+
+
+def ordered_by_error(fits: Sequence[CandidateFit]) -> tuple[CandidateFit, ...]:
+    """Best first, each with those that explain as well."""
+    return tuple(
+        replace(candidate, indistinguishable=indistinguishable(candidate, fits))
+        for candidate in sorted(fits, key=lambda candidate: candidate.error_ratio)
+    )
+
+
+def indistinguishable(candidate: CandidateFit, fits: Sequence[CandidateFit]) -> tuple[str, ...]:
+    """Other plausible candidates whose cross-validated error is the same."""
+    error = candidate.fit.prediction_error
+    return tuple(
+        other.name for other in fits
+        if other is not candidate and other.plausible
+        and abs(other.fit.prediction_error - error) <= CRITERIA.same_error * error
+    )  # fmt: skip
+
+
+def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
+    """The acceptable candidate with the least error; among equally good ones the one with the fewest parameters.
+
+    Where one leaves only noise in all fitted runs, what leaves clearly more there is out.
+    """
+    good = [candidate for candidate in fits if candidate.acceptable]
+    if not good:
+        return None
+    least = min(good, key=lambda candidate: candidate.fit.error)
+    if least.fit.error <= CRITERIA.noise_only:
+        good = [candidate for candidate in good if not is_dominated(candidate, least)]
+    best = min(candidate.fit.prediction_error for candidate in good)
+    close = [candidate for candidate in good if candidate.fit.prediction_error <= (1.0 + CRITERIA.same_error) * best]
+    return min(close, key=lambda candidate: (len(candidate.fit.problem.free), candidate.fit.prediction_error))
+
+
+def is_dominated(candidate: CandidateFit, best: CandidateFit) -> bool:
+    """Whether the best leaves less in the fitted runs: much less, or less without predicting those left out much worse."""
+    more = candidate.fit.error / best.fit.error
+    predicts_better = candidate.fit.prediction_error < (1.0 - CRITERIA.min_error_reduction) * best.fit.prediction_error
+    return more > CRITERIA.noise_only or (more > 1.0 + CRITERIA.same_error and not predicts_better)

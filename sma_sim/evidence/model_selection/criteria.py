@@ -1,0 +1,100 @@
+"""The thresholds of all decisions of a diagnosis: which effects are tried, accepted, named, and what the verdict is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SelectionCriteria:
+    """Every threshold with its reason. Errors are over noise (1: the model explains all but the noise).
+
+    Fractions are of the error or of the sum of squares before, as each line says.
+    """
+
+    # Nominal fit
+    nominal_starts: int = 2
+    """Starts of the nominal fit: one may end in a valley that the other one avoids."""
+    hybrid_error_ratio: float = 0.8
+    """Fraction of the MAS model's error that the hybrid model's must not exceed to be chosen: MAS has the hybrid model as a
+    limit (V_L large), so that the hybrid model must be clearly better."""
+
+    # Candidates and their probes
+    shape_fractions: tuple[float, ...] = (1 / 6, 1 / 2, 5 / 6)
+    """Where in its realistic range a parameter without a neutral value is probed: the centres of its thirds."""
+    probe_fraction: float = 0.3
+    """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
+    range_tolerance: float = 0.1
+    """Fraction of its width by which a value may lie beyond its realistic range: literature values are not sharper."""
+    log_range_ratio: float = 3.0
+    """Ends of a range whose ratio is larger are interpolated logarithmically."""
+
+    # Score tests
+    bootstrap_draws: int = 999
+    """Wild-bootstrap draws: with the measurement itself 1000, so that p-values are multiples of 0.001."""
+    min_blocks: int = 8
+    max_blocks: int = 40
+    """Blocks of a run whose signs are flipped: enough to draw from, and long beside the correlation of the residuals."""
+    block_correlations: float = 4.0
+    """Length of a block in correlation times of the residuals: beyond it they count as independent."""
+    min_unabsorbed: float = 1e-6
+    """Fraction of a response left by what the fit can absorb, below which it is rounding error: the data cannot see it."""
+
+    # Which candidates are refitted and cross-validated
+    refitted_candidates: int = 8
+    """Most candidates that are refitted: it bounds the time of a step, two fifths of which are refits."""
+    min_relative_gain: float = 0.1
+    """Fraction of the best candidate's gain below which a candidate is not refitted: a refit would have to gain ten
+    times what the score test predicts to catch up."""
+    min_explained_by_screening: float = 0.02
+    """Fraction of the squares that the best candidate must promise for refits to be worth their time."""
+    cross_validated_candidates: int = 4
+    """Most refitted candidates that are cross-validated, which takes five times as long as a refit."""
+    first_refits: int = 2
+    """Candidates refitted before the others: the cost they reach lets hopeless refits of the others end early."""
+    retry_cost_ratio: float = 2.0
+    """A refit within this ratio of the least cost is repeated with weak damping, as either may miss a valley: others are too
+    far behind for that to decide."""
+    pair_candidates: int = 2
+    """Candidates tried beside another effect: each takes a further step of selection."""
+
+    # Acceptance
+    min_error_reduction: float = 0.03
+    """Fraction of the cross-validated error (of the noise, below it) that an accepted effect takes away: less has no use."""
+    same_error: float = 0.01
+    """Relative difference of errors within which two models are equally good: far below what runs differ by."""
+    significance: float = 0.05
+    """Chance that the best of all candidates gains as much from residuals without any effect: the usual level."""
+    strong_error_reduction: float = 0.25
+    """Fraction of the cross-validated error and of the fitted squares that needs no score test: chance does not do both."""
+    min_explained_by_full_fit: float = 0.4
+    """Fraction of the fitted squares that a fit which leaves only noise must explain: its error came from 1.3 or more."""
+    max_effects: int = 4
+    """Most effects of a model: it bounds the time of a search, and recordings of few runs seldom tell more."""
+
+    # What counts as explained
+    noise_only: float = 1.1
+    """Error of the fitted runs below which nothing more is looked for in them: noise is estimated to some per cent only."""
+    other_kinetics_above: float = 1.01
+    """Error of the fitted runs below which the other kinetics are not tried: they could not be seen to be better."""
+    pooled_noise_only: float = 1.05
+    """Error of runs fitted together which one model explains: with some hundred samples more is no chance, but small."""
+    unexplained: float = 1.3
+    """Error above which something is missing that no accepted effect explains: parameters that few runs tell, and noise that
+    was estimated, can raise the error of a right model up to there."""
+    clearly_unexplained: float = 1.5
+    """Error above which a fit on all samples does not change the verdict, so that it is not made first."""
+    min_named_reduction: float = 0.1
+    """Fraction of the held-out error that a partial explanation takes away to be named: what imitates another effect takes
+    little, or comes and goes with the run that is held out."""
+    min_effects_for_formula: int = 2
+    """Effects from which on what they leave is compared with one formula, which several of them may imitate."""
+
+    # Tempered likelihood
+    tempering_stages: int = 3
+    """Most fits of a tempered likelihood: it bounds their time where the weights do not settle."""
+    tempering_ratio: float = 0.7
+    """Another stage is fitted where the noise inflation has fallen below this fraction: otherwise it has settled."""
+
+
+CRITERIA = SelectionCriteria()

@@ -1,0 +1,56 @@
+"""Which kinetics suit a model better: they are a choice of model, not a finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.cross_validation import cross_validated
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter, values_of
+from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.refit import refit
+
+Vector = NDArray[np.float64]
+
+
+def better_kinetics(fit: FitResult, context: SearchContext) -> FitResult:
+    """The same effects with the other kinetics, if they predict better."""
+    if fit.error < CRITERIA.other_kinetics_above or context.stop.is_set():
+        return fit
+    problem, z = with_other_kinetics(fit)
+    other = refit(problem, z, context, FROM_PRIORS)
+    if other is None or other.error > (1.0 + CRITERIA.same_error) * fit.error:
+        return fit
+    other = cross_validated(other, context)
+    if context.stop.is_set() or other.prediction_error >= fit.prediction_error:
+        return fit
+    model = other.problem.config.model
+    context.on_progress(f'{model} kinetics predict better: error over noise {other.prediction_error:.2f}')
+    return other
+
+
+def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
+    """The same problem with the other model of kinetics, and z carried over by name."""
+    problem = fit.problem
+    model = 'mas' if problem.config.model == 'hybrid' else 'hybrid'
+    config = replace(problem.config, model=model)
+    names = [*default_names(config), *(p.name for p in problem.free if p.name.startswith('effects.'))]
+    known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))
+    declared, values = declared_parameters(config), values_of(config)
+    free = [known[name][0] if name in known else free_parameter(name, values[name], declared[name]) for name in names]
+    start = [float(known[name][1]) if name in known else 0.0 for name in names]
+    return replace(problem, config=config, free=tuple(free)), np.array([*start, *fit.z[len(problem.free) :]])
+
+
+def is_as_good(restricted: FitResult, fit: FitResult) -> bool:
+    """Whether a model with less freedom predicts as well without leaving more, or leaves only the same noise."""
+    predicts_as_well = restricted.prediction_error <= (1.0 + CRITERIA.same_error) * fit.prediction_error
+    more = restricted.error / fit.error
+    only_noise = restricted.error <= CRITERIA.noise_only and more <= 1.0 + CRITERIA.same_error
+    return (predicts_as_well and more <= 1.0 + CRITERIA.min_error_reduction) or only_noise
