@@ -46,9 +46,9 @@ def write_challenge(challenge: Challenge, folder: Path, format: str = 'mcap') ->
     try:
         for recording in challenge.campaign.recordings:
             WRITERS[format](temporary / f'{recording.name}.{format}', columns_of(recording))
-        (temporary / META).write_text(json.dumps(meta_of(challenge), indent=2) + '\n')
-        (temporary / NOMINAL).write_text(nominal_yaml(challenge.nominal))
-        (temporary / ANSWER).write_text(sealed(challenge.answer))
+        (temporary / META).write_text(json.dumps(meta_of(challenge), indent=2) + '\n', encoding='utf-8')
+        (temporary / NOMINAL).write_text(nominal_yaml(challenge.nominal), encoding='utf-8')
+        (temporary / ANSWER).write_text(sealed(challenge.answer), encoding='utf-8')
         temporary.chmod(0o777 & ~current_umask())
         temporary.rename(folder)
     except OSError as error:
@@ -113,7 +113,7 @@ def open_answer(folder: Path) -> Answer:
     """The answer of a challenge's folder. Raises UserError when there is none, or it was changed."""
     path = folder / ANSWER
     try:
-        outer = json.loads(path.read_text())
+        outer = json.loads(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise UserError(f'{folder} is no challenge: cannot read {path}: {error.strerror}') from error
     except ValueError as error:

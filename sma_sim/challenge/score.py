@@ -61,7 +61,7 @@ class Score:
 def read_verdict(path: Path) -> Verdict:
     """A verdict file of `diagnose`. Raises UserError that says what is missing in it."""
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     except ValueError as error:

@@ -81,7 +81,7 @@ def put_in_place(temporary: Path, out: Path) -> None:
     """Rename the new folder to `out`; what was there goes only once the new one is complete."""
     if out.exists():
         old = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))
-        out.rename(old)
+        out.rename(old / out.name)
         temporary.rename(out)
         shutil.rmtree(old, ignore_errors=True)
     else:

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         code = perform(verb, words, out)
         if code != 0:
             return code
-    save(draw_error_reduction(json.loads((out / 'verdict.json').read_text())['error']), out / FALL)
+    save(draw_error_reduction(json.loads((out / 'verdict.json').read_text(encoding='utf-8'))['error']), out / FALL)
     pages = ', '.join(sorted(path.name for path in out.glob('*.html')))
     print(f'\nThe end, after {time.monotonic() - begun:.0f} s. Look at {FALL} and {pages} in {out}; run the improved model:')
     print(f'$ sma_module_sim --ros-args --params-file {out / "better.yaml"}')

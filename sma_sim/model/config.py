@@ -137,7 +137,7 @@ def add_effect(word: str, given: dict[str, Given]) -> None:
 def read_yaml(path: Path) -> Mapping[str, Any]:
     """The mapping below ``ros__parameters`` of a ROS 2 parameter file, or a plain mapping."""
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

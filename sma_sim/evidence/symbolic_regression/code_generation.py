@@ -42,7 +42,7 @@ def load_generated(name: str, text: str) -> FoundEffect:
     folder = cache_folder(f'formula-{sha256((name + text).encode()).hexdigest()[:20]}')
     file = folder / f'{name}.py'
     with LOADING_LOCK:
-        if not file.exists() or file.read_text() != text:
+        if not file.exists() or file.read_text(encoding='utf-8') != text:
             write_whole(file, lambda out: out.write(text))
         return find_effects([folder])[name]
 

@@ -157,7 +157,7 @@ def salvaged_sqlite(file: Path) -> Iterator[RawMessage]:
 def provenance_of(path: Path) -> dict[str, str]:
     """How a bag came about, if sma_sim wrote it."""
     try:
-        text = (path / METADATA).read_text() if path.is_dir() else ''
+        text = (path / METADATA).read_text(encoding='utf-8') if path.is_dir() else ''
         custom = (yaml.safe_load(text) or {}).get('rosbag2_bagfile_information', {}).get('custom_data')
         if isinstance(custom, dict):
             return {str(key): str(value) for key, value in custom.items()}

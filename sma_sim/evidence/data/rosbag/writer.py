@@ -137,7 +137,9 @@ class BagWriter:
         """The file that says what is in the bag: whole or not at all."""
         temporary = self.path / f'.{METADATA}.part'
         try:
-            temporary.write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._metadata()}, sort_keys=False))
+            temporary.write_text(
+                yaml.safe_dump({'rosbag2_bagfile_information': self._metadata()}, sort_keys=False), encoding='utf-8'
+            )
             temporary.replace(self.path / METADATA)
         finally:
             temporary.unlink(missing_ok=True)
