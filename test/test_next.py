@@ -238,6 +238,7 @@ def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_mistakes_that_need_the_fit(rivals):
     runs, _ = rivals
     for wanted, message in (
