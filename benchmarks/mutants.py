@@ -5,7 +5,8 @@
 Each mutant is one change of one place: a comparison or an arithmetic operator exchanged, a number changed, a condition
 negated, a returned value replaced. Its tests run in a copy of the tree until the first fails. Results are appended to
 the file, and what it holds already is not run again. Faults of model and solver run as plain Python first
-(NUMBA_DISABLE_JIT), where most are noticed before a compiler would be ready; those that survive run on native code.
+(NUMBA_DISABLE_JIT), where most are noticed before a compiler would be ready; a second run with `--native` takes those
+that survived to native code, with all tests that touch it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
 INTERPRETED_TESTS = ('material', 'paper_equations', 'effects', 'conservation', 'energy', 'messages', 'init')
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
-    'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools',
+    'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools', 'wrong_effect_files',
 )  # fmt: skip
 COMPILED_TESTS = (
     'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
@@ -180,22 +181,20 @@ def run_tests(tree: Path, path: str, compiled: bool, timeout: float) -> tuple[st
     return outcome, failed[0][:200] if failed else said[-200:] if process.returncode else ''
 
 
-def judged(mutant: Mutant, tree: Path, timeout: float) -> dict[str, object]:
+def judged(mutant: Mutant, tree: Path, native: bool, timeout: float) -> dict[str, object]:
     """The record of one mutant."""
     file = tree / mutant.path
     whole, begin = file.read_text(), time.monotonic()
     try:
         file.write_text(whole[: mutant.begin] + mutant.text + whole[mutant.end :])
-        outcome, by = run_tests(tree, mutant.path, False, timeout)
-        if outcome == 'survived' and 'estimation' not in mutant.path:
-            outcome, by = run_tests(tree, mutant.path, True, timeout)
+        outcome, by = run_tests(tree, mutant.path, native, timeout)
     finally:
         file.write_text(whole)
     return asdict(mutant) | {'key': mutant.key, 'outcome': outcome, 'by': by, 'seconds': round(time.monotonic() - begin, 1)}
 
 
 def summary(file: Path) -> str:
-    """Counts by room."""
+    """Counts by room, of the last run of each mutant."""
     records = {record['key']: record for record in map(json.loads, file.read_text().splitlines())}
     lines = []
     for room in (*ROOMS, 'sma_sim'):
@@ -205,11 +204,11 @@ def summary(file: Path) -> str:
     return '\n'.join(lines)
 
 
-def check_without_mutant(trees: SimpleQueue[Path], timeout: float) -> None:
+def check_without_mutant(trees: SimpleQueue[Path], wanted: list[Mutant], native: bool, timeout: float) -> None:
     """End where the tests fail without any change: then they would tell nothing."""
     tree = trees.get()
-    for path, compiled in (('sma_sim/model', False), ('sma_sim/model', True), ('sma_sim/evidence/estimation', True)):
-        outcome, by = run_tests(tree, path, compiled, 4.0 * timeout)
+    for room in sorted({'sma_sim/evidence/estimation' if 'estimation' in mutant.path else 'sma_sim' for mutant in wanted}):
+        outcome, by = run_tests(tree, room, native, 4.0 * timeout)
         if outcome != 'survived':
             raise SystemExit(f'without a mutant: {outcome} {by}')
     trees.put(tree)
@@ -222,22 +221,29 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--timeout', type=float, default=900.0, help='[s]')
+    parser.add_argument('--native', action='store_true', help='run those that survived as plain Python again')
+    parser.add_argument('--room', default='', help='only files whose path contains this')
     parser.add_argument('--file', type=Path, default=Path('mutants.jsonl'))
     given = parser.parse_args()
     lines = given.file.read_text().splitlines() if given.file.exists() else []
     done = {record['key']: record for record in map(json.loads, lines)}
     wanted = drawn(given.count, given.seed)
-    wanted = [mutant for mutant in wanted if mutant.key not in done]
+    if given.native:
+        survived = {key for key, record in done.items() if record['outcome'] == 'survived'}
+        wanted = [mutant for mutant in wanted if mutant.key in survived and 'estimation' not in mutant.path]
+    else:
+        wanted = [mutant for mutant in wanted if mutant.key not in done]
+    wanted = [mutant for mutant in wanted if given.room in mutant.path]
     with tempfile.TemporaryDirectory() as home, ThreadPoolExecutor(given.jobs) as pool:
         trees: SimpleQueue[Path] = SimpleQueue()
         for k in range(given.jobs):
             trees.put(copied(Path(home) / f'tree{k}'))
-        check_without_mutant(trees, given.timeout)
+        check_without_mutant(trees, wanted, given.native, given.timeout)
 
         def run(mutant: Mutant) -> None:
             tree = trees.get()
             try:
-                record = judged(mutant, tree, given.timeout)
+                record = judged(mutant, tree, given.native, given.timeout)
             finally:
                 trees.put(tree)
             with given.file.open('a') as out:
