@@ -1,0 +1,107 @@
+"""What keeps functions and decisions readable: few arguments, and every threshold of a diagnosis in one documented place."""
+
+import ast
+from dataclasses import astuple, fields
+from pathlib import Path
+
+import numpy as np
+
+from sma_sim.evidence.model_selection import criteria
+from sma_sim.evidence.model_selection.criteria import SelectionCriteria
+
+PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
+MOST_ARGUMENTS, MOST_IN_SOLVER = 6, 8
+MOST_THRESHOLDS = 40
+STILL_LONG = {
+    'challenge/make.py:make_challenge', 'model/structures/beam.py:beam_forces', 'model/system.py:flow',
+    'model/system.py:wire_rates', 'model/transformation.py:transforming_fraction', 'model/transformation.py:fraction_rate',
+    'model/transformation.py:added', 'model/transformation.py:memory_drift', 'solver/events.py:crossing',
+    'solver/events.py:guard_at', 'solver/integrate.py:integrate', 'solver/integrate.py:integrate_held',
+    'solver/integrate.py:run_segment', 'solver/integrate.py:sample_step', 'solver/stepper.py:flow_at',
+}  # fmt: skip
+# Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
+FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}
+
+
+def functions(tree):
+    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+def argument_count(function):
+    """Arguments without `self` or `cls`."""
+    named = [*function.args.posonlyargs, *function.args.args]
+    bound = bool(named) and named[0].arg in ('self', 'cls')
+    return len(named) + len(function.args.kwonlyargs) - bound
+
+
+def long_signatures(folder):
+    """Functions with too many arguments, as `file:name`."""
+    for file in sorted(folder.rglob('*.py')):
+        most = MOST_IN_SOLVER if file.relative_to(folder).parts[0] == 'solver' else MOST_ARGUMENTS
+        for function in functions(ast.parse(file.read_text())):
+            if argument_count(function) > most:
+                yield f'{file.relative_to(folder).as_posix()}:{function.name}'
+
+
+def test_signatures_are_short():
+    assert [name for name in long_signatures(PACKAGE) if name not in STILL_LONG] == []
+
+
+def test_a_long_signature_is_found(tmp_path):
+    (tmp_path / 'solver').mkdir()
+    (tmp_path / 'solver' / 'step.py').write_text(
+        'def step(a, b, c, d, e, f, g, *, h): ...\ndef far(a, b, c, d, e, f, g, h, i): ...'
+    )
+    (tmp_path / 'fit.py').write_text(
+        'class Fit:\n    def cost(self, a, b, c, d, e, *, f): ...\n    def go(self, a, b, c, d, e, f, *, g): ...'
+    )
+    assert list(long_signatures(tmp_path)) == ['fit.py:go', 'solver/step.py:far']
+
+
+def numbers_in(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+            yield float(node.value)
+
+
+def has_number(node):
+    return node is not None and any(True for _ in numbers_in(node))
+
+
+def thresholds_in(tree):
+    """Numbers that a file decides by: module constants, and numbers in functions that no formula needs."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and has_number(node.value):
+            yield ast.unparse(node)
+    for function in functions(tree):
+        yield from (f'{function.name}: {number:g}' for number in numbers_in(function) if number not in FORMULA_NUMBERS)
+
+
+def test_thresholds_of_a_diagnosis_are_criteria():
+    files = [file for room in ('diagnosis', 'model_selection') for file in (PACKAGE / 'evidence' / room).glob('*.py')]
+    assert len(files) > 15
+    found = {file.name: list(thresholds_in(ast.parse(file.read_text()))) for file in files if file.name != 'criteria.py'}
+    assert {name: numbers for name, numbers in found.items() if numbers} == {}
+    assert np.hstack(astuple(SelectionCriteria())).size <= MOST_THRESHOLDS
+
+
+def test_a_threshold_outside_the_criteria_is_found():
+    source = (
+        'NEAR = 0.3\nFITS: tuple[float, ...] = (1.0,)\ndef choose(error, limit=1.1):\n    return error < 0.7 * limit + 0.5'
+    )
+    assert list(thresholds_in(ast.parse(source))) == [
+        'NEAR = 0.3', 'FITS: tuple[float, ...] = (1.0,)', 'choose: 1.1', 'choose: 0.7',
+    ]  # fmt: skip
+
+
+def test_every_threshold_has_its_reason():
+    """The text below a field, or below the last of several that share it."""
+    (declared,) = (node for node in ast.parse(Path(criteria.__file__).read_text()).body if isinstance(node, ast.ClassDef))
+    body = declared.body[1:]
+    assert [node.target.id for node in body if isinstance(node, ast.AnnAssign)] == [
+        f.name for f in fields(SelectionCriteria)
+    ]
+    assert isinstance(body[-1], ast.Expr)
+    reasons = [node.value.value for node in body if isinstance(node, ast.Expr)]
+    assert all(len(reason) > 40 for reason in reasons)
+    assert len(reasons) >= len(fields(SelectionCriteria)) - 2
