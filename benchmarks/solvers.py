@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 
 from sma_sim import Input, Model, simulate
 from sma_sim.model.automaton import EDGES
-from sma_sim.model.layout import O_SIZE, System
+from sma_sim.model.layout import O_SIZE, InputPoint, System, SystemState
 from sma_sim.model.system import flow, guard
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.events import TOLERANCE, jump
@@ -46,8 +46,8 @@ class Problem:
     def begin(self, first_input: Vector) -> Vector:
         """The start state; modes and frozen fractions are reset."""
         run = new_run(self.model, first_input, new_work(self.model))
-        self.mode, self.x_frozen = run.mode.copy(), run.x_frozen.copy()
-        return run.y.copy()
+        self.state = SystemState(run.state.y.copy(), run.state.mode.copy(), run.state.x_frozen.copy())
+        return run.state.y.copy()
 
     def rhs(self, t: float, y: Vector) -> Vector:
         """dy/dt."""
@@ -58,12 +58,12 @@ class Problem:
     def write_rhs(self, t: float, y: Vector, dy: Vector) -> None:
         """dy/dt into `dy` (a copy of y, since some solvers hand out a read-only one)."""
         self.calls += 1
-        self.compiled[0](t, np.array(y), dy, self.u, self.mode, self.x_frozen, self.obs)
+        self.compiled[0](t, self.state._replace(y=np.array(y)), dy, self.u, self.obs)
 
     def guards(self, t: float, y: Vector, g: Vector) -> None:
         """Guards of the two wires' modes, positive when violated, into `g` (4,)."""
         dy = np.empty_like(y)
-        self.compiled[1](t, np.array(y), dy, self.u, self.mode, self.x_frozen, self.obs, g)
+        self.compiled[1](t, self.state._replace(y=np.array(y)), dy, self.u, self.obs, g)
 
     def jump_at_once(self, t: float, y: Vector) -> None:
         """Take the jumps that are due where a stretch begins, which no event function would see."""
@@ -77,8 +77,8 @@ class Problem:
         self.rhs(t, y)
         for wire in sorted({w // GUARDS_PER_MODE for w in which}):
             first = min(w % GUARDS_PER_MODE for w in which if w // GUARDS_PER_MODE == wire)
-            edges = [k for k, edge in enumerate(EDGES) if edge.source == self.mode[wire]]
-            jump(edges[first], wire, self.mode, self.x_frozen, self.obs)
+            edges = [k for k, edge in enumerate(EDGES) if edge.source == self.state.mode[wire]]
+            jump(edges[first], wire, self.state, self.obs)
 
 
 def compiled_functions(p: System) -> tuple[Any, Any]:
@@ -90,15 +90,15 @@ def compiled_functions(p: System) -> tuple[Any, Any]:
     still, tolerance = np.zeros(2), TOLERANCE.copy()
 
     @numba.njit(error_model='numpy')  # type: ignore[untyped-decorator]
-    def rhs(t, y, dy, u, mode, x_frozen, obs):  # type: ignore[no-untyped-def]
-        compiled_flow(t, y, u, still, mode, x_frozen, p, dy, obs)
+    def rhs(t, state, dy, u, obs):  # type: ignore[no-untyped-def]
+        compiled_flow(t, state, InputPoint(u, still), p, dy, obs)
 
     @numba.njit(error_model='numpy')  # type: ignore[untyped-decorator]
-    def guards(t, y, dy, u, mode, x_frozen, obs, g):  # type: ignore[no-untyped-def]
-        compiled_flow(t, y, u, still, mode, x_frozen, p, dy, obs)
+    def guards(t, state, dy, u, obs, g):  # type: ignore[no-untyped-def]
+        compiled_flow(t, state, InputPoint(u, still), p, dy, obs)
         for i in range(2):
             for k in range(2):
-                which = table[mode[i], k]
+                which = table[state.mode[i], k]
                 g[2 * i + k] = -1.0 if which < 0 else compiled_guard(which, i, p, obs) - tolerance[which]
 
     return rhs, guards

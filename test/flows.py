@@ -5,7 +5,7 @@ import numpy as np
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.automaton import AUSTENITE, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.layout import O_SIZE, O_X
+from sma_sim.model.layout import O_SIZE, O_X, InputPoint, SystemState
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.system import flow
 
@@ -71,7 +71,7 @@ class Point:
         """dy/dt and what the flow finds on its way."""
         self.dy, self.obs = np.zeros(len(self.y)), np.zeros((self.p.wires, O_SIZE))
         y, u = self.y if y is None else y, self.u if u is None else u
-        flow(0.0, y, u, self.du, self.mode, self.x, self.p, self.dy, self.obs)
+        flow(0.0, SystemState(y, self.mode, self.x), InputPoint(u, self.du), self.p, self.dy, self.obs)
         return self.dy, self.obs
 
     def along(self, h):

@@ -8,12 +8,23 @@ import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.layout import O_SIZE
+from sma_sim.model.layout import O_SIZE, InputPoint, SystemState
 from sma_sim.model.material import fraction_at_stress, sigma_A, sigma_M
 from sma_sim.model.system import flow
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.inputs import pieces
-from sma_sim.solver.integrate import PER_WIRE, SAMPLE_SIZE, WIRE_COLUMNS, Y_POSE, Y_RATE, Y_WIRE, Limits, integrate
+from sma_sim.solver.integrate import (
+    PER_WIRE,
+    SAMPLE_SIZE,
+    WIRE_COLUMNS,
+    Y_POSE,
+    Y_RATE,
+    Y_WIRE,
+    InputStretches,
+    Limits,
+    Log,
+    integrate,
+)
 from sma_sim.solver.simulate import new_run, new_work
 
 COMBINATIONS = [(system, kind) for system in ('wire', 'module') for kind in ('hybrid', 'mas')]
@@ -47,7 +58,7 @@ def evaluate(model, y, u, du, mode, x_frozen, t=0.0):
     """The flow in plain Python."""
     p = model.compiled
     dy, obs = np.zeros(len(y)), np.zeros((p.wires, O_SIZE))
-    flow(t, y, u, du, mode, x_frozen, p, dy, obs)
+    flow(t, SystemState(y, mode, x_frozen), InputPoint(u, du), p, dy, obs)
     return State(y, u, du, mode, x_frozen, dy, obs)
 
 
@@ -90,22 +101,25 @@ class RawRun(NamedTuple):
     y: np.ndarray
 
 
+def new_log(sample_times=()):
+    """Room for samples at these times, and for jumps."""
+    times = np.asarray(sample_times, float)
+    return Log(np.full((len(times), SAMPLE_SIZE), np.nan), times, np.zeros(1, dtype=np.int64), np.zeros((10_000, 3)))
+
+
 def raw_run(model, source, sample_times, max_step=np.inf, max_steps=10_000_000):
     """Run and keep every column of the samples."""
-    times, values, slopes = pieces(source)
+    stretches = InputStretches(*pieces(source), model.uses_time)
     work = new_work(model)
-    run = new_run(model, values[0], work)
-    samples, jumps = np.full((len(sample_times), SAMPLE_SIZE), np.nan), np.zeros((10_000, 3))
-    compiled = package_compiler().function(integrate)
-    status, _ = compiled(
-        times, values, slopes, model.uses_time, run, model.compiled, work, Limits(max_step, max_steps), samples,
-        np.asarray(sample_times, float), jumps,
-    )  # fmt: skip
+    run = new_run(model, stretches.values[0], work)
+    log = new_log(sample_times)
+    samples, jumps = log.samples, log.jumps
+    status = package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(max_step, max_steps), log)
     wires = [
         {name: samples[:, Y_WIRE + i * PER_WIRE + k] for k, name in enumerate(WIRE_COLUMNS)} for i in range(model.wires)
     ]
     pose, rates = samples[:, Y_POSE : Y_POSE + 3], samples[:, Y_RATE : Y_RATE + 3]
-    return RawRun(pose, rates, wires, jumps[: run.count[3]], status, int(run.count[0]), run.y)
+    return RawRun(pose, rates, wires, jumps[: run.count[3]], status, int(run.count[0]), run.state.y)
 
 
 def rest_state(model, T, u, du, mode, x):
@@ -119,8 +133,7 @@ def smooth_state(model, J_eq, after):
     u = np.array([J_eq, 298.0])
     work = new_work(model)
     run = new_run(model, u, work)
-    package_compiler().function(integrate)(
-        np.array([0.0, after]), np.array([u, u]), np.zeros((2, 2)), False, run, model.compiled, work,
-        Limits(np.inf, 10_000_000), np.zeros((0, SAMPLE_SIZE)), np.zeros(0), np.zeros((100, 3)),
-    )  # fmt: skip
-    return evaluate(model, run.y, u, np.zeros(2), run.mode, run.x_frozen)
+    stretches = InputStretches(np.array([0.0, after]), np.array([u, u]), np.zeros((2, 2)), False)
+    package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000), new_log())
+    y, mode, x_frozen = run.state
+    return evaluate(model, y, u, np.zeros(2), mode, x_frozen)

@@ -5,11 +5,12 @@ import pytest
 from systems import make_model, raw_run, rest_state, smooth_state
 
 from sma_sim import Input
+from sma_sim.model.layout import SystemState
 from sma_sim.solver import rosenbrock
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.rosenbrock import RosenbrockMethod
 from sma_sim.solver.simulate import new_work
-from sma_sim.solver.stepper import ORDER, Segment, dense, linearize, prepare_dense, rosenbrock_step
+from sma_sim.solver.stepper import ORDER, Segment, Step, dense, linearize, prepare_dense, rosenbrock_step
 
 METHODS = [value for value in vars(rosenbrock).values() if isinstance(value, RosenbrockMethod)]
 HALVINGS = np.array([1, 2, 4, 8])
@@ -72,12 +73,13 @@ def test_l_stability(method):
 def fixed_steps(model, start, duration, count, theta=None):
     """The state after equal steps; with theta, the dense output at that fraction of the only step."""
     work, y, h = new_work(model), start.y.copy(), duration / count
-    segment = Segment(0.0, start.u, start.du, bool((start.du != 0).any()))
+    segment = Segment(0.0, duration, start.u, start.du, bool((start.du != 0).any()))
+    state = SystemState(y, start.mode, start.x_frozen)
     compiled = package_compiler().function
-    look, step, prepare, output = (compiled(f) for f in (linearize, rosenbrock_step, prepare_dense, dense))
+    linear, step, prepare, output = (compiled(f) for f in (linearize, rosenbrock_step, prepare_dense, dense))
     for k in range(count):
-        look(k * h, y, segment, start.mode, start.x_frozen, model.compiled, work)
-        step(k * h, h, y, segment, start.mode, start.x_frozen, model.compiled, work)
+        linear(k * h, state, segment, model.compiled, work)
+        step(Step(k * h, h), state, segment, model.compiled, work)
         if theta is not None:
             prepare(work)
             output(theta, y, work)

@@ -155,9 +155,9 @@ def test_a_run_is_continued_where_it_ended(kind, effects):
     times = np.linspace(0.0, 15.0, 200)
     once = simulate(model, whole, times)
     first = simulate(model, between(whole, 0.0, 5.0), times[times < 5.0])
-    kept = first.state.y.copy()
+    kept = first.state.state.y.copy()
     second = simulate(model, between(whole, 5.0, 15.0), times[times >= 5.0], initial_state=first.state)
-    assert (first.state.y == kept).all()
+    assert (first.state.state.y == kept).all()
     assert len(first.jumps) + len(second.jumps) == len(once.jumps)
     for name, column in once.columns.items():
         assert (np.concatenate([first[name], second[name]]) == column).all(), name

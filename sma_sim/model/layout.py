@@ -19,6 +19,24 @@ O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O
 )  # fmt: skip
 
 
+class SystemState(NamedTuple):
+    """The state of a system: `y` (n,) changes with the flow, the other two (wires,) only where the hybrid model jumps.
+
+    `x_frozen` is x_M in modes 1 to 3, and in modes 4 and 5 the value from which an implicit x_M is solved for.
+    """
+
+    y: Vector
+    mode: Modes
+    x_frozen: Vector
+
+
+class InputPoint(NamedTuple):
+    """The input of a system at one time, and its slope [1/s]: module (J_eq, T_E), wire (strain, J, T_E)."""
+
+    u: Vector
+    du: Vector
+
+
 class System(NamedTuple):
     """Everything that the flow needs and that does not change during a run."""
 

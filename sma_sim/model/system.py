@@ -1,20 +1,22 @@
 """The equations of motion of the module and of the single wire: dy/dt = flow(t, y) in a given mode of each wire.
 
 State vector y: module (U_x, U_y, alpha, their rates, T_1, T_2), wire (T); then, for the MAS model, x_M of each
-wire; then the extra states of the active effects. Inputs u: module (J_eq, T_E); wire (strain, J, T_E). `du` is the
-slope of u. `mode` and `x_frozen` are the discrete states of the hybrid model, one per wire.
+wire; then the extra states of the active effects.
 """
 
 from __future__ import annotations
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import add_rates, focus, share_state, true_channel
+from sma_sim.model.effects.calls import add_rates, show_phases, show_state, true_channel
 from sma_sim.model.effects.ports import (
     ACTUATION,
+    MODULE_CHANNELS,
+    N_CHANNELS,
     S_CHANNEL,
     S_DX,
     S_F,
     S_J,
+    S_STRAIN,
     S_T,
     S_VALUE,
     S_X,
@@ -37,42 +39,49 @@ from sma_sim.model.layout import (
     O_S_A,
     O_S_M,
     O_SIGMA,
+    O_STRAIN,
     O_V,
     O_X,
-    Modes,
+    InputPoint,
     System,
+    SystemState,
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.structures.beam import beam_forces, wire_length
-from sma_sim.model.transformation import fraction_rate, phase_and_stress
+from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_stress
 
 
-def flow(
-    t: float, y: Vector, u: Vector, du: Vector, mode: Modes, x_frozen: Vector, p: System, dy: Vector, obs: Vector
-) -> None:
+def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
     """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (wires, O_SIZE)."""
-    T_E = u[1] if p.module else u[2]
-    if p.effects.port_start[-1] > 0:
-        share_state(t, y, T_E, p)
-    kinematics(y, u, du, p, obs)
+    y, e = state.y, p.effects
+    T_E = ambient_temperature(point.u, p)
+    kinematics(y, point, p, obs)
+    if e.port_start[-1] > 0:
+        show_state(t, y, T_E, p, obs)
     for i in range(p.wires):
-        phase_and_stress(i, y, mode[i], x_frozen[i], p, obs)
+        phase_and_stress(i, state, p, obs)
+    if e.port_start[-1] > 0:
+        show_phases(p, obs)
     for i in range(p.wires):
         obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
-        if p.effects.port_start[STRUCTURE_FORCE + 1] > p.effects.port_start[WIRE_HEAT]:
-            focus(i, y, p, obs)
-        wire_rates(i, y, T_E, mode[i], p, dy, obs)
+        wire_rates(i, state, T_E, p, dy, obs)
         obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
     if p.module:
         accelerations(y, p, dy, obs)
-    if p.effects.port_start[SENSING + 1] > p.effects.port_start[SENSING]:
+    if e.port_start[SENSING + 1] > e.port_start[SENSING]:
         sensing_rates(y, p, dy, obs)
 
 
-def kinematics(y: Vector, u: Vector, du: Vector, p: System, obs: Vector) -> None:
+def ambient_temperature(u: Vector, p: System) -> float:
+    """T_E [K] of an input."""
+    return u[1] if p.module else u[2]
+
+
+def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
     """Commanded heating, length, strain and their rates of each wire: from the pose (module) or the input (wire)."""
+    u, du = point.u, point.du
     for i in range(p.wires):
         obs[i, O_J] = commanded_heating(i, u, p)
     if not p.module:
@@ -100,18 +109,18 @@ def heating(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     J = obs[i, O_J]
     e = p.effects
     if e.port_start[ACTUATION + 1] > e.port_start[ACTUATION]:
-        focus(i, y, p, obs)
         for k in range(e.port_start[ACTUATION], e.port_start[ACTUATION + 1]):
-            e.s[S_J] = J
-            add_rates(k, i, e.wire, y, e, dy)
-            call_effect(e.value[k], k, i, e.wire, y, e)
+            add_rates(k, i, y, e, dy)
+            call_effect(e.value[k], k, i, y, e)
             J = e.out[0]
+            e.s[i, S_J] = J
     return J
 
 
-def wire_rates(i: int, y: Vector, T_E: float, mode: int, p: System, dy: Vector, obs: Vector) -> None:
+def wire_rates(i: int, state: SystemState, T_E: float, p: System, dy: Vector, obs: Vector) -> None:
     """dT/dt and dx_M/dt of wire `i` (MAS9, L3; X4 to X8 as the total derivative of sigma = sigma_A or sigma_M)."""
-    w, T, x, sigma = p.wire, y[p.first_T + i], obs[i, O_X], obs[i, O_SIGMA]
+    y, mode, w = state.y, state.mode[i], p.wire
+    T, x, sigma = y[p.first_T + i], obs[i, O_X], obs[i, O_SIGMA]
     dx = 0.0
     if p.mas:
         dx = mas_rate(sigma, x, T, obs[i, O_S_A], obs[i, O_S_M], w)
@@ -121,7 +130,7 @@ def wire_rates(i: int, y: Vector, T_E: float, mode: int, p: System, dy: Vector, 
     latent = latent_heat(T, sigma, w)
     if not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE):
         latent += extra_latent_heat(i, 1.0 if mode == TO_MARTENSITE else -1.0, y, p)
-        dx = fraction_rate(i, heat, capacity, latent, mode, y, p, obs)
+        dx = fraction_rate(i, HeatBalance(heat, capacity, latent), mode, y, p, obs)
     obs[i, O_DX] = dx
     dy[p.first_T + i] = (heat + latent * dx) / capacity
 
@@ -131,9 +140,9 @@ def extra_heat(i: int, dx: float, y: Vector, p: System) -> float:
     e = p.effects
     heat = 0.0
     if e.port_start[WIRE_HEAT + 1] > e.port_start[WIRE_HEAT]:
-        e.s[S_DX] = dx
+        e.s[i, S_DX] = dx
         for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
-            call_effect(e.value[k], k, i, e.wire, y, e)
+            call_effect(e.value[k], k, i, y, e)
             heat += e.out[0]
     return heat
 
@@ -144,11 +153,11 @@ def extra_latent_heat(i: int, sign: float, y: Vector, p: System) -> float:
     latent = 0.0
     for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
         if e.depends_on_dx[k] != 0:
-            e.s[S_DX] = sign
-            call_effect(e.value[k], k, i, e.wire, y, e)
+            e.s[i, S_DX] = sign
+            call_effect(e.value[k], k, i, y, e)
             latent += e.out[0] * sign
-            e.s[S_DX] = 0.0
-            call_effect(e.value[k], k, i, e.wire, y, e)
+            e.s[i, S_DX] = 0.0
+            call_effect(e.value[k], k, i, y, e)
             latent -= e.out[0] * sign
     return latent
 
@@ -158,12 +167,14 @@ def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> fl
     e = p.effects
     force = p.wire.section * obs[i, O_SIGMA]
     if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_HEAT]:
-        e.s[S_T], e.s[S_X], e.s[S_DX], e.s[S_F] = y[p.first_T + i], obs[i, O_X], obs[i, O_DX], force
+        s = e.s[i]
+        s[S_T], s[S_X], s[S_STRAIN] = y[p.first_T + i], obs[i, O_X], obs[i, O_STRAIN]  # others were tried for their rates
+        s[S_DX], s[S_F] = obs[i, O_DX], force
         for k in range(e.port_start[WIRE_HEAT], e.port_start[TRANSFORMATION_STRESS + 1]):
-            add_rates(k, i, e.wire, y, e, dy)
+            add_rates(k, i, y, e, dy)
         for k in range(e.port_start[WIRE_FORCE], e.port_start[WIRE_FORCE + 1]):
-            add_rates(k, i, e.wire, y, e, dy)
-            call_effect(e.value[k], k, i, e.wire, y, e)
+            add_rates(k, i, y, e, dy)
+            call_effect(e.value[k], k, i, y, e)
             force += e.out[0]
     return force
 
@@ -171,14 +182,14 @@ def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> fl
 def accelerations(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
     """Motion of the plate (EB-Ba to EB-Bc) under the beam, the wires (tau = -J^T F) and the structure's effects."""
     b, e = p.beam, p.effects
-    F_x, F_y, M = beam_forces(y[0], y[1], y[2], y[3], y[4], y[5], b)
+    F_x, F_y, M = beam_forces(y[0:3], y[3:6], b)
     for i in range(2):
         F_x -= obs[i, O_DL] * obs[i, O_F]
         F_y -= obs[i, O_DL + 1] * obs[i, O_F]
         M -= obs[i, O_DL + 2] * obs[i, O_F]
     for k in range(e.port_start[STRUCTURE_FORCE], e.port_start[STRUCTURE_FORCE + 1]):
-        add_rates(k, 0, e.beam, y, e, dy)
-        call_effect(e.value[k], k, 0, e.beam, y, e)
+        add_rates(k, 0, y, e, dy)
+        call_effect(e.value[k], k, 0, y, e)
         F_x += e.out[0]
         F_y += e.out[1]
         M += e.out[2]
@@ -189,21 +200,22 @@ def accelerations(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
 def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     """What the sensor of a channel shows after the sensing chain; the chain's rates go into `dy`."""
     e = p.effects
+    s = e.s[p.wires - 1]
     value = true_channel(channel, y, p, obs)
-    e.s[S_CHANNEL] = channel
+    s[S_CHANNEL] = channel
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
-            e.s[S_VALUE] = value
-            add_rates(k, e.slot[k, channel], e.wire, y, e, dy)
-            call_effect(e.value[k], k, e.slot[k, channel], e.wire, y, e)
+            s[S_VALUE] = value
+            add_rates(k, e.slot[k, channel], y, e, dy)
+            call_effect(e.value[k], k, e.slot[k, channel], y, e)
             value = e.out[0]
     return value
 
 
 def sensing_rates(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
     """Rates of the sensing chain's states."""
-    for channel in range(7 if p.module else 9):
-        if p.module or channel > 6:
+    for channel in range(N_CHANNELS):
+        if p.module == (channel < MODULE_CHANNELS):
             sensed_channel(channel, y, p, obs, dy)
 
 

@@ -7,8 +7,9 @@ equation together with the heat balance (docs/explanation/physics.md).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import focus
 from sma_sim.model.effects.ports import (
     S_DX,
     S_EPS,
@@ -21,7 +22,19 @@ from sma_sim.model.effects.ports import (
     EffectTable,
     call_effect,
 )
-from sma_sim.model.layout import O_DEPS, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, System, Vector
+from sma_sim.model.layout import (
+    O_DEPS,
+    O_EPS,
+    O_LENGTH,
+    O_S_A,
+    O_S_M,
+    O_SIGMA,
+    O_STRAIN,
+    O_X,
+    System,
+    SystemState,
+    Vector,
+)
 from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigma_M, stress
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.
@@ -35,15 +48,16 @@ def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, fl
     """Strain e [-] and shifts of sigma_A and sigma_M [Pa] that effects add at temperature T and fraction x."""
     e = p.effects
     strain, shift_A, shift_M = 0.0, 0.0, 0.0
-    e.s[S_T], e.s[S_X], e.s[S_STRAIN] = T, x, 0.0
+    s = e.s[i]
+    s[S_T], s[S_X], s[S_STRAIN] = T, x, 0.0
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[WIRE_STRAIN + 1]):
-        call_effect(e.value[k], k, i, e.wire, y, e)
+        call_effect(e.value[k], k, i, y, e)
         strain += e.out[0]
         shift_A += e.out[1]
         shift_M += e.out[2]
-        e.s[S_STRAIN] = strain
+        s[S_STRAIN] = strain
     for k in range(e.port_start[TRANSFORMATION_STRESS], e.port_start[TRANSFORMATION_STRESS + 1]):
-        call_effect(e.value[k], k, i, e.wire, y, e)
+        call_effect(e.value[k], k, i, y, e)
         shift_A += e.out[0]
         shift_M += e.out[1]
     return strain, shift_A, shift_M
@@ -70,16 +84,16 @@ def offsets_depend_on_eps(e: EffectTable) -> bool:
     return False
 
 
-def phase_and_stress(i: int, y: Vector, mode: int, x_frozen: float, p: System, obs: Vector) -> None:
+def phase_and_stress(i: int, state: SystemState, p: System, obs: Vector) -> None:
     """x_M, stress and transformation stresses of wire `i` in its mode."""
-    w, T, eps = p.wire, y[p.first_T + i], obs[i, O_EPS]
-    x = y[p.first_x + i] if p.mas else x_frozen
+    w, y, mode, eps = p.wire, state.y, state.mode[i], obs[i, O_EPS]
+    T = y[p.first_T + i]
+    x = y[p.first_x + i] if p.mas else state.x_frozen[i]
     strain, shift_A, shift_M = 0.0, 0.0, 0.0
     transforming = not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE)
     if has_offsets(p.effects):
-        focus(i, y, p, obs)
         if transforming:
-            x, strain, shift_A, shift_M = transforming_fraction(i, eps, T, mode, x_frozen, y, p)
+            x, strain, shift_A, shift_M = transforming_fraction(i, eps, T, state, p)
         else:
             strain, shift_A, shift_M = offsets(i, T, x, y, p)
     elif transforming:
@@ -89,18 +103,16 @@ def phase_and_stress(i: int, y: Vector, mode: int, x_frozen: float, p: System, o
     obs[i, O_S_A], obs[i, O_S_M] = sigma_A(T, w) + shift_A, sigma_M(T, w) + shift_M
 
 
-def transforming_fraction(
-    i: int, eps: float, T: float, mode: int, x_guess: float, y: Vector, p: System
-) -> tuple[float, float, float, float]:
+def transforming_fraction(i: int, eps: float, T: float, state: SystemState, p: System) -> tuple[float, float, float, float]:
     """x_M in mode 4 or 5 with the strain and the shifts that effects add there.
 
     In closed form where these do not depend on x_M. Else x_M solves x = g(x), g being the closed form with what
-    effects add at x: the secant method on g(x) - x, whose slope is close to -1.
+    effects add at x: the secant method on g(x) - x, whose slope is close to -1, from the last x_M.
     """
-    w, x = p.wire, x_guess
-    bare = sigma_A(T, w) if mode == TO_MARTENSITE else sigma_M(T, w)
+    w, y, mode, x = p.wire, state.y, state.mode[i], state.x_frozen[i]
+    nominal = sigma_A(T, w) if mode == TO_MARTENSITE else sigma_M(T, w)
     strain, shift_A, shift_M = offsets(i, T, x, y, p)
-    gap = fraction_at_stress(eps - strain, bare + (shift_A if mode == TO_MARTENSITE else shift_M), w) - x
+    gap = fraction_at_stress(eps - strain, nominal + (shift_A if mode == TO_MARTENSITE else shift_M), w) - x
     if not offsets_depend_on_x(p.effects):
         return x + gap, strain, shift_A, shift_M
     change = min(max(gap, -LARGEST_CHANGE), LARGEST_CHANGE)
@@ -108,7 +120,7 @@ def transforming_fraction(
         if abs(change) < FRACTION_TOLERANCE:
             break
         new_strain, new_A, new_M = offsets(i, T, x + change, y, p)
-        target = bare + (new_A if mode == TO_MARTENSITE else new_M)
+        target = nominal + (new_A if mode == TO_MARTENSITE else new_M)
         new_gap = fraction_at_stress(eps - new_strain, target, w) - (x + change)
         slope = min((new_gap - gap) / change, SMALLEST_SLOPE)
         more = min(max(-new_gap / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
@@ -131,9 +143,26 @@ def has_memory(e: EffectTable) -> bool:
     return False
 
 
-def fraction_rate(
-    i: int, heat: float, capacity: float, latent: float, mode: int, y: Vector, p: System, obs: Vector
-) -> float:
+class HeatBalance(NamedTuple):
+    """capacity dT/dt = heat + latent dx_M/dt of one wire [J/K, W, J]."""
+
+    heat: float
+    capacity: float
+    latent: float
+
+
+class Transformation(NamedTuple):
+    """A transforming wire, and what effects add there: about it the condition sigma = sigma_A + s_A (or M) is linearized."""
+
+    mode: int
+    T: float
+    x: float
+    strain: float
+    shift: float  # s_A in mode 4, s_M in mode 5
+    by_eps: float  # d sigma/d eps
+
+
+def fraction_rate(i: int, balance: HeatBalance, mode: int, y: Vector, p: System, obs: Vector) -> float:
     """dx_M/dt [1/s] in modes 4 and 5 (X4 to X8).
 
     The derivative of sigma - sigma_A - s_A (or M) along the flow is zero, with dT/dt = (heat + latent dx_M/dt)/capacity
@@ -145,46 +174,51 @@ def fraction_rate(
     drawn = by_eps * obs[i, O_DEPS]
     e = p.effects
     if has_offsets(e):
-        strain = obs[i, O_STRAIN]
         shift = obs[i, O_S_A] - sigma_A(T, w) if mode == TO_MARTENSITE else obs[i, O_S_M] - sigma_M(T, w)
-        by_T += added(i, T + T_STEP, x, strain, shift, by_eps, mode, y, p) / T_STEP
+        at = Transformation(mode, T, x, obs[i, O_STRAIN], shift, by_eps)
+        by_T += added(i, T + T_STEP, x, at, y, p) / T_STEP
         if offsets_depend_on_x(e):
             step = X_STEP if x < 0.5 else -X_STEP
-            by_x += added(i, T, x + step, strain, shift, by_eps, mode, y, p) / step
+            by_x += added(i, T, x + step, at, y, p) / step
         if offsets_depend_on_eps(e):
-            e.s[S_EPS], e.s[S_LENGTH] = obs[i, O_EPS] + EPS_STEP, obs[i, O_LENGTH] + EPS_STEP * w.l0
-            drawn += added(i, T, x, strain, shift, by_eps, mode, y, p) / EPS_STEP * obs[i, O_DEPS]
-            e.s[S_EPS], e.s[S_LENGTH] = obs[i, O_EPS], obs[i, O_LENGTH]
+            drawn += added_by_strain(i, at, y, p, obs) * obs[i, O_DEPS]
         if has_memory(e):
-            e.s[S_T], e.s[S_X] = T, x
             sign = 1.0 if mode == TO_MARTENSITE else -1.0
-            drift = memory_drift(i, 0.0, T, x, strain, shift, by_eps, mode, y, p)
-            by_x += (memory_drift(i, sign, T, x, strain, shift, by_eps, mode, y, p) - drift) * sign
-    return -(drawn + by_T * heat / capacity + drift) / (by_x + by_T * latent / capacity)
+            drift = memory_drift(i, 0.0, at, y, p)
+            by_x += (memory_drift(i, sign, at, y, p) - drift) * sign
+    return -(drawn + by_T * balance.heat / balance.capacity + drift) / (by_x + by_T * balance.latent / balance.capacity)
 
 
-def added(i: int, T: float, x: float, strain: float, shift: float, by_eps: float, mode: int, y: Vector, p: System) -> float:
-    """Change of sigma - sigma_A - s_A (or M) through what effects add at (T, x) beyond `strain` and `shift` [Pa]."""
-    new_strain, shift_A, shift_M = offsets(i, T, x, y, p)
-    new_shift = shift_A if mode == TO_MARTENSITE else shift_M
-    return -(new_strain - strain) * by_eps - (new_shift - shift)
+def added(i: int, T: float, x: float, at: Transformation, y: Vector, p: System) -> float:
+    """Change of sigma - sigma_A - s_A (or M) through what effects add at (T, x) beyond what they add `at` it [Pa]."""
+    strain, shift_A, shift_M = offsets(i, T, x, y, p)
+    shift = shift_A if at.mode == TO_MARTENSITE else shift_M
+    return -(strain - at.strain) * at.by_eps - (shift - at.shift)
 
 
-def memory_drift(
-    i: int, dx: float, T: float, x: float, strain: float, shift: float, by_eps: float, mode: int, y: Vector, p: System
-) -> float:
-    """Rate of sigma - sigma_A - s_A through the extra states of these effects [Pa/s], were dx_M/dt = `dx`."""
+def added_by_strain(i: int, at: Transformation, y: Vector, p: System, obs: Vector) -> float:
+    """Derivative of sigma - sigma_A - s_A (or M) in the strain of the wire, through what effects add [Pa]."""
+    s = p.effects.s[i]
+    s[S_EPS], s[S_LENGTH] = obs[i, O_EPS] + EPS_STEP, obs[i, O_LENGTH] + EPS_STEP * p.wire.l0
+    slope = added(i, at.T, at.x, at, y, p) / EPS_STEP
+    s[S_EPS], s[S_LENGTH] = obs[i, O_EPS], obs[i, O_LENGTH]
+    return slope
+
+
+def memory_drift(i: int, dx: float, at: Transformation, y: Vector, p: System) -> float:
+    """Rate of sigma - sigma_A - s_A (or M) through the extra states of these effects [Pa/s], were dx_M/dt = `dx`."""
     e = p.effects
+    s = e.s[i]
     total = 0.0
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
         for j in range(e.states[k]):
-            e.s[S_T], e.s[S_X], e.s[S_DX] = T, x, dx
-            call_effect(e.rate[k], k, i, e.wire, y, e)
+            s[S_T], s[S_X], s[S_DX] = at.T, at.x, dx
+            call_effect(e.rate[k], k, i, y, e)
             rate = e.out[j]
-            at = e.state_start[k] + i * e.states[k] + j
-            kept = y[at]
-            y[at] = kept + MEMORY_STEP * e.scale[at - e.state_start[0]]
-            step = y[at] - kept
-            total += added(i, T, x, strain, shift, by_eps, mode, y, p) / step * rate
-            y[at] = kept
+            state = e.state_start[k] + i * e.states[k] + j
+            kept = y[state]
+            y[state] = kept + MEMORY_STEP * e.scale[state - e.state_start[0]]
+            step = y[state] - kept
+            total += added(i, at.T, at.x, at, y, p) / step * rate
+            y[state] = kept
     return total

@@ -10,14 +10,13 @@ import numpy as np
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
+from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.kernels import native_effect
 
 # Size of a change in each channel, for the states of sensing effects.
 CHANNEL_SCALES = (1e-4, 1e-3, 0.15, 10.0, 10.0, 30.0, 30.0, 1e8, 30.0)
-MODULE_CHANNELS = 7
 
 
 def channel_slots(effect: Effect, module: bool) -> list[int]:
@@ -86,7 +85,7 @@ def effect_table(
     table = EffectTable(
         **plan.fields,
         parameters=np.array([v for k in plan.order for v in active[k].values], dtype=float),
-        s=np.zeros(S_SIZE),
+        s=np.zeros((2 if module else 1, S_SIZE)),
         wire=np.array(wire, dtype=float),
         beam=np.array(beam, dtype=float),
         out=np.zeros(16),

@@ -12,7 +12,17 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.inputs import Input
-from sma_sim.solver.integrate import COMPLETED, N_JUMPS, REASONS, SAMPLE_SIZE, Limits, integrate_held, observe
+from sma_sim.solver.integrate import (
+    COMPLETED,
+    N_JUMPS,
+    REASONS,
+    SAMPLE_SIZE,
+    HeldInput,
+    Limits,
+    Log,
+    integrate_held,
+    observe,
+)
 from sma_sim.solver.simulate import (
     MAX_JUMPS,
     STOPPED,
@@ -53,9 +63,9 @@ class FixedRateRun:
         self._compiled = own_scratch(model.compiled)
         self._integrate = package_compiler().function(integrate_held)
         self._samples = np.full((1, SAMPLE_SIZE), np.nan)
-        start = Segment(self.time, np.asarray(first_input, float), self._still, False)
-        look = package_compiler().function(observe)
-        look(self.time, self.run.y, self.run, start, self._compiled, self._work, self._samples[0])
+        start = Segment(self.time, self.time, np.asarray(first_input, float), self._still, False)
+        sample = package_compiler().function(observe)
+        sample(self.time, self.run.state, start, self._compiled, self._work, self._samples[0])
         self.advance(np.zeros((0, len(self._still))), 1, self._samples)  # compiled now, not at the first step
 
     @property
@@ -77,14 +87,13 @@ class FixedRateRun:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
         self.run.count[:N_JUMPS] = 0
         limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs))
-        status, written = self._integrate(
-            self.k, self.rate, inputs, self._still, self.model.uses_time, every, self.run, self._compiled, self._work,
-            limits, samples, self.jumps,
-        )  # fmt: skip
+        held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
+        log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps)
+        status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:
             raise SimulationError(f'the run ended after {self.time:g} s: {reason_of(status, self.model, self.run)}')
         self.k += len(inputs)
-        return int(written)
+        return int(log.written[0])
 
     def take_jumps(self) -> tuple[Jump, ...]:
         """The jumps since this was last asked."""
@@ -145,4 +154,5 @@ def simulate_fixed_rate(
     run.run.count[:N_JUMPS] = counts[:N_JUMPS]
     times = (k_0 // every + np.arange(written)) * every / rate
     times[0] = k_0 / rate
-    return trajectory(model, times, samples[:written], run.jumps, run.run, reason, run.notes)
+    log = Log(samples, times, np.array([written]), run.jumps)
+    return trajectory(model, log, run.run, reason, run.notes)

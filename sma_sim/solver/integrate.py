@@ -7,14 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.automaton import observed_mode
-from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System
+from sma_sim.model.effects.ports import MODULE_CHANNELS, N_CHANNELS
+from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
 from sma_sim.model.system import sensed_channel
-from sma_sim.solver.events import crossing, jump, remember_fraction, violated_edge
+from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_fraction, violated_edge
 from sma_sim.solver.stepper import (
     ORDER,
     Integers,
     Matrix,
     Segment,
+    Step,
     Vector,
     Work,
     dense,
@@ -22,6 +24,7 @@ from sma_sim.solver.stepper import (
     linearize,
     prepare_dense,
     rosenbrock_step,
+    with_smooth,
 )  # fmt: skip
 
 COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE = range(5)
@@ -45,11 +48,9 @@ C_H, C_LAST_JUMP, C_BURST, C_DWELL, C_SIZE = 0, 1, 3, 5, 7
 
 
 class Run(NamedTuple):
-    """The state of a run; all arrays are changed in place, so that a run can be continued."""
+    """A run in progress; all arrays are changed in place, so that a run can be continued."""
 
-    y: Vector
-    mode: Integers
-    x_frozen: Vector
+    state: SystemState
     control: Vector  # step size, per wire: time of the last jump, recent jumps, dwell
     count: Integers
 
@@ -61,23 +62,53 @@ class Limits(NamedTuple):
     max_steps: int
 
 
-LONG_STEP = 2e-3  # [s]; longer steps are looked at in their middle too
+class InputStretches(NamedTuple):
+    """An input as stretches: values[k] + slopes[k] (t - times[k]) in [times[k], times[k+1]]."""
+
+    times: Vector
+    values: Matrix
+    slopes: Matrix
+    time_dependent: bool  # whether the flow depends on time other than through the input
+
+
+class HeldInput(NamedTuple):
+    """An input in fixed steps: values[i] is held from (k_0 + i)/rate to (k_0 + i + 1)/rate."""
+
+    k_0: int
+    rate: float
+    values: Matrix
+    still: Vector  # a slope of zero
+    time_dependent: bool
+    every: int  # a sample is taken after every step whose number divides by it
+
+
+class Log(NamedTuple):
+    """What a run writes: samples (k, SAMPLE_SIZE) at `times` (k,), how many so far (1,), and jumps (j, 3)."""
+
+    samples: Matrix
+    times: Vector
+    written: Integers
+    jumps: Matrix
+
+
+LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
 AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
+NO_JUMP = 2.0  # as a fraction of a step
 
 
-def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, jumps: Matrix) -> bool:
+def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, log: Log) -> bool:
     """Take the jumps that are due at time t, one per wire at the most; whether any was."""
     if p.mas:
         return False
-    flow_at(t, run.y, segment, run.mode, run.x_frozen, p, w, w.f, w.obs)
+    flow_at(t, run.state, segment, p, w, w.first)
     any_jump = False
     for i in range(p.wires):
-        edge = violated_edge(i, run.mode, p, w.obs)
+        edge = violated_edge(i, run.state, p, w.first.obs)
         if edge >= 0 and t >= run.control[C_LAST_JUMP + i] + run.control[C_DWELL + i] and t > run.control[C_LAST_JUMP + i]:
-            record_jump(t, i, edge, run, jumps)
-            jump(edge, i, run.mode, run.x_frozen, w.obs)
+            record_jump(t, i, edge, run, log.jumps)
+            jump(edge, i, run.state, w.first.obs)
             any_jump = True
             run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     return any_jump
@@ -99,97 +130,89 @@ def record_jump(t: float, i: int, edge: int, run: Run, jumps: Matrix) -> None:
         run.control[C_DWELL + i] = 0.0
 
 
-def first_jump(t: float, h: float, run: Run, segment: Segment, p: System, w: Work) -> float:
-    """The fraction of the step just made at which the first jump is due, or 2 when there is none."""
+def first_jump(step: Step, run: Run, segment: Segment, p: System, w: Work) -> float:
+    """The fraction of the step just made at which the first jump is due, or NO_JUMP."""
     if p.mas:
-        return 2.0
-    first = 2.0
-    if h > LONG_STEP:  # a guard may be crossed to and fro within the step
+        return NO_JUMP
+    first = NO_JUMP
+    if step.h > LONG_STEP:  # a guard may be crossed to and fro within the step
         prepare_dense(w)
-        first = first_jump_before(0.5, t, h, run, segment, p, w)
+        first = first_jump_before(0.5, step, run, segment, p, w)
     if first > 1.0:
-        first = first_jump_before(1.0, t, h, run, segment, p, w)
+        first = first_jump_before(1.0, step, run, segment, p, w)
     return first
 
 
-def first_jump_before(end: float, t: float, h: float, run: Run, segment: Segment, p: System, w: Work) -> float:
-    """The fraction of the step at which the first of the guards violated at fraction `end` was crossed, or 2."""
-    first = 2.0
+def first_jump_before(end: float, step: Step, run: Run, segment: Segment, p: System, w: Work) -> float:
+    """The fraction of the step at which the first of the guards violated at fraction `end` was crossed, or NO_JUMP.
+
+    Without a jump ``w.guard`` is the evaluation at `end`.
+    """
+    first = NO_JUMP
+    at_end = False
     for i in range(p.wires):
-        if i == 0 or first < 2.0:  # the search for a crossing looked elsewhere
-            look(end, t, h, run, segment, p, w)
-        edge = violated_edge(i, run.mode, p, w.obs_jacobian)
+        if not at_end:  # the search for a crossing evaluates elsewhere
+            evaluate_guards(end, step, run.state, segment, p, w)
+        edge = violated_edge(i, run.state, p, w.guard.obs)
+        at_end = edge < 0
         if edge >= 0:
             prepare_dense(w)
-            theta = crossing(edge, i, end, t, h, run.y, segment, run.mode, run.x_frozen, p, w)
-            earliest = (run.control[C_LAST_JUMP + i] + run.control[C_DWELL + i] - t) / h
-            if theta <= earliest or t + theta * h <= run.control[C_LAST_JUMP + i]:
-                theta = 1.0 if earliest < 1.0 else 2.0
+            theta = crossing(edge, i, end, step, run.state, segment, p, w)
+            last_jump = run.control[C_LAST_JUMP + i]
+            earliest = (last_jump + run.control[C_DWELL + i] - step.t) / step.h
+            if theta <= earliest or step.t + theta * step.h <= last_jump:
+                theta = 1.0 if earliest < 1.0 else NO_JUMP
                 run.count[N_CHATTER] += 1  # its flow would leave the mode at once
             first = min(first, theta)
-    if first < 2.0 and end == 1.0:
-        look(end, t, h, run, segment, p, w)
+    if first > 1.0 and not at_end:
+        evaluate_guards(end, step, run.state, segment, p, w)
     return first
 
 
-def look(theta: float, t: float, h: float, run: Run, segment: Segment, p: System, w: Work) -> None:
-    """What is found at a fraction of the step, into ``w.obs_jacobian``."""
-    if theta < 1.0:
-        dense(theta, run.y, w)
-        flow_at(t + theta * h, w.y_dense, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
-    else:
-        flow_at(t + h, w.y_new, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
-
-
-def run_segment(
-    t_end: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits, samples: Matrix, sample_times: Vector,
-    next_sample: int, jumps: Matrix,
-) -> tuple[int, int]:  # fmt: skip
-    """Integrate one stretch of the input; the reason for its end and the index of the next sample."""
-    t = segment.t_0
+def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log) -> int:
+    """Integrate one stretch of the input; the reason for its end."""
+    t, y = segment.t_0, run.state.y
     run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
-    jump_now(t, run, segment, p, w, jumps)
-    while t < t_end:
-        linearize(t, run.y, segment, run.mode, run.x_frozen, p, w)
-        h = min(run.control[C_H], limits.max_step)
-        status, h = accepted_step(t, t_end, h, run, segment, p, w, limits)
+    jump_now(t, run, segment, p, w, log)
+    while t < segment.t_end:
+        linearize(t, run.state, segment, p, w)
+        status, h = accepted_step(t, min(run.control[C_H], limits.max_step), run, segment, p, w, limits)
         if status != COMPLETED:
-            return status, next_sample
-        theta = first_jump(t, h, run, segment, p, w)
-        t_new = t_end if t + h >= t_end else t + h
+            return status
+        step = Step(t, h)
+        theta = first_jump(step, run, segment, p, w)
+        t_new = segment.t_end if t + h >= segment.t_end else t + h
         if theta <= 1.0:
             t_new = t + theta * h
-        next_sample = sample_step(t, h, t_new, theta > 1.0, run, segment, p, w, samples, sample_times, next_sample)
+        sample_step(step, t_new, run, segment, p, w, log)
         if theta < 1.0:
-            dense(theta, run.y, w)
-            replace(run.y, w.y_dense)
+            dense(theta, y, w)
+            copy_into(y, w.y_dense)
         else:
-            replace(run.y, w.y_new)
+            copy_into(y, w.y_new)
         t = t_new
         if theta <= 1.0:
-            jump_now(t, run, segment, p, w, jumps)
+            jump_now(t, run, segment, p, w, log)
         else:
-            remember_fraction(run.mode, run.x_frozen, p, w.obs_jacobian)
-    return COMPLETED, next_sample
+            remember_fraction(run.state, p, w.guard.obs)
+    return COMPLETED
 
 
-def replace(y: Vector, new: Vector) -> None:
+def copy_into(y: Vector, new: Vector) -> None:
     """Copy `new` into `y`."""
     for i in range(y.shape[0]):
         y[i] = new[i]
 
 
-def accepted_step(
-    t: float, t_end: float, h: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits
-) -> tuple[int, float]:
+def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, float]:
     """Try steps until one meets the tolerance; (reason, its length). The next length is left in the control."""
     while True:
         if run.count[N_STEPS] >= limits.max_steps:
             return STEP_LIMIT, h
-        rest = t_end - t
+        rest = segment.t_end - t
         clipped = h >= rest or h > 0.999999 * rest
         step = rest if clipped else min(h, 0.5 * rest) if h > 0.6 * rest else h
-        error = rosenbrock_step(t, step, run.y, segment, run.mode, run.x_frozen, p, w)
+        error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
         factor = min(2.5, max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
         if error <= 1.0:
@@ -198,35 +221,30 @@ def accepted_step(
         run.count[N_REJECTED] += 1
         h = step * factor
         run.control[C_H] = h
-        for i in range(run.y.shape[0]):
-            if not np.isfinite(run.y[i]):
+        for i in range(run.state.y.shape[0]):
+            if not np.isfinite(run.state.y[i]):
                 return NOT_FINITE, h
         if h < MIN_STEP * (t - segment.t_0) + 1e-3 * MIN_STEP:
             return STEP_UNDERFLOW if np.isfinite(error) else RATE_NOT_FINITE, h
 
 
-def sample_step(
-    t: float, h: float, t_new: float, whole: bool, run: Run, segment: Segment, p: System, w: Work, samples: Matrix,
-    sample_times: Vector, next_sample: int,
-) -> int:  # fmt: skip
-    """Write the samples that fall into the step; the index of the next one."""
-    if next_sample >= sample_times.shape[0] or sample_times[next_sample] >= t_new:
-        return next_sample
+def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System, w: Work, log: Log) -> None:
+    """Write the samples that fall into the step, up to `t_new`."""
+    k = log.written[0]
+    if k >= log.times.shape[0] or log.times[k] >= t_new:
+        return
     prepare_dense(w)
-    while next_sample < sample_times.shape[0] and sample_times[next_sample] < t_new:
-        theta = (sample_times[next_sample] - t) / h
-        dense(theta, run.y, w)
-        observe(sample_times[next_sample], w.y_dense, run, segment, p, w, samples[next_sample])
-        next_sample += 1
-    if whole:
-        flow_at(t_new, w.y_new, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
-    return next_sample
+    while k < log.times.shape[0] and log.times[k] < t_new:
+        dense((log.times[k] - step.t) / step.h, run.state.y, w)
+        observe(log.times[k], with_smooth(w.y_dense, run.state), segment, p, w, log.samples[k])
+        k += 1
+    log.written[0] = k
 
 
-def observe(t: float, y: Vector, run: Run, segment: Segment, p: System, w: Work, row: Vector) -> None:
+def observe(t: float, state: SystemState, segment: Segment, p: System, w: Work, row: Vector) -> None:
     """One sample: true states, what the wires do, and what the sensors show."""
-    flow_at(t, y, segment, run.mode, run.x_frozen, p, w, w.f_stage, w.obs_jacobian)
-    obs = w.obs_jacobian
+    flow_at(t, state, segment, p, w, w.sample)
+    y, obs = state.y, w.sample.obs
     if p.module:
         for j in range(6):
             row[j] = y[j]
@@ -237,58 +255,44 @@ def observe(t: float, y: Vector, run: Run, segment: Segment, p: System, w: Work,
         row[at], row[at + 1], row[at + 2] = y[p.first_T + i], obs[i, O_X], obs[i, O_F]
         row[at + 3], row[at + 4], row[at + 5] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_SIGMA]
         row[at + 6], row[at + 8] = obs[i, O_DX], obs[i, O_J]
-        row[at + 7] = observed_mode(obs[i, O_X], obs[i, O_DX], RESTING_RATE) if p.mas else run.mode[i]
-    for channel in range(9):
-        if p.module == (channel < 7):
-            row[Y_SENSED + channel] = sensed_channel(channel, y, p, obs, w.f_stage)
+        row[at + 7] = observed_mode(obs[i, O_X], obs[i, O_DX], RESTING_RATE) if p.mas else state.mode[i]
+    for channel in range(N_CHANNELS):
+        if p.module == (channel < MODULE_CHANNELS):
+            row[Y_SENSED + channel] = sensed_channel(channel, y, p, obs, w.sample.dy)
 
 
-def integrate(
-    times: Vector, inputs: Matrix, slopes: Matrix, time_dependent: bool, run: Run, p: System, w: Work, limits: Limits,
-    samples: Matrix, sample_times: Vector, jumps: Matrix,
-) -> tuple[int, int]:  # fmt: skip
-    """Run over all stretches of the input: inputs[k] + slopes[k] (t - times[k]) in [times[k], times[k+1]].
-
-    Returns the reason for the end and the number of samples written.
-    """
-    next_sample = 0
-    status = COMPLETED
+def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:
+    """Run over all stretches of the input; the reason for the end."""
+    times, values, slopes = stretches.times, stretches.values, stretches.slopes
     for k in range(times.shape[0] - 1):
-        moving = time_dependent
+        moving = stretches.time_dependent
         for j in range(slopes.shape[1]):
             moving = moving or slopes[k, j] != 0.0
-        segment = Segment(times[k], inputs[k], slopes[k], moving)
-        status, next_sample = run_segment(
-            times[k + 1], run, segment, p, w, limits, samples, sample_times, next_sample, jumps
-        )
+        segment = Segment(times[k], times[k + 1], values[k], slopes[k], moving)
+        status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
-            return status, next_sample
+            return status
     last = times.shape[0] - 1
-    segment = Segment(times[last], inputs[last], slopes[last], False)
-    jump_now(times[last], run, segment, p, w, jumps)
-    while next_sample < sample_times.shape[0] and sample_times[next_sample] <= times[last]:
-        observe(sample_times[next_sample], run.y, run, segment, p, w, samples[next_sample])
-        next_sample += 1
-    return COMPLETED, next_sample
+    segment = Segment(times[last], times[last], values[last], slopes[last], False)
+    jump_now(times[last], run, segment, p, w, log)
+    k = log.written[0]
+    while k < log.times.shape[0] and log.times[k] <= times[last]:
+        observe(log.times[k], run.state, segment, p, w, log.samples[k])
+        k += 1
+    log.written[0] = k
+    return COMPLETED
 
 
-def integrate_held(
-    k_0: int, rate: float, inputs: Matrix, still: Vector, time_dependent: bool, every: int, run: Run, p: System, w: Work,
-    limits: Limits, samples: Matrix, jumps: Matrix,
-) -> tuple[int, int]:  # fmt: skip
-    """Fixed steps from k_0/rate on, `inputs[i]` held over step k_0 + i, with a sample after every `every`-th step.
-
-    Returns the reason for the end and the number of samples written.
-    """
-    written = 0
-    for i in range(inputs.shape[0]):
-        k = k_0 + i + 1
-        segment = Segment((k - 1) / rate, inputs[i], still, time_dependent)
-        status, _ = run_segment(k / rate, run, segment, p, w, limits, samples, still[:0], 0, jumps)
+def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:
+    """Fixed steps under a held input, with samples whatever the times in the log say; the reason for the end."""
+    for i in range(held.values.shape[0]):
+        k = held.k_0 + i + 1
+        segment = Segment((k - 1) / held.rate, k / held.rate, held.values[i], held.still, held.time_dependent)
+        status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
-            return status, written
-        jump_now(k / rate, run, segment, p, w, jumps)
-        if k % every == 0:
-            observe(k / rate, run.y, run, segment, p, w, samples[written])
-            written += 1
-    return COMPLETED, written
+            return status
+        jump_now(k / held.rate, run, segment, p, w, log)
+        if k % held.every == 0:
+            observe(k / held.rate, run.state, segment, p, w, log.samples[log.written[0]])
+            log.written[0] += 1
+    return COMPLETED

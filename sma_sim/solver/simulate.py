@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import O_EPS, O_SIZE, System
+from sma_sim.model.layout import O_EPS, O_SIZE, InputPoint, System, SystemState
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
@@ -37,11 +37,13 @@ from sma_sim.solver.integrate import (
     STEP_UNDERFLOW,
     Y_SENSED,
     Y_WIRE,
+    InputStretches,
     Limits,
+    Log,
     Run,
     integrate,
 )  # fmt: skip
-from sma_sim.solver.stepper import Work
+from sma_sim.solver.stepper import Evaluation, Work
 
 Vector = NDArray[np.float64]
 
@@ -145,18 +147,18 @@ def new_work(model: Model) -> Work:
     p, scales = model.compiled, model.scales
     n = len(scales)
     return Work(
-        jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64), f=np.zeros(n),
-        f_t=np.zeros(n), f_stage=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(2 if p.module else 3),
-        stages=np.zeros((6, n)), y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
+        jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
+        **{name: Evaluation(np.zeros(n), np.zeros((p.wires, O_SIZE))) for name in ('first', 'stage', 'guard', 'sample')},
+        f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(2 if p.module else 3), stages=np.zeros((6, n)),
+        y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
         increment=DIFFERENCE * scales, weight=model.config.parameters['solver.rtol'] * scales,
-        obs=np.zeros((p.wires, O_SIZE)), obs_jacobian=np.zeros((p.wires, O_SIZE)),
     )  # fmt: skip
 
 
 def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | None = None) -> Run:
     """A run at its start: static equilibrium at ambient temperature, modes that admit it.
 
-    `fractions` (wires,) are the wanted x_M, in place of initial.x_M_*; NaN asks for sigma = sigma_A, inf for sigma_M.
+    `fractions` (wires,) are the requested x_M, in place of initial.x_M_*; NaN asks for sigma = sigma_A, inf for sigma_M.
     Raises SimulationError when there is no equilibrium.
     """
     p = own_scratch(model.compiled)
@@ -164,38 +166,33 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     u = np.array(first_input, dtype=float)
     u[0 if p.module else 1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[-1]
-    wanted = fractions
-    if wanted is None:
-        wanted = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
+    requested = fractions
+    if requested is None:
+        requested = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
     if p.mas:
-        y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(wanted), wanted, 0.5)
-    mode, x_frozen = np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires)
-    hybrid = p._replace(mas=False)
-    if not package_compiler().function(start)(y, u, np.zeros_like(u), wanted, mode, x_frozen, hybrid, work):
+        y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(requested), requested, 0.5)
+    state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
+    at_rest, hybrid = InputPoint(u, np.zeros_like(u)), p._replace(mas=False)
+    if not package_compiler().function(start)(state, at_rest, requested, hybrid, work):
         raise SimulationError('no static equilibrium of beam and wires was found; check beam.*, plate.*, wire.l0')
     if p.module:
-        check_start(model, work.obs[:, O_EPS])
+        check_start(model, work.first.obs[:, O_EPS])
     if p.mas:
-        y[p.first_x : p.first_x + p.wires] = x_frozen
+        y[p.first_x : p.first_x + p.wires] = state.x_frozen
     control = np.zeros(C_SIZE)
     control[C_H] = 1e-3
     control[C_LAST_JUMP : C_LAST_JUMP + 2] = -1.0
-    return Run(y, mode, x_frozen, control, np.zeros(N_SIZE, dtype=np.int64))
+    return Run(state, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
 def continued(model: Model, initial_state: Run) -> Run:
     """A copy of a state to go on from, its counters at zero. Raises UserError where it is of another model."""
-    if len(initial_state.y) != len(model.scales):
-        raise UserError(
-            f'initial_state: expected a state of {len(model.scales)} value(s), as this model has; got {len(initial_state.y)}'
-        )
-    return Run(
-        initial_state.y.copy(),
-        initial_state.mode.copy(),
-        initial_state.x_frozen.copy(),
-        initial_state.control.copy(),
-        np.zeros_like(initial_state.count),
-    )
+    expected, given = len(model.scales), len(initial_state.state.y)
+    if given != expected:
+        raise UserError(f'initial_state: expected a state of {expected} value(s), as this model has; got {given}')
+    y, mode, x_frozen = initial_state.state
+    state = SystemState(y.copy(), mode.copy(), x_frozen.copy())
+    return Run(state, initial_state.control.copy(), np.zeros_like(initial_state.count))
 
 
 def check_start(model: Model, strains: Vector) -> None:
@@ -228,19 +225,15 @@ def simulate(
     run = continued(model, initial_state) if initial_state else new_run(model, values[0], work)
     start_notes = () if initial_state else notes_on_start(model, run)
     asked = asked_times(source, sample_times)
-    samples = np.full((len(asked), SAMPLE_SIZE), np.nan)
-    jumps = np.zeros((MAX_JUMPS, 3))
     limits = Limits(max_step, max_steps)
-    compiled, integrate_pieces = own_scratch(model.compiled), package_compiler().function(integrate)
-    written, reason = 0, REASONS[COMPLETED]
+    compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
+    reason = REASONS[COMPLETED]
+    log = Log(np.full((len(asked), SAMPLE_SIZE), np.nan), asked, np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)))
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
-            status, more = integrate_pieces(
-                times[part], values[part], slopes[part], model.uses_time, run, compiled, work, limits,
-                samples[written:], asked[written:], jumps,
-            )  # fmt: skip
-            written += more
+            stretches = InputStretches(times[part], values[part], slopes[part], model.uses_time)
+            status = integrate_stretches(stretches, run, compiled, work, limits, log)
             reason = reason_of(status, model, run)
             if status != COMPLETED:
                 break
@@ -248,17 +241,16 @@ def simulate(
                 progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
     except KeyboardInterrupt:
         reason = STOPPED
-    return trajectory(model, asked[:written], samples[:written], jumps, run, reason, start_notes)
+    return trajectory(model, log, run, reason, start_notes)
 
 
-def trajectory(
-    model: Model, times: Vector, samples: NDArray[np.float64], jumps: Any, run: Run, reason: str, notes: tuple[str, ...]
-) -> Trajectory:
+def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
     """What a run left behind, with names."""
+    written = slice(int(log.written[0]))
     return Trajectory(
-        time=times,
-        columns=named_columns(model, samples),
-        jumps=named_jumps(jumps, int(run.count[N_JUMPS])),
+        time=log.times[written],
+        columns=named_columns(model, log.samples[written]),
+        jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],
         steps=int(run.count[N_STEPS]),
@@ -273,7 +265,8 @@ def reason_of(status: int, model: Model, run: Run) -> str:
     """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
     p = model.compiled
     for i in range(p.wires):
-        T, x = run.y[p.first_T + i], run.y[p.first_x + i] if p.mas else run.x_frozen[i]
+        y, T = run.state.y, run.state.y[p.first_T + i]
+        x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
         left = heat_capacity(T, x, p.wire) / (p.wire.volume * p.wire.rho * p.wire.c_V)
         if status == STEP_UNDERFLOW and left < NO_CAPACITY:
             return (
@@ -284,13 +277,13 @@ def reason_of(status: int, model: Model, run: Run) -> str:
 
 
 def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
-    """Which wanted phase fractions no mode admits, and where they were moved."""
+    """Which requested phase fractions no mode admits, and where they were moved."""
     notes = []
     for i in range(model.wires):
         name = f'initial.x_M_{i + 1}'
-        wanted = model.config.parameters[name]
-        if not np.isnan(wanted) and abs(wanted - run.x_frozen[i]) > 1e-9:
-            notes.append(f'{name} = {wanted:g} is not admitted at rest; the run starts at {run.x_frozen[i]:.6g}')
+        requested, x = model.config.parameters[name], run.state.x_frozen[i]
+        if not np.isnan(requested) and abs(requested - x) > 1e-9:
+            notes.append(f'{name} = {requested:g} is not admitted at rest; the run starts at {x:.6g}')
     return tuple(notes)
 
 

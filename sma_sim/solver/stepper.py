@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.layout import System
+from sma_sim.model.layout import InputPoint, System, SystemState
 from sma_sim.model.system import flow
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.rosenbrock import RODAS4P2
@@ -21,34 +21,49 @@ GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
 TIME_STEP = 1e-7  # for the partial derivative of the flow in time [s]
 
 
+class Evaluation(NamedTuple):
+    """What one evaluation of the flow leaves behind: dy/dt (n,), and what is found on the way (wires, O_SIZE)."""
+
+    dy: Vector
+    obs: Matrix
+
+
 class Work(NamedTuple):
-    """Scratch memory of a run with n states."""
+    """Scratch memory of a run with n states. Each purpose has an evaluation of its own, so that none loses another's."""
 
     jacobian: Matrix  # (n, n)
     matrix: Matrix  # (n, n)
     pivot: Integers  # (n,)
-    f: Vector  # (n,) flow at the beginning of the step
-    f_t: Vector  # (n,) its partial derivative in time
-    f_stage: Vector
+    first: Evaluation  # at the beginning of the step
+    stage: Evaluation  # at a stage of the step, or beside its beginning for a difference
+    guard: Evaluation  # where guards are evaluated
+    sample: Evaluation  # where a sample is taken
+    f_t: Vector  # (n,) partial derivative of the flow in time
     y_stage: Vector
-    u: Vector  # input at the time of a stage
+    u: Vector  # input at the time of an evaluation
     stages: Matrix  # (6, n)
     y_new: Vector
     y_dense: Vector
     k: Matrix  # (2, n) coefficients of the dense output
     increment: Vector  # (n,) difference steps of the Jacobian
     weight: Vector  # (n,) error scale of every state, times rtol
-    obs: Matrix  # (wires, O_SIZE)
-    obs_jacobian: Matrix
 
 
 class Segment(NamedTuple):
-    """A stretch of the input: u = u_0 + du (t - t_0), constant modes."""
+    """A stretch of the input from t_0 to t_end [s]: u = u_0 + du (t - t_0)."""
 
     t_0: float
+    t_end: float
     u_0: Vector
     du: Vector
     moving: bool  # whether the flow depends on time explicitly
+
+
+class Step(NamedTuple):
+    """A step from time t, of length h [s]."""
+
+    t: float
+    h: float
 
 
 def input_at(t: float, segment: Segment, u: Vector) -> None:
@@ -57,40 +72,43 @@ def input_at(t: float, segment: Segment, u: Vector) -> None:
         u[j] = segment.u_0[j] + segment.du[j] * (t - segment.t_0)
 
 
-def flow_at(
-    t: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work, dy: Vector, obs: Matrix
-) -> None:
-    """The flow at time t under the input of the segment."""
+def with_smooth(y: Vector, state: SystemState) -> SystemState:
+    """The state with `y` in place of its own smooth part."""
+    return SystemState(y, state.mode, state.x_frozen)
+
+
+def flow_at(t: float, state: SystemState, segment: Segment, p: System, w: Work, found: Evaluation) -> None:
+    """Evaluate the flow at time t under the input of the segment."""
     input_at(t, segment, w.u)
-    flow(t, y, w.u, segment.du, mode, x_frozen, p, dy, obs)
+    flow(t, state, InputPoint(w.u, segment.du), p, found.dy, found.obs)
 
 
-def linearize(t: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work) -> None:
+def linearize(t: float, state: SystemState, segment: Segment, p: System, w: Work) -> None:
     """The flow, its Jacobian (forward differences) and its time derivative at (t, y)."""
+    y, f, f_stage = state.y, w.first.dy, w.stage.dy
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
-    flow_at(t, y, segment, mode, x_frozen, p, w, w.f, w.obs)
+    flow_at(t, state, segment, p, w, w.first)
     for j in range(n):
         kept = y[j]
         y[j] = kept + w.increment[j]
         step = y[j] - kept
-        flow(t, y, w.u, segment.du, mode, x_frozen, p, w.f_stage, w.obs_jacobian)
+        flow(t, state, InputPoint(w.u, segment.du), p, f_stage, w.stage.obs)
         y[j] = kept
         inverse = 1.0 / step
         for i in range(n):
-            w.jacobian[i, j] = (w.f_stage[i] - w.f[i]) * inverse
+            w.jacobian[i, j] = (f_stage[i] - f[i]) * inverse
     if segment.moving:
-        flow_at(t + TIME_STEP, y, segment, mode, x_frozen, p, w, w.f_stage, w.obs_jacobian)
+        flow_at(t + TIME_STEP, state, segment, p, w, w.stage)
         for i in range(n):
-            w.f_t[i] = (w.f_stage[i] - w.f[i]) / TIME_STEP
+            w.f_t[i] = (f_stage[i] - f[i]) / TIME_STEP
 
 
-def rosenbrock_step(
-    t: float, h: float, y: Vector, segment: Segment, mode: Integers, x_frozen: Vector, p: System, w: Work
-) -> float:
-    """Try a step of length h from the linearised state; the result is in ``w.y_new``.
+def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System, w: Work) -> float:
+    """Try a step from the linearized state; the result is in ``w.y_new``.
 
     Returns the error in units of the tolerance (root mean square over the states), inf when the step failed.
     """
+    t, h, y = step.t, step.h, state.y
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
     for i in range(n):
         for j in range(n):
@@ -101,12 +119,12 @@ def rosenbrock_step(
     for stage in range(STAGES):
         if stage == 0:
             for i in range(n):
-                w.stages[0, i] = w.f[i]
+                w.stages[0, i] = w.first.dy[i]
         else:
             stage_state(stage, y, w)
-            flow_at(t + NODES[stage] * h, w.y_stage, segment, mode, x_frozen, p, w, w.f_stage, w.obs_jacobian)
+            flow_at(t + NODES[stage] * h, with_smooth(w.y_stage, state), segment, p, w, w.stage)
             for i in range(n):
-                w.stages[stage, i] = w.f_stage[i]
+                w.stages[stage, i] = w.stage.dy[i]
             for i in range(n):
                 total = 0.0
                 for j in range(stage):

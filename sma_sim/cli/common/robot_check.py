@@ -21,10 +21,10 @@ def at_rest(config: Config) -> str:
     model = Model(config)
     work = new_work(model)
     run = new_run(model, np.array([0.0, config.parameters['environment.T_E']]), work)
-    strains, stresses = 100.0 * work.obs[:, O_EPS], 1e-6 * work.obs[:, O_SIGMA]
+    strains, stresses = 100.0 * work.first.obs[:, O_EPS], 1e-6 * work.first.obs[:, O_SIGMA]
     words = (
         f'At rest (static equilibrium found): wires strained by {pair(strains)} %, stressed by {pair(stresses)} MPa, '
-        f'martensite fraction {pair(run.x_frozen)}, angle {math.degrees(run.y[2]):.3g} deg.'
+        f'martensite fraction {pair(run.state.x_frozen)}, angle {math.degrees(run.state.y[2]):.3g} deg.'
     )
     if stresses.min() <= 0.0:
         words += '\nBeware: a wire is not in tension at rest; a shorter wire.l0 pre-tensions it.'

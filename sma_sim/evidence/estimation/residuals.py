@@ -165,8 +165,8 @@ def most_steps(source: Input, step_limited: bool) -> int:
 def within_hysteresis(model: Model, source: Input, start: Sequence[float], work: Work) -> Vector:
     """x_M (wires,) of a start given as parts of what a resting wire can have, from sigma_A (least) to sigma_M (most)."""
     first = np.asarray(source.values[0], float)
-    least = new_run(model, first, work, np.full(model.wires, np.nan)).x_frozen
-    most = new_run(model, first, work, np.full(model.wires, np.inf)).x_frozen
+    least = new_run(model, first, work, np.full(model.wires, np.nan)).state.x_frozen
+    most = new_run(model, first, work, np.full(model.wires, np.inf)).state.x_frozen
     return np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from sma_sim.model.effects.ports import (
+    MODULE_CHANNELS,
+    N_CHANNELS,
     S_CHANNEL,
     S_DEPS,
     S_DX,
@@ -11,6 +13,7 @@ from sma_sim.model.effects.ports import (
     S_LENGTH,
     S_POSE,
     S_SIGMA,
+    S_STRAIN,
     S_T,
     S_T_E,
     S_T_OTHER,
@@ -33,6 +36,7 @@ from sma_sim.model.layout import (
     O_J,
     O_LENGTH,
     O_SIGMA,
+    O_STRAIN,
     O_V,
     O_X,
     System,
@@ -40,69 +44,67 @@ from sma_sim.model.layout import (
 )
 
 
-def share_state(t: float, y: Vector, T_E: float, p: System) -> None:
-    """Put what does not depend on the wire into the state that kernels read."""
-    s = p.effects.s
-    s[S_TIME], s[S_T_E] = t, T_E
-    if p.module:
-        for j in range(6):
-            s[S_POSE + j] = y[j]
+def show_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
+    """Fill the state that kernels read, a row per wire, with what is in `y` and `obs`."""
+    for i in range(p.wires):
+        s, other = p.effects.s[i], p.wires - 1 - i
+        s[S_TIME], s[S_T_E], s[S_WIRE] = t, T_E, i
+        s[S_T], s[S_T_OTHER] = y[p.first_T + i], y[p.first_T + other]
+        s[S_X], s[S_X_OTHER] = obs[i, O_X], obs[other, O_X]
+        s[S_EPS], s[S_DEPS] = obs[i, O_EPS], obs[i, O_DEPS]
+        s[S_LENGTH], s[S_V], s[S_J] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_J]
+        s[S_SIGMA], s[S_DX] = obs[i, O_SIGMA], obs[i, O_DX]
+        if p.module:
+            for j in range(6):
+                s[S_POSE + j] = y[j]
 
 
-def focus(i: int, y: Vector, p: System, obs: Vector) -> None:
-    """Point the state that kernels read at wire `i`."""
-    s = p.effects.s
-    other = p.wires - 1 - i
-    s[S_WIRE] = i
-    s[S_T], s[S_T_OTHER] = y[p.first_T + i], y[p.first_T + other]
-    s[S_X], s[S_X_OTHER] = obs[i, O_X], obs[other, O_X]
-    s[S_EPS], s[S_DEPS] = obs[i, O_EPS], obs[i, O_DEPS]
-    s[S_LENGTH], s[S_V], s[S_J] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_J]
-    s[S_SIGMA], s[S_DX] = obs[i, O_SIGMA], obs[i, O_DX]
+def show_phases(p: System, obs: Vector) -> None:
+    """Put the phase fractions and stresses, as soon as they are known, into the state that kernels read."""
+    for i in range(p.wires):
+        s = p.effects.s[i]
+        s[S_X], s[S_X_OTHER], s[S_SIGMA] = obs[i, O_X], obs[p.wires - 1 - i, O_X], obs[i, O_SIGMA]
+        s[S_STRAIN] = obs[i, O_STRAIN]
 
 
-def add_rates(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable, dy: Vector) -> None:
+def add_rates(k: int, instance: int, y: Vector, e: EffectTable, dy: Vector) -> None:
     """Rates of the extra states of one instance of effect `k`."""
     if e.states[k] > 0:
-        call_effect(e.rate[k], k, instance, constants, y, e)
+        call_effect(e.rate[k], k, instance, y, e)
         first = e.state_start[k] + instance * e.states[k]
         for j in range(e.states[k]):
             dy[first + j] = e.out[j]
 
 
 def start_states(y: Vector, p: System, obs: Vector) -> None:
-    """Set the extra states of the effects to their first values, for the pose in `y` and the wires in `obs`."""
+    """Set the extra states of the effects to their first values, for what `show_state` has shown."""
     e = p.effects
     for k in range(e.port_start[SENSING]):
-        if e.start[k] == 0:
-            continue
-        if k >= e.port_start[STRUCTURE_FORCE]:
-            start_instance(k, 0, e.beam, y, e)
-        else:
-            for i in range(p.wires):
-                focus(i, y, p, obs)
-                start_instance(k, i, e.wire, y, e)
+        if e.start[k] != 0:
+            for instance in range(1 if k >= e.port_start[STRUCTURE_FORCE] else p.wires):
+                start_instance(k, instance, y, e)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:
-        for channel in range(9):
-            if p.module == (channel < 7):
+        for channel in range(N_CHANNELS):
+            if p.module == (channel < MODULE_CHANNELS):
                 start_sensor(channel, y, p, obs)
 
 
 def start_sensor(channel: int, y: Vector, p: System, obs: Vector) -> None:
     """First values of the sensing chain of a channel: each effect starts at what those before it show."""
     e = p.effects
-    e.s[S_VALUE], e.s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
+    s = e.s[p.wires - 1]
+    s[S_VALUE], s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
             if e.start[k] != 0:
-                start_instance(k, e.slot[k, channel], e.wire, y, e)
-            call_effect(e.value[k], k, e.slot[k, channel], e.wire, y, e)
-            e.s[S_VALUE] = e.out[0]
+                start_instance(k, e.slot[k, channel], y, e)
+            call_effect(e.value[k], k, e.slot[k, channel], y, e)
+            s[S_VALUE] = e.out[0]
 
 
-def start_instance(k: int, instance: int, constants: Vector, y: Vector, e: EffectTable) -> None:
+def start_instance(k: int, instance: int, y: Vector, e: EffectTable) -> None:
     """First values of the states of one instance of effect `k`."""
-    call_effect(e.start[k], k, instance, constants, y, e)
+    call_effect(e.start[k], k, instance, y, e)
     for j in range(e.states[k]):
         y[e.state_start[k] + instance * e.states[k] + j] = e.out[j]
 

@@ -22,6 +22,7 @@ PORT_OUTPUTS = (1, 1, 3, 2, 1, 3, 1)  # numbers that a kernel returns
 PORT_MAY_RETURN_ONE = (False, False, True, False, False, False, False)  # the others are zero then
 
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
+N_CHANNELS, MODULE_CHANNELS = len(CHANNELS), 7  # the module's are the first; the others those of a wire on a test bench
 
 
 class State(NamedTuple):
@@ -91,7 +92,8 @@ class EffectTable(NamedTuple):
     `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
     of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
-    gives the instance of a sensing effect on a channel, -1 where it does not act. What effects add on strain and stress
+    gives the instance of a sensing effect on a channel, -1 where it does not act. `s` (wires, S_SIZE) is the state that
+    kernels read, a row per wire, and `out` takes what they return. What effects add on strain and stress
     ports may depend on x and eps (`depends_on_x`, `depends_on_eps`), on wire_heat on dx (`depends_on_dx`).
     """
 
@@ -122,16 +124,19 @@ def call_kernel(address: int, s: int, w: int, p: int, m: int, out: int) -> None:
     _KERNEL(int(address))(s, w, p, m, out)
 
 
-def call_effect(
-    address: int, k: int, instance: int, constants: NDArray[np.float64], y: NDArray[np.float64], e: EffectTable
-) -> None:
+def row_of(k: int, instance: int, e: EffectTable) -> int:
+    """The row of ``e.s`` that effect `k` reads: its wire's; the last one where it acts on the structure or a sensor."""
+    return instance if k < e.port_start[STRUCTURE_FORCE] else e.s.shape[0] - 1
+
+
+def call_effect(address: int, k: int, instance: int, y: NDArray[np.float64], e: EffectTable) -> None:
     """Call one kernel of effect `k` on the state in ``e.s``; what it returns is then in ``e.out``."""
-    memory = e.state_start[k] + instance * e.states[k]
+    structural = e.port_start[STRUCTURE_FORCE] <= k < e.port_start[SENSING]
     call_kernel(
         address,
-        e.s.ctypes.data,
-        constants.ctypes.data,
+        e.s[row_of(k, instance, e)].ctypes.data,
+        e.beam.ctypes.data if structural else e.wire.ctypes.data,
         e.parameters.ctypes.data + 8 * e.parameter_start[k],
-        y.ctypes.data + 8 * memory,
+        y.ctypes.data + 8 * (e.state_start[k] + instance * e.states[k]),
         e.out.ctypes.data,
     )

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sma_sim.model.parameters import BeamConstants
+
+Vector = NDArray[np.float64]
 
 
 def wire_length(U_x: float, U_y: float, alpha: float, side: float, b: BeamConstants) -> tuple[float, float, float, float]:
@@ -20,12 +25,18 @@ def wire_length(U_x: float, U_y: float, alpha: float, side: float, b: BeamConsta
     return length, along / length, across / length, half * (across * sine + along * cosine) / length
 
 
-def beam_forces(
-    U_x: float, U_y: float, alpha: float, dU_x: float, dU_y: float, dalpha: float, b: BeamConstants
+def stiffness_forces(
+    U_x: float, U_y: float, alpha: float, b: BeamConstants, part: float = 1.0
 ) -> tuple[float, float, float]:
-    """Elastic and viscous generalised forces of the beam on (U_x, U_y, alpha) [N, N, N m]."""
+    """K q [N, N, N m] for q = (U_x, U_y, alpha), of a beam that has a `part` of the stiffness K."""
     return (
-        -b.k_x * U_x - b.b_x * dU_x,
-        -b.k_y * U_y + b.k_ya * alpha - b.b_y * dU_y,
-        b.k_ya * U_y - b.k_a * alpha - b.b_alpha * dalpha,
+        part * b.k_x * U_x,
+        part * (b.k_y * U_y - b.k_ya * alpha),
+        part * (b.k_a * alpha - b.k_ya * U_y),
     )
+
+
+def beam_forces(pose: Vector, rates: Vector, b: BeamConstants) -> tuple[float, float, float]:
+    """Elastic and viscous generalised forces of the beam on (U_x, U_y, alpha) [N, N, N m]; pose and its rates (3,)."""
+    F_x, F_y, M = stiffness_forces(pose[0], pose[1], pose[2], b)
+    return -F_x - b.b_x * rates[0], -F_y - b.b_y * rates[1], -M - b.b_alpha * rates[2]

@@ -5,6 +5,7 @@ F = phi K z,   tau dz/dt = q - z,   K the beam's stiffness matrix, q = (U_x, U_y
 
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.structures.beam import stiffness_forces
 
 EFFECT = Effect(
     name='beam_creep',
@@ -21,11 +22,7 @@ EFFECT = Effect(
     scale=(1e-4, 1e-3, 0.15),
     start=lambda s, b, p: (s.U_x, s.U_y, s.alpha),
     rate=lambda s, b, p, m: ((s.U_x - m.z_x) / p.tau, (s.U_y - m.z_y) / p.tau, (s.alpha - m.z_alpha) / p.tau),
-    kernel=lambda s, b, p, m: (
-        p.phi * b.k_x * m.z_x,
-        p.phi * (b.k_y * m.z_y - b.k_ya * m.z_alpha),
-        p.phi * (b.k_a * m.z_alpha - b.k_ya * m.z_y),
-    ),
+    kernel=lambda s, b, p, m: stiffness_forces(m.z_x, m.z_y, m.z_alpha, b, p.phi),
     energy='the relaxing spring and its damper dissipate; nothing of it reaches the wires',
     description='the beam is relaxed at the start',
     signature='the pose creeps on after a step and back after it, while forces and temperatures hardly change',
