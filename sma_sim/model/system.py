@@ -182,7 +182,7 @@ def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> fl
 def accelerations(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
     """Motion of the plate (EB-Ba to EB-Bc) under the beam, the wires (tau = -J^T F) and the structure's effects."""
     b, e = p.beam, p.effects
-    F_x, F_y, M = beam_forces(y[0:3], y[3:6], b)
+    F_x, F_y, M = beam_forces(y, b)
     for i in range(2):
         F_x -= obs[i, O_DL] * obs[i, O_F]
         F_y -= obs[i, O_DL + 1] * obs[i, O_F]

@@ -10,7 +10,7 @@ import numpy as np
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, EffectTable
+from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.kernels import native_effect
@@ -69,6 +69,7 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
         'states': np.array([len(effect.states) for effect in effects], dtype=np.int64),
         'state_start': np.array(state_start, dtype=np.int64),
         'scale': np.array(scales, dtype=float),
+        'row': np.array([(1 if module else 0) if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
         'slot': np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
         'depends_on_x': np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
         'depends_on_eps': np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
@@ -82,12 +83,15 @@ def effect_table(
 ) -> tuple[EffectTable, tuple[float, ...]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
     plan = layout(tuple(one.found for one in active), module, first_state)
+    of_wire, of_beam = np.array(wire, dtype=float), np.array(beam, dtype=float)
+    structural = [active[k].found.effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
     table = EffectTable(
         **plan.fields,
+        constants=np.array([(of_beam if of else of_wire).ctypes.data for of in structural], dtype=np.int64),
         parameters=np.array([v for k in plan.order for v in active[k].values], dtype=float),
         s=np.zeros((2 if module else 1, S_SIZE)),
-        wire=np.array(wire, dtype=float),
-        beam=np.array(beam, dtype=float),
+        wire=of_wire,
+        beam=of_beam,
         out=np.zeros(16),
     )
     return table, plan.scales

@@ -93,7 +93,9 @@ class EffectTable(NamedTuple):
     of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
     gives the instance of a sensing effect on a channel, -1 where it does not act. `s` (wires, S_SIZE) is the state that
-    kernels read, a row per wire, and `out` takes what they return. What effects add on strain and stress
+    kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads, -1 for those on
+    wires, which read their wire's. `constants` are the addresses of `wire` or `beam`. `out` takes what kernels return.
+    What effects add on strain and stress
     ports may depend on x and eps (`depends_on_x`, `depends_on_eps`), on wire_heat on dx (`depends_on_dx`).
     """
 
@@ -110,6 +112,8 @@ class EffectTable(NamedTuple):
     depends_on_dx: NDArray[np.int64]
     parameter_start: NDArray[np.int64]
     parameters: NDArray[np.float64]
+    row: NDArray[np.int64]
+    constants: NDArray[np.int64]
     s: NDArray[np.float64]
     wire: NDArray[np.float64]
     beam: NDArray[np.float64]
@@ -124,18 +128,13 @@ def call_kernel(address: int, s: int, w: int, p: int, m: int, out: int) -> None:
     _KERNEL(int(address))(s, w, p, m, out)
 
 
-def row_of(k: int, instance: int, e: EffectTable) -> int:
-    """The row of ``e.s`` that effect `k` reads: its wire's; the last one where it acts on the structure or a sensor."""
-    return instance if k < e.port_start[STRUCTURE_FORCE] else e.s.shape[0] - 1
-
-
 def call_effect(address: int, k: int, instance: int, y: NDArray[np.float64], e: EffectTable) -> None:
     """Call one kernel of effect `k` on the state in ``e.s``; what it returns is then in ``e.out``."""
-    structural = e.port_start[STRUCTURE_FORCE] <= k < e.port_start[SENSING]
+    row = e.row[k] if e.row[k] >= 0 else instance
     call_kernel(
         address,
-        e.s[row_of(k, instance, e)].ctypes.data,
-        e.beam.ctypes.data if structural else e.wire.ctypes.data,
+        e.s.ctypes.data + 8 * S_SIZE * row,
+        e.constants[k],
         e.parameters.ctypes.data + 8 * e.parameter_start[k],
         y.ctypes.data + 8 * (e.state_start[k] + instance * e.states[k]),
         e.out.ctypes.data,

@@ -36,7 +36,7 @@ def stiffness_forces(
     )
 
 
-def beam_forces(pose: Vector, rates: Vector, b: BeamConstants) -> tuple[float, float, float]:
-    """Elastic and viscous generalised forces of the beam on (U_x, U_y, alpha) [N, N, N m]; pose and its rates (3,)."""
-    F_x, F_y, M = stiffness_forces(pose[0], pose[1], pose[2], b)
-    return -F_x - b.b_x * rates[0], -F_y - b.b_y * rates[1], -M - b.b_alpha * rates[2]
+def beam_forces(y: Vector, b: BeamConstants) -> tuple[float, float, float]:
+    """Elastic and viscous generalised forces of the beam on the pose [N, N, N m]; `y` begins with pose and rates."""
+    F_x, F_y, M = stiffness_forces(y[0], y[1], y[2], b)
+    return -F_x - b.b_x * y[3], -F_y - b.b_y * y[4], -M - b.b_alpha * y[5]
