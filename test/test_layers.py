@@ -11,7 +11,7 @@ ROOMS = (
     'evidence.diagnosis', 'challenge', 'report', 'ros', 'cli.common', 'cli',
 )  # fmt: skip
 SOURCES = {file: ast.parse(file.read_text()) for file in sorted(PACKAGE.rglob('*.py')) if file.stat().st_size}
-COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py'}
+COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py', 'fields_read.py'}
 ONLY_IN = {'rclpy': 'ros', 'std_msgs': 'ros', 'sensor_msgs': 'ros', 'matplotlib': 'report', 'plotly': 'report'}
 
 

@@ -24,7 +24,6 @@ EFFECT = Effect(
     scale=(1.0, 1.0),
     rate=lambda s, w, p, m: (abs(s.dx) - m.f / p.tau, abs(s.dx) * (1.0 - m.g)),
     kernel=lambda s, w, p, m: (p.b * m.f + p.c * m.g * s.x, 0.5 * p.b * m.f + p.c * m.g * s.x),
-    depends_on_x=True,
     energy='latent heat at the shifted stress',
 )
 """

@@ -13,6 +13,7 @@ from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
+from sma_sim.solver.fields_read import fields_read
 from sma_sim.solver.kernels import native_effect
 
 # Size of a change in each channel, for the states of sensing effects.
@@ -61,6 +62,7 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
         state_start.append(first_state + len(scales))
         scales += state_scales(effect, module)
     counts = [len(effect.parameters) for effect in effects]
+    fields = [fields_read(effect.kernel) for effect in effects]
     return Layout(order, tuple(scales), {
         'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
         'value': addresses[0],
@@ -71,9 +73,9 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
         'scale': np.array(scales, dtype=float),
         'row': np.array([(1 if module else 0) if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
         'slot': np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
-        'depends_on_x': np.array([effect.depends_on_x for effect in effects], dtype=np.int64),
-        'depends_on_eps': np.array([effect.reads('eps', 'length') for effect in effects], dtype=np.int64),
-        'depends_on_dx': np.array([effect.reads('dx') for effect in effects], dtype=np.int64),
+        'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
+        'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
+        'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
         'parameter_start': np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
     })  # fmt: skip
 

@@ -15,6 +15,7 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.compile import Compiler, content_key, write_source
+from sma_sim.solver.fields_read import check_fields
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
@@ -38,9 +39,10 @@ class NativeEffect(NamedTuple):
 def native_effect(found: FoundEffect) -> NativeEffect:
     """Compile the kernels of an effect, or load them when these very sources were compiled before.
 
-    Raises EffectError when a kernel cannot be compiled.
+    Raises EffectError when a kernel cannot be compiled, or reads what is not known yet.
     """
     effect = found.effect
+    check_fields(effect)
     compiler = Compiler(content_key(*found.files), found.packages)
     outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
     states = len(effect.states)

@@ -20,6 +20,7 @@ from sma_sim.model.parameters import beam_constants, wire_constants
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table, own_scratch
 from sma_sim.solver.equilibrium import start
+from sma_sim.solver.fields_read import uses_time
 from sma_sim.solver.inputs import Input, asked_times, pieces
 from sma_sim.solver.integrate import (
     C_H,
@@ -105,7 +106,7 @@ class Model:
     @property
     def uses_time(self) -> bool:
         """Whether the flow depends on time other than through the input."""
-        return any(active.found.effect.uses_time for active in self.config.effects)
+        return any(uses_time(active.found.effect) for active in self.config.effects)
 
     @cached_property
     def compiled(self) -> System:

@@ -25,7 +25,6 @@ EFFECT = Effect(
     source='springs in series',
     parameters=(ranged('k_c', 'N/m', 4e4, 6e5, 'stiffness of the clamps of one bundle'),),
     kernel=clamp_strain,
-    depends_on_x=True,
     energy='the work that the clamps store and give back does not enter',
 )
 TRUTHS = (acting(EFFECT, library='attachment_compliance', variables=('sigma',), file=__file__),)

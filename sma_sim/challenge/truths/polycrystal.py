@@ -19,7 +19,6 @@ EFFECT = Effect(
         p.H * ((1.0 - p.c) * (s.x - 0.5) + 4.0 * p.c * (s.x - 0.5) ** 3),
         p.H * ((1.0 - p.c) * (s.x - 0.5) + 4.0 * p.c * (s.x - 0.5) ** 3),
     ),
-    depends_on_x=True,
     energy='latent heat at the shifted stress',
 )
 TRUTHS = (acting(EFFECT, library='polycrystal', variables=('x',), file=__file__),)

@@ -16,7 +16,6 @@ EFFECT = Effect(
         ranged('a_M', '1/K', 5e-6, 1.2e-5, 'coefficient of martensite'),
     ),
     kernel=lambda s, w, p: (p.a_A * (1.0 - s.x) + p.a_M * s.x) * (s.T - 298.0),
-    depends_on_x=True,
     energy='does not enter',
 )
 TRUTHS = (acting(EFFECT, library='thermal_expansion', variables=('T', 'x'), file=__file__),)

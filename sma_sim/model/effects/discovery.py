@@ -108,11 +108,18 @@ def load_file(file: Path, package: str) -> ModuleType:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        raise EffectError(f'{file} cannot be loaded: {type(error).__name__}: {error}') from error
+        raise EffectError(f'{file} cannot be loaded: {type(error).__name__}: {error}{hint(error)}') from error
     finally:
         sys.path.remove(str(file.parent))
         sys.dont_write_bytecode = writes
     return module
+
+
+def hint(error: Exception) -> str:
+    """What to do about an error in a file that another version of the program took."""
+    if isinstance(error, TypeError) and "'depends_on_x'" in str(error):
+        return '; remove it: what a kernel reads is inferred'
+    return ''
 
 
 def package_for(files: Iterable[Path]) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from types import FunctionType, ModuleType
 from typing import Any
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
@@ -48,7 +46,6 @@ class Effect:
     stage: str = ''
     channels: tuple[str, ...] = CHANNELS
     systems: tuple[str, ...] = SYSTEMS
-    depends_on_x: bool = False
     energy: str = ''
     description: str = ''
     signature: str = ''
@@ -71,40 +68,7 @@ class Effect:
         return self.title or self.name.replace('_', ' ')
 
     @property
-    def uses_time(self) -> bool:
-        """Whether a kernel reads the time ``s.t``, so that the flow depends on it."""
-        return self.reads('t')
-
-    def reads(self, *fields: str) -> bool:
-        """Whether the kernel or the rate, or a function that they call, reads one of these fields of the state."""
-        return not self._names.isdisjoint(fields)
-
-    @cached_property
-    def _names(self) -> set[str]:
-        """All names in the kernel and the rate; looked for once, for models are made by the thousand."""
-        names: set[str] = set()
-        for function in (self.kernel, self.rate):
-            if function is not None:
-                names |= names_read(function, set())
-        return names
-
-    @property
     def place(self) -> tuple[int, int]:
         """Port and place in the port's chain: the order in which effects act."""
         stages = CHAIN.get(self.port, ('',))
         return PORT_NAMES.index(self.port), stages.index(self.stage) if self.stage in stages else 0
-
-
-def names_read(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> set[str]:
-    """Names of globals and attributes in a Python function and in those that it calls; `seen` are left out."""
-    if not isinstance(function, FunctionType) or function in seen or function.__module__.startswith('numpy'):
-        return set()
-    seen.add(function)
-    names = set(function.__code__.co_names)
-    for name in tuple(names):
-        callee = function.__globals__.get(name)
-        members = [getattr(callee, other, None) for other in tuple(names)] if isinstance(callee, ModuleType) else [callee]
-        for member in members:
-            if isinstance(member, FunctionType):
-                names |= names_read(member, seen)
-    return names

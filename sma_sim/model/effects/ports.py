@@ -21,12 +21,36 @@ PORT_NAMES = (
 PORT_OUTPUTS = (1, 1, 3, 2, 1, 3, 1)  # numbers that a kernel returns
 PORT_MAY_RETURN_ONE = (False, False, True, False, False, False, False)  # the others are zero then
 
+# Fields of the state that are not known yet when the values, and the rates, of a port's effects are evaluated.
+_SENSING_ONLY = ('value', 'channel')
+_AFTER_PHASES = ('x_other', 'sigma', 'dx', 'F', *_SENSING_ONLY)
+VALUE_UNKNOWN = (
+    ('dx', 'F', *_SENSING_ONLY),
+    ('F', *_SENSING_ONLY),
+    _AFTER_PHASES,
+    _AFTER_PHASES,
+    _SENSING_ONLY,
+    _SENSING_ONLY,
+    (),
+)
+RATE_UNKNOWN = (
+    ('dx', 'F', *_SENSING_ONLY),
+    _SENSING_ONLY,
+    ('F', *_SENSING_ONLY),
+    ('F', *_SENSING_ONLY),
+    _SENSING_ONLY,
+    _SENSING_ONLY,
+    (),
+)
+
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
 N_CHANNELS, MODULE_CHANNELS = len(CHANNELS), 7  # the module's are the first; the others those of a wire on a test bench
 
 
 class State(NamedTuple):
-    """What a kernel may read as ``s.<field>`` (SI). A field of a later port than the kernel's is not yet known.
+    """What a kernel may read as ``s.<field>`` (SI), but for what its port does not know yet (VALUE_UNKNOWN, RATE_UNKNOWN).
+
+    What a kernel reads is inferred from it (solver.fields_read).
 
     Per wire: T, x, eps, deps (its rate), l, v, and the same of the other wire; J [W], the heating of one wire, on
     its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
@@ -96,7 +120,7 @@ class EffectTable(NamedTuple):
     kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads, -1 for those on
     wires, which read their wire's. `constants` are the addresses of `wire` or `beam`. `out` takes what kernels return.
     What effects add on strain and stress
-    ports may depend on x and eps (`depends_on_x`, `depends_on_eps`), on wire_heat on dx (`depends_on_dx`).
+    ports depends on x and eps, and on wire_heat on dx, where `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
     """
 
     port_start: NDArray[np.int64]
