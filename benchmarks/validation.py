@@ -106,7 +106,8 @@ def measure(asked: argparse.Namespace, results: Results) -> None:
     """Run the parts that are asked for and not finished, as long as there is time."""
     now, end = version(), time.monotonic() + 60.0 * asked.minutes
     for part in PARTS:
-        if asked.parts and part.name not in asked.parts:
+        left = (end - time.monotonic()) / 60.0
+        if left <= 0.0 or (asked.parts and part.name not in asked.parts):
             continue
         if part.needs and not (asked.shared / part.needs).exists():
             print(f'{part.name} left out: {asked.shared / part.needs} is not here', file=sys.stderr)
@@ -115,8 +116,7 @@ def measure(asked: argparse.Namespace, results: Results) -> None:
         if stamp and stamp['sources'] != now['sources']:
             results.set_aside(part)
             stamp = None
-        left = (end - time.monotonic()) / 60.0
-        if left > 0.0 and not (stamp and stamp['complete']):
+        if not (stamp and stamp['complete']):
             run_part(part, results, asked.shared, left, now)
 
 
