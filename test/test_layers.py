@@ -69,4 +69,11 @@ def test_sizes():
         assert len(file.read_text().splitlines()) <= 400, f'{file}: split it'
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef):
-                assert node.end_lineno - node.lineno < 45, f'{file}: {node.name} is too long'
+                assert lines_of_code(node) <= 40, f'{file}: {node.name} is too long'
+
+
+def lines_of_code(function):
+    """Lines of a function without its docstring."""
+    first = function.body[0]
+    documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+    return function.end_lineno - function.lineno + 1 - (first.end_lineno - first.lineno + 1) * documented

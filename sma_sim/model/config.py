@@ -28,7 +28,19 @@ class ConfigError(UserError):
 
 
 def default_parameters() -> dict[str, float]:
-    """The paper's values by full name."""
+    """The paper's values of all parameters.
+
+    Returns
+    -------
+    dict
+        Values in SI units by full name, such as ``wire.E_A``.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> sma_sim.default_parameters()['wire.r0']
+    7.5e-05
+    """
     return {name: parameter.default for name, parameter in DEFAULTS.items()}
 
 
@@ -39,7 +51,19 @@ def default_settings() -> dict[str, str | bool]:
 
 @dataclass(frozen=True)
 class Config:
-    """Checked parameters: numbers by full name, the system, the kinetics, the active effects, the node's settings."""
+    """Checked parameters of a model.
+
+    Attributes
+    ----------
+    parameters : mapping
+        Values in SI units by full name.
+    system, model : str
+        ``'module'`` or ``'wire'``; kinetics ``'hybrid'`` or ``'mas'``.
+    effects : tuple of ActiveEffect
+        Active effects with their parameter values.
+    settings : mapping
+        Settings of the node that are not numbers.
+    """
 
     parameters: Mapping[str, float] = field(default_factory=default_parameters)
     system: str = 'module'
@@ -79,11 +103,38 @@ def read_config(
     recorded: Mapping[str, Any] = MappingProxyType({}),
     source: str = 'a recording',
 ) -> Config:
-    """Parameters of a YAML file (the defaults where it is silent), then ``name=value`` words over them.
+    """Read a configuration: a YAML file, then ``name=value`` words over it; defaults for everything else.
 
-    `effects` are further active effects, as ``name`` or ``name:parameter=value,...``; `recorded` holds values by full name
-    that were recorded in `source` (those of `flat_parameters`) and that all others replace. Folders of effects that are
-    only named there are not opened: importing their files runs them. Raises UserError.
+    Parameters
+    ----------
+    path : Path, optional
+        A ROS 2 parameter file, as the node reads it.
+    words : iterable of str
+        Parameters as ``name=value``, SI units.
+    effects : iterable of str
+        Further active effects, as ``name`` or ``name:parameter=value,...``.
+    recorded : mapping
+        Values by full name that were recorded with data, which all others replace. Folders of effects that are only
+        named there are not opened, because importing their files runs them.
+    source : str
+        Where `recorded` comes from, for messages.
+
+    Returns
+    -------
+    Config
+        Checked parameters; `Model` takes it.
+
+    Raises
+    ------
+    UserError
+        For an unknown name, a value out of range, or a file that cannot be read.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> config = sma_sim.read_config(words=['beam.E=2.2e9'], effects=['gravity'])
+    >>> config.parameters['beam.E'], config.model
+    (2200000000.0, 'hybrid')
     """
     given = {name: Given(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
     given |= given_values(path, words)

@@ -19,8 +19,18 @@ K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
 class Parameter:
     """One number of the model.
 
-    `bounds` are hard limits (SI): beyond them the equations lose their meaning. `neutral` is, for the
-    parameter of an effect, the value at which the effect vanishes; `realistic` the range met in practice.
+    Attributes
+    ----------
+    name, unit, description, source : str
+        What it is, and where its default comes from.
+    default : float
+        Value in SI units.
+    bounds : tuple of float
+        Hard limits; beyond them the equations lose their meaning.
+    neutral : float or None
+        For the parameter of an effect: the value at which the effect vanishes.
+    realistic : tuple of float or None
+        The range met in practice, by which a diagnosis judges whether a value is plausible.
     """
 
     name: str

@@ -16,9 +16,16 @@ INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the 
 
 @dataclass(frozen=True)
 class Input:
-    """A piecewise linear input. `values` (k, 2): module J_eq [W], T_E [K]; (k, 3): wire strain, J [W], T_E [K].
+    """A piecewise linear or held input of a run.
 
-    A column holds its value until the next time, or runs linearly to the next value where `linear` says so.
+    Attributes
+    ----------
+    times : array (k,)
+        Times [s], increasing.
+    values : array (k, 2) or (k, 3)
+        Module: J_eq [W], T_E [K]. Wire: strain [-], J [W], T_E [K].
+    linear : tuple of bool
+        By column: linear to the next value, or held until the next time.
     """
 
     times: Vector
@@ -41,9 +48,34 @@ class Input:
 def module_input(
     times: Sequence[float], J_eq: Sequence[float], T_E: float | Sequence[float] = 298.0, linear: bool = False
 ) -> Input:
-    """A command J_eq [W] for the module: held from each time [s] to the next, or linear between them.
+    """A command for the module.
 
-    The last time is the end of the run. T_E [K], one number or one per time, is held.
+    Parameters
+    ----------
+    times : sequence of float, (k,)
+        Times [s], increasing; the last one is the end of the run.
+    J_eq : sequence of float, (k,)
+        Command [W]: positive heats bundle 1, negative bundle 2.
+    T_E : float or sequence of float, (k,)
+        Ambient temperature [K], held from each time to the next.
+    linear : bool
+        Whether the command is linear between the times, instead of held.
+
+    Returns
+    -------
+    Input
+        The command, for `simulate`.
+
+    Raises
+    ------
+    UserError
+        If times do not increase or a value is not finite.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> sma_sim.module_input([0.0, 5.0, 20.0], [0.0, 12.0, 0.0]).values.shape
+    (3, 2)
     """
     columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (J_eq, T_E)]
     return Input(np.asarray(times, float), np.column_stack(columns), (linear, False))
@@ -52,7 +84,37 @@ def module_input(
 def wire_input(
     times: Sequence[float], strain: Sequence[float], J: float | Sequence[float] = 0.0, T_E: float | Sequence[float] = 298.0
 ) -> Input:
-    """A strain [-], linear between the times [s], for a single wire; its heating J [W] and T_E [K] are held."""
+    """An imposed strain and heating for a single wire.
+
+    Parameters
+    ----------
+    times : sequence of float, (k,)
+        Times [s], increasing; the last one is the end of the run.
+    strain : sequence of float, (k,)
+        Strain [-], linear between the times.
+    J : float or sequence of float, (k,)
+        Heating of the wire [W], held.
+    T_E : float or sequence of float, (k,)
+        Ambient temperature [K], held.
+
+    Returns
+    -------
+    Input
+        The input, for `simulate` with ``system='wire'``.
+
+    Raises
+    ------
+    UserError
+        If times do not increase or a value is not finite.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> source = sma_sim.wire_input([0.0, 60.0], [0.0, 0.06])
+    >>> run = sma_sim.simulate(sma_sim.Model(sma_sim.Config(system='wire')), source, 1.0)
+    >>> run.completed, sorted(run.columns)
+    (True, ['T_K', 'mode', 'stress_Pa', 'x_M'])
+    """
     columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (strain, J, T_E)]
     return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
 

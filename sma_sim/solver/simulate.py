@@ -67,9 +67,24 @@ class Jump:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Samples of a run: `time` (k,) and the named columns of the file contract, each (k,).
+    """Samples of a run; ``trajectory['alpha_rad']`` is a column.
 
-    `state` is where the run ended, from which `simulate(initial_state=...)` goes on.
+    Attributes
+    ----------
+    time : array (k,)
+        Sample times [s].
+    columns : dict
+        Arrays (k,) by the column names of CSV files, SI units.
+    jumps : tuple of Jump
+        Mode changes of the hybrid automaton.
+    reason, completed : str, bool
+        Why the run ended, and whether that is the end of its input.
+    steps, rejected, chattering : int
+        Accepted and rejected steps; wires that were held in a mode to stop chattering.
+    state : Run
+        Where the run ended, to continue from.
+    notes : tuple of str
+        Remarks, for instance about a start that was moved.
     """
 
     time: Vector
@@ -94,7 +109,13 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Model:
-    """A model ready to run."""
+    """A model ready to run; what it needs is compiled, or loaded, when it is first used.
+
+    Attributes
+    ----------
+    config : Config
+        Parameters, system, kinetics and effects.
+    """
 
     config: Config = field(default_factory=Config)
 
@@ -215,11 +236,46 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     initial_state: Run | None = None,
 ) -> Trajectory:
-    """Run `model` under an input and sample it at times (increasing, within the input's), or at a rate [1/s].
+    """Run a model under an input.
 
-    `progress` is told the part that is done. A KeyboardInterrupt ends the run with what there is. `initial_state`:
-    the state, of an earlier trajectory, at the input's first time; rest without it.
-    Raises UserError for samples outside the input, SimulationError when there is no start.
+    Parameters
+    ----------
+    model : Model
+        The model.
+    source : Input
+        The input, from `module_input` or `wire_input`.
+    sample_times : array (k,) or float
+        Times [s] within those of the input, increasing, or a rate [1/s].
+    max_step : float
+        Upper limit of the step size [s].
+    max_steps : int
+        The run ends after so many steps, with that reason.
+    progress : callable, optional
+        Called with the finished share of the run, 0 to 1.
+    initial_state : Run, optional
+        `Trajectory.state` of an earlier run, to continue from it; without it the run starts at rest.
+
+    Returns
+    -------
+    Trajectory
+        Samples up to the end, or up to where the run had to stop (see its `reason`), also after Ctrl-C.
+
+    Raises
+    ------
+    UserError
+        For samples outside the input.
+    SimulationError
+        If the model has no static equilibrium to start from.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 5.0, 25.0, 60.0], [0.0, 12.0, 0.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 10.0)
+    >>> run.reason, len(run.time), round(run['T_1_K'].max())
+    ('end of the input', 601, 357)
+    >>> run.jumps[0].guard
+    'sigma < sigma_M'
     """
     times, values, slopes = pieces(source)
     work = new_work(model)

@@ -32,13 +32,24 @@ HIDDEN_COLUMNS = ('x_M_1', 'x_M_2', 'mode_1', 'mode_2', 'x_M', 'mode')  # no sen
 
 @dataclass(frozen=True)
 class Recording:
-    """One run: when what was measured, under which input.
+    """One run: what was measured, under which input.
 
-    `time` (k,) [s] increases; `channels` holds (k,) by the names of CHANNELS, SI units, NaN where a sample is
-    missing (a channel that was never measured is absent). `source` covers `time`; `exact_commands` says that its
-    rows are the instants at which the input changed; otherwise they were only sampled, and each change happened
-    somewhere between its row and the row before, but for those of `known_changes` [s]. `notes` tell what was repaired
-    on the way from the file.
+    Attributes
+    ----------
+    name, system : str
+        Name of the file or session; ``'module'`` or ``'wire'``.
+    time : array (k,)
+        Sample times [s], increasing.
+    channels : mapping
+        Arrays (k,) by channel (U_x, U_y, alpha, F_1, F_2, T_1, T_2; stress, T), SI units, NaN where a sample is missing.
+        A channel that was not measured is absent.
+    source : Input
+        The input of the run; it covers `time`.
+    exact_commands : bool
+        Whether the input changed exactly at the rows of `source`. Otherwise it was only sampled, and each change happened
+        somewhere between its row and the row before, except those of `known_changes` [s].
+    notes : tuple of str
+        What was repaired on the way from the file.
     """
 
     name: str
@@ -53,9 +64,16 @@ class Recording:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Recordings of one robot or wire, and the standard deviation of the noise of each channel (SI units).
+    """Recordings of one robot or wire.
 
-    `notes` tell where the noise comes from and what was left out; those of a recording are in the recording.
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        The runs.
+    noise_std : mapping
+        Standard deviation of the noise by channel, SI units.
+    notes : tuple of str
+        Where the noise comes from and what was left out; those of a recording are in the recording.
     """
 
     recordings: tuple[Recording, ...]

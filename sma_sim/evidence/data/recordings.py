@@ -33,11 +33,44 @@ def read_campaign(
     noise_std: Mapping[str, float] | None = None,
     namespace: str | None = None,
 ) -> Campaign:
-    """All recordings that the paths stand for, with the noise of their channels. Raises UserError.
+    """Read recordings and determine the noise of their channels.
 
-    A path is a CSV file, a bag (its folder or file) or a folder of them. `T_E` [K] is the ambient temperature of files
-    that do not record it, `mapping` a file that names foreign columns. Noise [SI] is that of `noise_std`, else of the
-    folder's meta.json, else estimated. `namespace`: the module's, in bags of several.
+    Parameters
+    ----------
+    paths : sequence of Path
+        CSV files, bags (folder or file), or folders of them.
+    system : str
+        ``'module'`` or ``'wire'``.
+    T_E : float
+        Ambient temperature [K] of files that do not record it.
+    mapping : Path, optional
+        A YAML file that names foreign columns and their units.
+    noise_std : mapping, optional
+        Standard deviation of the noise by channel, SI units. Channels that are not in it have the noise of the folder's
+        meta.json; otherwise it is estimated.
+    namespace : str, optional
+        The module to read, in bags of several.
+
+    Returns
+    -------
+    Campaign
+        The recordings, their noise, and notes on everything that was repaired.
+
+    Raises
+    ------
+    UserError
+        For a file that cannot be read or whose content is not plausible; the message names file, row and column.
+
+    Examples
+    --------
+    >>> import sma_sim, tempfile
+    >>> from pathlib import Path
+    >>> file = Path(tempfile.mkdtemp()) / 'run1.csv'
+    >>> rows = [f'{k / 10},{12 if k > 20 else 0},{1e-4 * k % 0.02}' for k in range(100)]
+    >>> _ = file.write_text('\\n'.join(['time_s,J_eq_W,alpha_rad', *rows, '']))
+    >>> campaign = sma_sim.read_campaign([file], 'module', 298.0, noise_std={'alpha': 3.5e-4})
+    >>> campaign.recordings[0].name, len(campaign.recordings[0].time), campaign.noise_std
+    ('run1', 100, {'alpha': 0.00035})
     """
     columns = column_map_for(system, mapping)
     given = checked_noise((noise_std or {}).items(), 'noise_std')

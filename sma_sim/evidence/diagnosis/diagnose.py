@@ -110,10 +110,51 @@ def diagnose(
     campaign: Campaign, config: Config, held: Campaign | None = None, request: DiagnosisRequest | None = None,
     executor: Executor | None = None, on_progress: OnProgress = silent,
 ) -> Diagnosis:  # fmt: skip
-    """Find what `config` lacks to explain the campaign's recordings.
+    """Find the physical effects that a model lacks to explain recordings.
 
-    Those of `held` are read once, in the end; without it the last of three or more recordings, by name, is held out. The
-    first Ctrl-C ends the search with the stages so far. Raises UserError for what cannot be diagnosed.
+    Parameters
+    ----------
+    campaign : Campaign
+        Recordings with their noise.
+    config : Config
+        The nominal model; its active effects are part of it.
+    held : Campaign, optional
+        Recordings that only judge the result; without it, the last by name of three or more.
+    request : DiagnosisRequest, optional
+        Kinetics, folders of effects, seed, options of fits, whether to search for an equation.
+    executor : Executor, optional
+        Where the simulations run; without it, threads on all cores.
+    on_progress : callable
+        Called with a line of text at each stage.
+
+    Returns
+    -------
+    Diagnosis
+        Verdict, accepted effects, evidence, and the calibrated model; after Ctrl-C, from the steps so far.
+
+    Raises
+    ------
+    UserError
+        For recordings that cannot be diagnosed.
+
+    Examples
+    --------
+    A robot that lacks nothing:
+
+    >>> import numpy as np
+    >>> import sma_sim
+    >>> from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+    >>> random = np.random.default_rng(0)
+    >>> def recorded(name, power):
+    ...     command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, power, 0.0, 0.0])
+    ...     run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
+    ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
+    >>> campaign = sma_sim.Campaign((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
+    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> request = DiagnosisRequest(model='hybrid', options=options, equation=False)
+    >>> sma_sim.diagnose(campaign, sma_sim.Config(), request=request).verdict
+    'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(campaign, held)

@@ -48,9 +48,22 @@ AT_BOUND = 1e-6
 
 @dataclass(frozen=True)
 class Options:
-    """How to fit. `free` None: the default parameters. `model`: hybrid, mas, or auto for the better of both.
+    """How to fit.
 
-    `starts` minimisations, the first from the configuration, the others `seed`-ed around it; `robust`: Huber's loss.
+    Attributes
+    ----------
+    free : tuple of str or None
+        Full names of the parameters to fit; None: those that such data determine.
+    model : str
+        ``'hybrid'``, ``'mas'``, or ``'auto'`` for the one that predicts left-out runs better.
+    starts : int
+        Number of starting points: the configuration, and random points around it.
+    robust : bool
+        Whether to use Huber's loss instead of squares.
+    seed : int
+        Seed of the random starting points.
+    intervals : bool
+        Whether to compute 95 % intervals.
     """
 
     free: tuple[str, ...] | None = None
@@ -92,11 +105,43 @@ def calibrate(
     campaign: Campaign, config: Config, options: Options | None = None, executor: Executor | None = None,
     progress: OnIteration = silent_iteration,
 ) -> Calibration:  # fmt: skip
-    """Fit the free parameters of `config` to all recordings of a campaign.
+    """Fit free parameters to all recordings of a campaign.
 
-    `progress` is called in every iteration with the name of the minimisation, its iteration and its cost. A
-    KeyboardInterrupt ends the fit with the best so far (`interrupted`). Raises UserError for a campaign without
-    recordings, noise or channels, for wrong options, and when the model cannot be run at the start.
+    Parameters
+    ----------
+    campaign : Campaign
+        Recordings with their noise.
+    config : Config
+        The model to start from; its values are the centres of weak priors.
+    options : Options, optional
+        What to fit, and how.
+    executor : Executor, optional
+        Where the simulations run; without it, threads on all cores.
+    progress : callable, optional
+        Hears how the fit proceeds.
+
+    Returns
+    -------
+    Calibration
+        The fitted model with errors and intervals. After Ctrl-C, the best so far, with `interrupted` set.
+
+    Raises
+    ------
+    UserError
+        For a campaign without recordings, noise or channels, for wrong options, and if the model cannot be run at the
+        start.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
+    >>> start = sma_sim.read_config(words=['beam.E=1.9e9'])
+    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> f"{sma_sim.calibrate(campaign, start, options).values['beam.E']:.3g}"
+    '2e+09'
     """
     options, t_start = options or Options(), time.perf_counter()
     check(campaign, config, options)

@@ -106,9 +106,38 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
 
 
 def held_out(config: Config, campaign: Campaign, delay: float = 0.0, executor: Executor | None = None) -> tuple[RunFit, ...]:
-    """How well a fitted configuration and delay [s] predict the recordings of a campaign; only starts are estimated.
+    """Predict recordings that were not fitted; only their initial states are estimated.
 
-    Infinite errors for a run that cannot be made. Raises UserError when a noise is not known.
+    Parameters
+    ----------
+    config : Config
+        A fitted model.
+    campaign : Campaign
+        The recordings to predict, with their noise.
+    delay : float
+        Delay of the measurement [s], from the fit.
+    executor : Executor, optional
+        Where the simulations run; without it, threads on all cores.
+
+    Returns
+    -------
+    tuple of RunFit
+        By recording: error over noise, by channel too; infinite for a run that cannot be simulated.
+
+    Raises
+    ------
+    UserError
+        If the noise of a channel is not known.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
+    >>> sma_sim.held_out(sma_sim.Config(), campaign)[0].error < 0.1
+    True
     """
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, campaign.noise_std, floor=floor) for recording in campaign.recordings)

@@ -65,11 +65,17 @@ class FitData:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """What is unknown about one recording beside the parameters.
+    """Unknowns of one recording, other than parameters.
 
-    `delay` [s]: a sample shows the state at t - delay. `start`: per wire, where the run begins within the
-    hysteresis: 0 on sigma_A, 1 on sigma_M; empty: as the configuration's initial.x_M_* say. `switches`: by which
-    part of its sampling interval each (group of) sampled change of the command came before its row.
+    Attributes
+    ----------
+    delay : float
+        A sample shows the state at t - delay [s].
+    start : tuple of float
+        By wire, where the run begins within the hysteresis: 0 on sigma_A, 1 on sigma_M. Empty: as the configuration's
+        ``initial.x_M_*`` say.
+    switches : tuple of float
+        By (group of) sampled change of the command: the part of its sampling interval by which it preceded its row.
     """
 
     delay: float = 0.0
@@ -189,9 +195,37 @@ def start_of(model: Model, source: Input, start: Sequence[float]) -> Run | None:
 
 
 def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
-    """What the model shows at the recording's sample times: (k,) by channel, those of the system.
+    """What the model shows at the sample times of a recording.
 
-    Raises SimulationError when a run cannot be made.
+    Parameters
+    ----------
+    config : Config
+        The model.
+    recording : Recording
+        Its input and sample times are used, its channels are not.
+    nuisance : Nuisance, optional
+        Delay, initial states and switching instants of the recording.
+
+    Returns
+    -------
+    dict
+        Arrays (k,) by channel, SI units: all channels of the system.
+
+    Raises
+    ------
+    SimulationError
+        If the run cannot be simulated to its end.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
+    >>> shown = sma_sim.predict(sma_sim.Config(), recording)
+    >>> sorted(shown)
+    ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
     columns = model_columns(config, recording, nuisance)
     return {name: columns[column] for name, column in CHANNEL_COLUMNS.items() if column in columns}

@@ -113,6 +113,25 @@ def latent(
     ------
     UserError
         For recordings that cannot be fitted.
+
+    Examples
+    --------
+    A robot that lacks nothing:
+
+    >>> import numpy as np
+    >>> import sma_sim
+    >>> from sma_sim.evidence.latent_input.latent_search import LatentRequest
+    >>> random = np.random.default_rng(0)
+    >>> def recorded(name, power):
+    ...     command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, power, 0.0, 0.0])
+    ...     run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
+    ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
+    >>> campaign = sma_sim.Campaign((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
+    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> request = LatentRequest(model='hybrid', options=options)
+    >>> sma_sim.latent(campaign, sma_sim.Config(), request=request).verdict
+    'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
     training, _ = hold_out_last(campaign, held)

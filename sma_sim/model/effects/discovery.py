@@ -65,7 +65,29 @@ def package_effects() -> dict[str, FoundEffect]:
 
 
 def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
-    """All effects by name: the package's, and those in the given folders. Raises EffectError."""
+    """All effects by name: those of the package and those in the given folders.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Folders of effect files of your own. Importing them runs them.
+
+    Returns
+    -------
+    dict
+        A `FoundEffect` (the `Effect`, its file and its hash) by name.
+
+    Raises
+    ------
+    EffectError
+        For a folder that does not exist, a file that cannot be imported, or a name that exists already.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> sma_sim.find_effects()['gravity'].effect.port
+    'structure_force'
+    """
     found = dict(package_effects())
     for folder in folders:
         if not folder.is_dir():
