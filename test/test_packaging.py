@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+import yaml
 
 import sma_sim
 
@@ -71,3 +72,20 @@ def test_one_version_and_every_ros_package_is_declared():
         for name in imports.findall(file.read_text()):
             if name in PYTHON or name in OF_ROS or name.endswith(('_msgs', '_srvs')):
                 assert PYTHON.get(name, name) in declared, f'{file.name} imports {name}: add it to package.xml'
+
+
+def test_contributing_names_what_exists():
+    """Folders and tests for each thing to add; the tests that it names run by pytest."""
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    paths = set(re.findall(r'`((?:sma_sim|test|\.ci)/[\w./]*)`', text)) | set(re.findall(r'\]\(([^)#]+)', text))
+    assert len(paths) > 30 and [path for path in paths if not (ROOT / path).exists()] == []
+    assert len(re.findall(r'^\| an? [^|]+\| [^|]+\| `test/', text, re.M)) == 10
+
+
+def test_citation_and_hooks():
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
+    assert citation['version'] == PROJECT['project']['version'] and citation['license'] == 'Apache-2.0'
+    assert {'cff-version', 'message', 'title', 'authors'} <= set(citation) and citation['references'][0]['year'] == 2021
+    hooks = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text(encoding='utf-8'))['repos'][0]['hooks']
+    assert [hook['entry'].split()[0] for hook in hooks] == ['ruff', 'ruff', 'mypy']
+    assert all(hook['language'] == 'system' for hook in hooks)
