@@ -29,13 +29,13 @@ def draw_module(columns: Mapping[str, Vector], instants: Sequence[float], beam: 
     for axis, instant in zip(poses, instants, strict=True):
         shown |= draw_pose(axis, columns, min(int(np.searchsorted(time, instant)), len(time) - 1), beam)
         axis.set_title(f't = {instant:g} s', fontsize=10)
-    draw_course(below.subplots(), columns, instants)
+    draw_angle_and_command(below.subplots(), columns, instants)
     title = f'wires by active mode; deflections drawn {ANGLE_SCALE:g} times larger'
     mode_legend(above, shown, 'outside upper center', title)
     return figure
 
 
-def draw_course(axis: Any, columns: Mapping[str, Vector], instants: Sequence[float]) -> None:
+def draw_angle_and_command(axis: Any, columns: Mapping[str, Vector], instants: Sequence[float]) -> None:
     """Angle and command over time, zero at the same height; the command is drawn lower so that it hides nothing."""
     time, alpha, J_eq = columns['time_s'], np.degrees(columns['alpha_rad']), columns['J_eq_W']
     plain_axes(axis)
@@ -47,9 +47,9 @@ def draw_course(axis: Any, columns: Mapping[str, Vector], instants: Sequence[flo
     axis.set_ylabel('alpha [deg]', color=BLUE)
     axis.set_xlabel('time [s]')
     axis.set_xlim(time[0], time[-1])
-    for one, values, room in ((axis, alpha, 1.15), (command, J_eq, 1.6)):
+    for axes, values, room in ((axis, alpha, 1.15), (command, J_eq, 1.6)):
         limit = room * (np.abs(values).max() or 1.0)
-        one.set_ylim(-limit, limit)
+        axes.set_ylim(-limit, limit)
     for instant in instants:
         axis.axvline(instant, color=GREY, lw=0.8, ls=':')
 

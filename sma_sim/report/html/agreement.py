@@ -31,12 +31,12 @@ def stress_figure(runs: Sequence[RunStress], config: Config) -> object:
     """sigma_A, sigma_MW and sigma_M over temperature."""
     p = config.parameters
     kinds: tuple[tuple[str, str, float, Callable[[RunStress], float]], ...] = (
-        ('sigma_A (to martensite)', RED, 0.5, lambda one: one.sigma_MW[0] + 0.5 * one.dsigma[0]),
-        ('sigma_MW', ORANGE, 0.0, lambda one: one.sigma_MW[0]),
-        ('sigma_M (to austenite)', BLUE, -0.5, lambda one: one.sigma_MW[0] - 0.5 * one.dsigma[0]),
+        ('sigma_A (to martensite)', RED, 0.5, lambda run: run.sigma_MW[0] + 0.5 * run.dsigma[0]),
+        ('sigma_MW', ORANGE, 0.0, lambda run: run.sigma_MW[0]),
+        ('sigma_M (to austenite)', BLUE, -0.5, lambda run: run.sigma_MW[0] - 0.5 * run.dsigma[0]),
     )
     figure = new_figure()
-    ends = [min(one.temperature for one in runs), max(one.temperature for one in runs)]
+    ends = [min(run.temperature for run in runs), max(run.temperature for run in runs)]
     for name, colour, part, value in kinds:
         line = [
             1e-6 * (p['wire.sigma_MW0'] + p['wire.sigma_T'] * (T - p['wire.T0']) + part * p['wire.dsigma']) for T in ends
@@ -46,9 +46,9 @@ def stress_figure(runs: Sequence[RunStress], config: Config) -> object:
             hoverinfo='skip',
         )  # fmt: skip
         figure.add_scatter(
-            x=[one.temperature for one in runs], y=[1e-6 * value(one) for one in runs], mode='markers', name=name,
-            legendgroup=name, text=[one.name + (' (held out)' if one.held_out else '') for one in runs],
-            marker={'color': colour, 'size': 10, 'symbol': ['circle-open' if one.held_out else 'circle' for one in runs]},
+            x=[run.temperature for run in runs], y=[1e-6 * value(run) for run in runs], mode='markers', name=name,
+            legendgroup=name, text=[run.name + (' (held out)' if run.held_out else '') for run in runs],
+            marker={'color': colour, 'size': 10, 'symbol': ['circle-open' if run.held_out else 'circle' for run in runs]},
             hovertemplate='%{text}: %{y:.4g} MPa at %{x:.1f} K<extra></extra>',
         )  # fmt: skip
     figure.update_xaxes(title_text='temperature [K]')

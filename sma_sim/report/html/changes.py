@@ -22,7 +22,7 @@ def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) 
     return Section('Side by side', [
         Table(('configuration', 'model', 'error over noise', 'held out'), rows),
         Plot(ratio_figure(pairs), 'RMSE of the second over that of the first, 95 %; below 1 the second is nearer.'),
-        Bullets([one.text for one in pairs]),
+        Bullets([change.text for change in pairs]),
         Paragraph('Intervals: stretches of the runs are drawn again, the same ones for both.', 'note'),
     ])  # fmt: skip
 
@@ -31,14 +31,15 @@ def ratio_figure(pairs: Sequence[ErrorChange]) -> object:
     """Ratios by channel."""
     figure = new_figure()
     for held, name, colour in ((False, 'fitted', SHOWN), (True, 'held out', HELD_OUT)):
-        part = [one for one in pairs if one.held_out == held]
+        part = [change for change in pairs if change.held_out == held]
         if part:
             figure.add_scatter(
-                x=[one.channel for one in part], y=[one.ratio for one in part], mode='markers', name=name,
+                x=[change.channel for change in part], y=[change.ratio for change in part], mode='markers', name=name,
                 marker={'color': colour, 'size': 10},
                 error_y={
                     'type': 'data', 'symmetric': False, 'color': colour,
-                    'array': [one.high - one.ratio for one in part], 'arrayminus': [one.ratio - one.low for one in part],
+                    'array': [change.high - change.ratio for change in part],
+                    'arrayminus': [change.ratio - change.low for change in part],
                 },
             )  # fmt: skip
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})

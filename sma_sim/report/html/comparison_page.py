@@ -47,8 +47,8 @@ def write_compare_page(
 ) -> None:
     """The page of one or two configurations beside a campaign. Raises UserError."""
     sections = [changes_section(summaries, pairs)] if pairs else []
-    for one in summaries:
-        label = f' ({one.comparison.label})' if len(summaries) > 1 else ''
-        sections += [Section(part.title + label, part.blocks) for part in comparison_sections(one)]
-    labels = ' and '.join(one.comparison.label for one in summaries)
+    for summary in summaries:
+        label = f' ({summary.comparison.label})' if len(summaries) > 1 else ''
+        sections += [Section(part.title + label, part.blocks) for part in comparison_sections(summary)]
+    labels = ' and '.join(summary.comparison.label for summary in summaries)
     write_page(path, f'Comparison: {labels}', [*sections, data_section(*data)])

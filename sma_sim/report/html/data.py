@@ -11,10 +11,10 @@ from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
 def data_section(fitted: Campaign, held: Campaign | None) -> Section:
     """Recordings, noise, notes."""
     rows = [
-        (one.name, kind, f'{len(one.time)}', f'{one.time[-1] - one.time[0]:.1f} s', ', '.join(one.channels),
-         'exact' if one.exact_commands else 'sampled')
+        (recording.name, kind, f'{len(recording.time)}', f'{recording.time[-1] - recording.time[0]:.1f} s',
+         ', '.join(recording.channels), 'exact' if recording.exact_commands else 'sampled')
         for campaign, kind in ((fitted, 'fitted'), (held, 'held out')) if campaign is not None
-        for one in campaign.recordings
+        for recording in campaign.recordings
     ]  # fmt: skip
     noise = ', '.join(f'{channel} {in_display_unit(channel, std)}' for channel, std in fitted.noise_std.items())
     notes = grouped_notes([part for part in (fitted, held) if part is not None])

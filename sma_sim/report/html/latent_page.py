@@ -27,7 +27,13 @@ COLUMN_NOTES = (
 def write_latent_page(path: Path, found: Latent, training: Campaign, held: Campaign | None) -> None:
     """The page. Raises UserError."""
     sections = [missing_section(found), inputs_section(found), data_section(training, held)]
-    write_page(path, f'Missing quantity: {found.verdict}', sections)
+    write_page(path, f'Missing quantity: {quantity(found)}', sections)
+
+
+def quantity(found: Latent) -> str:
+    """What is missing, in words."""
+    ports = {finding.name: finding.hypothesis.ports for finding in found.findings}.get(found.verdict, ())
+    return ' and '.join(port.description for port in ports) or found.verdict
 
 
 def missing_section(found: Latent) -> Section:
@@ -48,7 +54,7 @@ def error_figure(found: Latent) -> object:
     names = ['nothing', *(finding.name for finding in found.findings)]
     values = [found.error, *(finding.error for finding in found.findings)]
     figure.add_bar(x=names, y=values, marker={'color': [GREY, *[SHOWN] * len(found.findings)]}, name='error over noise')
-    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'}, annotation_text='noise')
+    figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
     figure.update_yaxes(title_text='error over noise')
     return figure
 
@@ -77,7 +83,9 @@ def input_plot(finding: InputFinding) -> Plot:
             hovertemplate=f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s', row=row, col=1,
         )  # fmt: skip
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
-        figure.update_yaxes(title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', row=row, col=1)
+        figure.update_yaxes(
+            title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', automargin=True, row=row, col=1
+        )
     figure.update_xaxes(title_text='time [s]', row=len(finding.inputs), col=1)
     words = ' and '.join(port.description for port in finding.hypothesis.ports)
     return Plot(figure, words, TIME_COURSE_HEIGHT * len(finding.inputs) + 90)

@@ -91,17 +91,17 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> None:
 
     Sections without blocks are left out. All text is escaped: names from files can do no harm.
     """
-    text = page_text(title, [one for one in sections if one.blocks])
+    text = page_text(title, [section for section in sections if section.blocks])
     write_whole(path, lambda file: file.write(text))
 
 
 def page_text(title: str, sections: Sequence[Section]) -> str:
     """The text of a page."""
     numbers = count()
-    menu = ''.join(f'<a href="#part{k}">{html.escape(one.title)}</a>' for k, one in enumerate(sections))
+    menu = ''.join(f'<a href="#part{k}">{html.escape(section.title)}</a>' for k, section in enumerate(sections))
     body = ''.join(
-        f'<section id="part{k}"><h2>{html.escape(one.title)}</h2>{blocks_html(one.blocks, numbers)}</section>'
-        for k, one in enumerate(sections)
+        f'<section id="part{k}"><h2>{html.escape(section.title)}</h2>{blocks_html(section.blocks, numbers)}</section>'
+        for k, section in enumerate(sections)
     )
     parts = {
         'title': html.escape(title), 'menu': menu, 'body': body, 'style': template('page.css'),
@@ -154,7 +154,7 @@ def table_html(table: Table) -> str:
 
 
 def plot_html(plot: Plot, number: int) -> str:
-    """A place for a figure, and its data."""
+    """An element for a figure, and its data."""
     data = figure_json(plot.figure).replace('</', '<\\/')
     caption = f'<figcaption>{html.escape(plot.caption)}</figcaption>' if plot.caption else ''
     return (

@@ -26,17 +26,17 @@ FORMULAS_CAPTION = (
 def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     """The formula, its parameters, the quantity over its variable, the other formulas that were tried."""
     before, after = formula_change(found)
-    lead = f'No known effect explains what is left. Proposed: {proposal.formula.equation}'
+    lead = f'No known effect explains what is left. Proposed equation: {proposal.formula.equation}'
     rows = [
-        (name, f'{one["value"]:.4g}', '' if one['std'] is None else f'{one["std"]:.1g}',
-         'only with the priors' if one['low'] is None else f'{one["low"]:.4g} to {one["high"]:.4g}', one['unit'],
-         one['description'])
-        for name, one in coefficients(found).items()
+        (name, f'{coefficient["value"]:.4g}', '' if coefficient['std'] is None else f'{coefficient["std"]:.1g}',
+         'only with the priors' if coefficient['low'] is None else f'{coefficient["low"]:.4g} to {coefficient["high"]:.4g}',
+         coefficient['unit'], coefficient['description'])
+        for name, coefficient in coefficients(found).items()
     ]  # fmt: skip
     others = [
-        (one['formula'], f'{one["cross_validated_error"]:.3f}', f'{100 * one["stability"]:.0f} %',
-         values_line(one['parameters']))
-        for one in map(ranked, proposal.ranking) if one['cross_validated_error'] is not None
+        (formula['formula'], f'{formula["cross_validated_error"]:.3f}', f'{100 * formula["stability"]:.0f} %',
+         values_line(formula['parameters']))
+        for formula in map(ranked, proposal.ranking) if formula['cross_validated_error'] is not None
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),

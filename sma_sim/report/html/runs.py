@@ -54,7 +54,7 @@ def runs_to_show(summary: Summary) -> list[ComparedRun]:
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     """One run."""
     channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
-    commands = [one for one in INPUT_COLUMNS[comparison.config.system] if np.ptp(run.states[one[0]]) > 0.0]
+    commands = [column for column in INPUT_COLUMNS[comparison.config.system] if np.ptp(run.states[column[0]]) > 0.0]
     wires = wires_of(comparison.config)
     heights = [VALUE_ROW, RESIDUAL_ROW] * len(channels) + [INPUT_ROW] * len(commands) + [MODE_ROW * len(wires)]
     total = sum(heights)

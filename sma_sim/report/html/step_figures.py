@@ -55,12 +55,12 @@ def over_noise(run: ComparedRun, channel: str, at: object) -> object:
     return small(run.residual(channel)[at] / run.noise[channel])  # type: ignore[call-overload]
 
 
-def range_plots(one: CandidateFit) -> list[Plot]:
+def range_plots(candidate: CandidateFit) -> list[Plot]:
     """A figure per fitted parameter of an effect: value and 95 % interval beside what is realistic."""
-    fitted = one.fit.values_of(one.name)
+    fitted = candidate.fit.values_of(candidate.name)
     return [
-        range_plot(parameter, fitted[parameter.name], one.std.get(f'effects.{one.name}.{parameter.name}', math.nan))
-        for parameter in one.found.effect.parameters if parameter.name in fitted
+        range_plot(parameter, fitted[parameter.name], candidate.std.get(f'effects.{candidate.name}.{parameter.name}', math.nan))
+        for parameter in candidate.found.effect.parameters if parameter.name in fitted
     ]  # fmt: skip
 
 
@@ -106,13 +106,13 @@ def channel_plot(before: ModelStage, after: ModelStage) -> Plot:
     return Plot(figure, 'Error over noise by channel before and after; dotted: the noise.', 280)
 
 
-def screen_plot(one: SelectionStep) -> Plot:
-    """ScreeningResult effects by what they could explain."""
-    best = list(reversed(one.screened[:MOST_SCREENED]))
-    accepted = one.accepted.name if one.accepted else ''
+def screen_plot(step: SelectionStep) -> Plot:
+    """Screened effects by what they could explain."""
+    best = list(reversed(step.screened[:MOST_SCREENED]))
+    accepted = step.accepted.name if step.accepted else ''
     figure = new_figure()
     figure.add_bar(
-        x=[100.0 * screened.gain / max(one.base.squares, 1e-300) for screened in best],
+        x=[100.0 * screened.gain / max(step.base.squares, 1e-300) for screened in best],
         y=[screened.candidate.name for screened in best], orientation='h', showlegend=False,
         marker={'color': [ORANGE if screened.candidate.name == accepted else BLUE for screened in best]},
     )  # fmt: skip

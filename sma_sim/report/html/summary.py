@@ -26,7 +26,7 @@ def summary_section(summary: Summary) -> Section:
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
         'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
     )
-    rows = [channel_row(kind, one) for kind, part in score_groups(summary) for one in part]
+    rows = [channel_row(kind, score) for kind, part in score_groups(summary) for score in part]
     blocks: list[Block] = [
         Paragraph(words + '.', 'lead'), Plot(score_figure(summary), height=300), Table(SCORE_HEADER, rows),
         Paragraph(note, 'note'), run_table(summary),
@@ -50,7 +50,7 @@ def score_figure(summary: Summary) -> object:
     for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=True):
         if part:
             figure.add_bar(
-                x=[one.channel for one in part], y=[round(one.over_noise, 4) for one in part], name=kind,
+                x=[score.channel for score in part], y=[round(score.over_noise, 4) for score in part], name=kind,
                 marker_color=colour, hovertemplate='%{x}: %{y:.3f} x noise',
             )  # fmt: skip
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
@@ -59,12 +59,13 @@ def score_figure(summary: Summary) -> object:
     return figure
 
 
-def channel_row(kind: str, one: ChannelScore) -> tuple[str, ...]:
+def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
     """One channel."""
-    white = one.whiteness
+    white = score.whiteness
     return (
-        one.channel, kind, in_display_unit(one.channel, one.rmse), f'{100 * one.share:.2f} %', f'{one.over_noise:.3f}',
-        in_display_unit(one.channel, one.bias), f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
+        score.channel, kind, in_display_unit(score.channel, score.rmse), f'{100 * score.share:.2f} %',
+        f'{score.over_noise:.3f}', in_display_unit(score.channel, score.bias),
+        f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 
 def where_section(summary: Summary) -> Section:
     """The ranked sentences, then a tab of splits per channel."""
-    words = [*(one.text for one in summary.patterns), *(one.text for one in summary.findings)]
+    words = [*(finding.text for finding in summary.patterns), *(finding.text for finding in summary.findings)]
     nothing = Paragraph('It is spread evenly, or is no more than noise.', 'lead')
     first: Block = Bullets(words, numbered=True) if words else nothing
     note = (
@@ -24,7 +24,7 @@ def where_section(summary: Summary) -> Section:
         'stretches of the runs are drawn again for the intervals, and the search is repeated on random halves of the data.'
     )
     tabs: list[tuple[str, list[Block]]] = [
-        (channel, [Grid([*(split_plot(one) for one in splits_of(summary.splits, channel)),
+        (channel, [Grid([*(split_plot(split) for split in splits_of(summary.splits, channel)),
                          *([band_plot(channel, summary.bands[channel])] if summary.bands[channel] else [])])])
         for channel in summary.comparison.channels
     ]  # fmt: skip
@@ -40,7 +40,11 @@ def split_plot(split: Split) -> Plot:
         for share in shares
     ]
     return share_plot(
-        f'by {split.by}', [one.label for one in shares], [one.error for one in shares], [one.time for one in shares], words
+        f'by {split.by}',
+        [share.label for share in shares],
+        [share.error for share in shares],
+        [share.time for share in shares],
+        words,
     )
 
 

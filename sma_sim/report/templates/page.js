@@ -1,8 +1,8 @@
 'use strict';
 (function () {
-  const places = Array.from(document.querySelectorAll('.plot'));
+  const targets = Array.from(document.querySelectorAll('.plot'));
   const touch = window.matchMedia('(pointer: coarse)').matches;
-  const page = { total: places.length, drawn: 0, failed: [] };
+  const page = { total: targets.length, drawn: 0, failed: [] };
   window.smaPage = page;
 
   function curve(packed) { // 16-bit steps above the lowest value; 65535 is a gap
@@ -24,24 +24,24 @@
     return figure;
   }
 
-  function draw(place) {
-    if (place.dataset.state) return;
-    place.dataset.state = 'drawing';
-    const data = document.getElementById(place.id.replace('plot', 'data'));
+  function draw(target) {
+    if (target.dataset.state) return;
+    target.dataset.state = 'drawing';
+    const data = document.getElementById(target.id.replace('plot', 'data'));
     const figure = unpack(JSON.parse(data.textContent));
     data.remove();
-    figure.layout.height = place.clientHeight;
+    figure.layout.height = target.clientHeight;
     figure.layout.autosize = true;
     if (touch) figure.layout.dragmode = false; // a finger scrolls the page; buttons zoom
-    const small = place.closest('.grid') !== null; // no room for buttons
+    const small = target.closest('.grid') !== null; // no room for buttons
     const config = { responsive: true, displaylogo: false, displayModeBar: small ? false : undefined,
       modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
-    Plotly.newPlot(place, figure.data, figure.layout, config).then(function () {
-      place.dataset.state = 'drawn';
+    Plotly.newPlot(target, figure.data, figure.layout, config).then(function () {
+      target.dataset.state = 'drawn';
       page.drawn += 1;
     }).catch(function (error) {
-      page.failed.push(place.id);
-      console.error(place.id, error);
+      page.failed.push(target.id);
+      console.error(target.id, error);
     });
   }
 
@@ -50,18 +50,18 @@
       if (entry.isIntersecting) { watch.unobserve(entry.target); draw(entry.target); }
     }
   }, { rootMargin: '600px' });
-  places.forEach(function (place) { watch.observe(place); });
+  targets.forEach(function (target) { watch.observe(target); });
 
   for (const tabs of document.querySelectorAll('.tabs')) {
     const buttons = Array.from(tabs.querySelector('.buttons').children);
-    const panes = Array.from(tabs.children).filter(function (one) { return one.classList.contains('pane'); });
+    const panes = Array.from(tabs.children).filter(function (item) { return item.classList.contains('pane'); });
     buttons.forEach(function (button, chosen) {
       button.addEventListener('click', function () {
-        buttons.forEach(function (one, k) { one.setAttribute('aria-selected', String(k === chosen)); });
-        panes.forEach(function (one, k) { one.hidden = k !== chosen; });
-        panes[chosen].querySelectorAll('.js-plotly-plot').forEach(function (one) { Plotly.Plots.resize(one); });
+        buttons.forEach(function (item, k) { item.setAttribute('aria-selected', String(k === chosen)); });
+        panes.forEach(function (item, k) { item.hidden = k !== chosen; });
+        panes[chosen].querySelectorAll('.js-plotly-plot').forEach(function (plot) { Plotly.Plots.resize(plot); });
       });
     });
   }
-  window.addEventListener('beforeprint', function () { places.forEach(draw); });
+  window.addEventListener('beforeprint', function () { targets.forEach(draw); });
 })();
