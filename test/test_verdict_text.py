@@ -97,7 +97,7 @@ def test_an_unknown_effect_with_and_without_an_equation():
         'error in the held-out runs.'
     )
     assert headline(diagnosis('unknown_effect', errors=(5.0,))) == 'Something is missing that no known effect explains.'
-    assert any(line.startswith('What is left is 5.0 times the noise in alpha') for line in remarks(found))
+    assert any(line.startswith('Known effects leave 5.0 times the noise in alpha') for line in remarks(found))
     proposal = SimpleNamespace(formula=SimpleNamespace(equation='F_alpha = k alpha^3'))
     stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'taken_back'), stage((), 1.0, 'formula'))
     said = headline(replace(found, proposal=proposal, effects=(), stages=stages))

@@ -139,7 +139,7 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     channels = last.held_out_channels or last.channels
     worst = max(channels, key=lambda name: channels[name])
     limit = CRITERIA.unexplained
-    yield f'What is left is {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
+    yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
     if last.train <= CRITERIA.noise_only:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)

@@ -72,7 +72,8 @@ def reduction_figure(diagnosis: Diagnosis) -> object:
 
 def stage_label(stage: ModelStage, before: Sequence[str]) -> str:
     """What a stage added to the effects `before` it, or took away, in lines that a phone has room for."""
-    changes = [f'+ {name}' for name in stage.effects if name not in before]
+    added = [name for name in stage.effects if name not in before]
+    changes = [f'+ {name}' for name in (['proposed equation'] if stage.kind == 'formula' else added)]
     changes += [f'- {name}' for name in before if name not in stage.effects]
     return '<br>'.join(changes).replace('_', '_<br>') or 'nominal model'
 
