@@ -40,7 +40,7 @@ def small():
     return campaign(scaled(config(), wire__lambda=1.1, beam__E=0.95), [1], noise=1.0, rate=5.0)
 
 
-@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+@pytest.mark.parametrize('model', [pytest.param('hybrid', marks=pytest.mark.slow), 'mas'])
 def test_noise_free_data_give_the_parameters_back(model):
     truth = scaled(config(model, initial__x_M_1=0.565, initial__x_M_2=0.565), **OFF)
     found = calibrate(campaign(truth, [1, 2], rate=8.0), config(model), replace(QUICK, model=model))

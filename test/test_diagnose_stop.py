@@ -67,9 +67,14 @@ class Diagnosing:
 
 @pytest.mark.parametrize(
     ('words', 'model'),
-    [('fitting the hybrid', 'auto'), ('screening', 'mas'), pytest.param('fitting the mas', 'auto', marks=pytest.mark.slow),
-     pytest.param('refitting with', 'mas', marks=pytest.mark.slow), ('cross-validating', 'mas')],
-)  # fmt: skip
+    [
+        ('fitting the hybrid', 'auto'),
+        ('screening', 'mas'),
+        pytest.param('fitting the mas', 'auto', marks=pytest.mark.slow),
+        pytest.param('refitting with', 'mas', marks=pytest.mark.slow),
+        pytest.param('cross-validating', 'mas', marks=pytest.mark.slow),
+    ],
+)
 def test_stopped_before_anything_was_accepted(case, tmp_path, words, model):
     one = Diagnosing(case, tmp_path, '--model', model)
     one.wait_for(words)

@@ -13,7 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts)]
 BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
 SHELLS = ('bash', 'console', 'sh')
-SEARCHES = re.compile(r'sma-sim (?:latent|next|tour)|propose\(|latent\(|next_experiment\(')  # half a minute and more
+# Half a minute and more.
+SEARCHES = re.compile(r'sma-sim (?:diagnose|latent|next|tour)|(?:diagnose|propose|latent|next_experiment)\(')
 
 
 def blocks(*languages):

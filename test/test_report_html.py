@@ -62,6 +62,7 @@ def test_page_is_one_file_that_loads_nothing(page):
     assert page.stat().st_size < MOST_BYTES
 
 
+@pytest.mark.slow
 def test_page_of_thirty_runs_stays_small(tmp_path):
     write_module_runs(tmp_path, truth(), count=30, seconds=100.0)
     path = tmp_path / 'many.html'
