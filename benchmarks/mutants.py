@@ -31,10 +31,22 @@ from queue import SimpleQueue
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
 # Quick as plain Python, in an order in which faults show soon; then those that need native code.
-INTERPRETED_TESTS = ('material', 'paper_equations', 'effects', 'conservation', 'energy', 'messages', 'init')
+INTERPRETED_TESTS = (
+    'material',
+    'paper_equations',
+    'effects',
+    'conservation',
+    'energy',
+    'order',
+    'solver',
+    'messages',
+    'init',
+)
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
-    'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools', 'wrong_effect_files',
+    'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools', 'wrong_effect_files', 'order_of',
+    'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
+    'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued',
 )  # fmt: skip
 COMPILED_TESTS = (
     'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
