@@ -5,9 +5,15 @@ import pytest
 from bare_module import BareModule
 
 from sma_sim import UserError, default_parameters, find_effects, simulate
-from sma_sim.challenge.draw import LEAST_OFF, MOST_OFF, OFF, PRESTRAIN_OFF, draw_command
+from sma_sim.challenge.draw import (
+    MAX_LENGTH_DEVIATION,
+    MAX_PARAMETER_ERROR,
+    MIN_PARAMETER_ERROR,
+    UNCERTAIN_PARAMETERS,
+    draw_random_command,
+)
 from sma_sim.challenge.make import make_challenge
-from sma_sim.challenge.robot import NOISE_STD, REST, BrokenRobot, Hidden, Robot
+from sma_sim.challenge.robot import NOISE_STD, REST_DURATION, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.model.config import Config
@@ -77,10 +83,10 @@ def test_parameters_are_off_as_promised():
     answers = [make_challenge(seed, 0, **SHORT).answer for seed in range(4)]
     for answer in answers:
         off = {name: abs(true / nominal - 1.0) for name, (nominal, true) in answer.parameters.items()}
-        assert off.pop('wire.l0') <= PRESTRAIN_OFF
-        assert len(off) == 12 and all(LEAST_OFF <= value <= MOST_OFF for value in off.values())
+        assert off.pop('wire.l0') <= MAX_LENGTH_DEVIATION
+        assert len(off) == 12 and all(MIN_PARAMETER_ERROR <= value <= MAX_PARAMETER_ERROR for value in off.values())
         assert answer.verdict == 'none'
-    assert len({answer.parameters[OFF[0]] for answer in answers}) == 4
+    assert len({answer.parameters[UNCERTAIN_PARAMETERS[0]] for answer in answers}) == 4
 
 
 def test_noise_is_as_told_and_nothing_else_is_added():
@@ -159,7 +165,7 @@ def compared(load=None, heat=None, hidden=(), command=COMMAND):
     """Largest difference over the noise between a run of the package and one of scipy on other equations."""
     samples, channels = measure(hidden, command)
     other = BareModule(default_parameters(), load, heat)
-    times, J_eq = np.r_[-REST, command.times], np.r_[0.0, command.values[:, 0]]
+    times, J_eq = np.r_[-REST_DURATION, command.times], np.r_[0.0, command.values[:, 0]]
     states = other.run(times, J_eq, 298.0, samples)
     return difference(channels, {name: states[:, k] for k, name in enumerate(('U_x', 'U_y', 'alpha'))})
 
@@ -214,7 +220,7 @@ def test_truth_and_library_mean_the_same_physics(name, values, same):
     found = find_effects()[truths()[name].library]
     active = ActiveEffect(found, tuple(same.get(p.name, p.default) for p in found.effect.parameters))
     model = Model(Config(default_parameters() | {'solver.rtol': 1e-7}, 'module', 'mas', (active,)))
-    whole = Input(np.r_[-REST, COMMAND.times], np.vstack([[[0.0, 298.0]], COMMAND.values]), COMMAND.linear)
+    whole = Input(np.r_[-REST_DURATION, COMMAND.times], np.vstack([[[0.0, 298.0]], COMMAND.values]), COMMAND.linear)
     run = simulate(model, whole, time)
     assert difference(channels, {n: run[CHANNEL_COLUMNS[n]] for n in ('U_x', 'U_y', 'alpha')}) < 0.1
     assert difference(channels, measure()[1]) > 0.5
@@ -253,6 +259,6 @@ def test_time_counts_from_the_beginning_of_the_run():
 
 @pytest.mark.parametrize('seed', range(20))
 def test_commands_are_commands(seed):
-    command = draw_command(100.0, 298.0, np.random.default_rng(seed))
+    command = draw_random_command(100.0, 298.0, np.random.default_rng(seed))
     assert command.times[0] == 0.0 and command.times[-1] == 100.0 and np.abs(command.values[:, 0]).max() <= 15.0
     assert 6 <= len(command.times) <= 16

@@ -14,7 +14,7 @@ from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.files import open_answer, write_challenge
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.robot import NOISE_STD
-from sma_sim.challenge.score import read_verdict, score, verdict_from
+from sma_sim.challenge.score import read_verdict, score_verdict, verdict_from
 from sma_sim.challenge.truth import truths
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
@@ -140,15 +140,15 @@ def said(kind, *effects, bare=5.0, final=1.05, ranking=('gravity', 'radiation', 
     ],
 )
 def test_marks(hidden, verdict, outcome, word):
-    marks = score(answer(*hidden), verdict)
+    marks = score_verdict(answer(*hidden), verdict)
     assert marks.outcome == outcome and word in marks.why
 
 
 def test_marks_tell_rank_and_errors():
-    marks = score(answer('radiation', 'joint_friction'), said('missing_effect', 'radiation', bare=4.0, final=1.4))
+    marks = score_verdict(answer('radiation', 'joint_friction'), said('missing_effect', 'radiation', bare=4.0, final=1.4))
     assert marks.ranks == {'radiation': 2, 'joint_friction': None}
     assert (marks.bare_error, marks.final_error, marks.expected_verdict) == (4.0, 1.4, 'missing_effect')
-    empty = score(answer('gravity'), verdict_from({'verdict': 'none', 'effects': []}))
+    empty = score_verdict(answer('gravity'), verdict_from({'verdict': 'none', 'effects': []}))
     assert empty.outcome == 'wrong' and empty.bare_error is None
 
 

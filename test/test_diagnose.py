@@ -12,7 +12,7 @@ import pytest
 from campaigns import NOISE, campaign, command, config, recording, scaled
 
 from sma_sim import Campaign, Config, UserError, find_effects
-from sma_sim.challenge.files import columns_of
+from sma_sim.challenge.files import recording_columns
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_campaign
 from sma_sim.evidence.data.tables import write_columns
@@ -272,7 +272,7 @@ def in_foreign_files(runs, home):
     """The runs as CSV files with foreign names and units, read through a map in another order."""
     lines = []
     for one in runs.recordings:
-        columns = columns_of(one)
+        columns = recording_columns(one)
         foreign = {name: FOREIGN.get(name, (f'my {name}', 1.0)) for name in columns}
         write_columns(home / f'{one.name}.csv', {foreign[name][0]: columns[name] / foreign[name][1] for name in columns})
         lines = [f'{name}: {{column: "{other}", scale: {scale!r}}}' for name, (other, scale) in foreign.items()]

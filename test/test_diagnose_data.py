@@ -9,7 +9,7 @@ import pytest
 from campaigns import NOISE
 
 from sma_sim import Campaign, Config, Recording, module_input
-from sma_sim.challenge.files import columns_of, write_challenge
+from sma_sim.challenge.files import recording_columns, write_challenge
 from sma_sim.challenge.make import make_challenge
 from sma_sim.cli import diagnose as diagnose_command
 from sma_sim.cli.common.data import read_data
@@ -87,7 +87,7 @@ def test_a_bag_of_several_modules(robot, tmp_path, capsys):
     bag = BagWriter(tmp_path / 'both', {'epoch': '0'})
     for name, one in zip(('left', 'right'), robot.campaign.recordings, strict=False):
         numbers = {}
-        for nanoseconds, topic, kind, message in messages_of(columns_of(one)):
+        for nanoseconds, topic, kind, message in messages_of(recording_columns(one)):
             if topic not in numbers:
                 numbers[topic] = bag.add(f'/{name}/{topic}', kind)
             bag.write(numbers[topic], nanoseconds, bytes(typestore().serialize_cdr(message, kind)))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sma_sim import Config, Input, Model
 from sma_sim.evidence.monitoring.live_model import (
     J_EQ,
-    MODULE_CHANNELS,
+    MODULE_CHANNEL_NAMES,
     T_E,
     Departure,
     InputChange,
@@ -39,7 +39,7 @@ def test_prediction_is_the_offline_run_bit_for_bit():
     times = np.array([0.0, 0.291, 0.5, 1.991, 3.0])  # a change takes effect at the next step
     values = np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 305.0], [-3.0, 305.0], [-3.0, 305.0]])
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 100.0)
-    assert len(NAMES) == len(MODULE_CHANNELS)
+    assert len(NAMES) == len(MODULE_CHANNEL_NAMES)
     for column, name in enumerate(NAMES):
         assert np.array_equal(np.array(rows)[:, Y_SENSED + column], run[name]), name
 

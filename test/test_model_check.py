@@ -19,8 +19,8 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
-from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS  # noqa: E402
-from sma_sim.ros.check_intake import Intake, Sample  # noqa: E402
+from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES  # noqa: E402
+from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 from sma_sim.solver.integrate import Y_SENSED  # noqa: E402
 
@@ -56,7 +56,7 @@ def value(one, key):
 
 def worst(one, channel):
     """The largest residual so far."""
-    at = MODULE_CHANNELS.index(channel)
+    at = MODULE_CHANNEL_NAMES.index(channel)
     return np.nanmax([abs(message.data[at]) for message in one.seen['channel_residuals']])
 
 
@@ -94,7 +94,7 @@ def test_a_robot_that_is_the_model_leaves_no_residual():
         with beside(one, '-p', 'check.window:=3.0') as log:
             command = one.node.create_publisher(Float64, 'J_eq', 10)
             one.until(lambda: command.get_subscription_count() >= 2 and value(one, 'state') == 'comparing')
-            assert [worst(one, channel) for channel in MODULE_CHANNELS] == [0.0] * 7
+            assert [worst(one, channel) for channel in MODULE_CHANNEL_NAMES] == [0.0] * 7
             for J_eq in (12.0, -5.0):
                 command.publish(Float64(data=J_eq))
                 end = time.monotonic() + 3.0
@@ -317,7 +317,7 @@ def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
     rclpy.init(context=context, domain_id=104)
     node = rclpy.create_node('intake', context=context)
     try:
-        intake = Intake(node, Config())
+        intake = RobotSubscriptions(node, Config())
         publisher = node.create_publisher(Float64, 'J_eq', 10)
         executor = rclpy.executors.SingleThreadedExecutor(context=context)
         executor.add_node(node)

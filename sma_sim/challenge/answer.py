@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-NONE, MISSING, UNKNOWN = 'none', 'missing_effect', 'unknown_effect'
-VERDICTS = (NONE, MISSING, UNKNOWN)
+NOTHING_MISSING, MISSING_EFFECT, UNKNOWN_EFFECT = 'none', 'missing_effect', 'unknown_effect'
+VERDICT_CODES = (NOTHING_MISSING, MISSING_EFFECT, UNKNOWN_EFFECT)
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Answer:
     def verdict(self) -> str:
         """What a perfect diagnosis says."""
         if not self.effects:
-            return NONE
-        return MISSING if all(effect.library for effect in self.effects) else UNKNOWN
+            return NOTHING_MISSING
+        return MISSING_EFFECT if all(effect.library for effect in self.effects) else UNKNOWN_EFFECT
 
     @property
     def library_names(self) -> tuple[str, ...]:
@@ -55,10 +55,10 @@ def answer_from(data: Mapping[str, Any]) -> Answer:
     """The answer of plain data."""
     effects = tuple(
         HiddenEffect(
-            one['name'], one['library'], one['port'], tuple(one['variables']),
-            {name: (float(value), str(unit)) for name, (value, unit) in one['parameters'].items()}, one['influence'],
+            effect['name'], effect['library'], effect['port'], tuple(effect['variables']),
+            {name: (float(value), str(unit)) for name, (value, unit) in effect['parameters'].items()}, effect['influence'],
         )
-        for one in data['effects']
+        for effect in data['effects']
     )  # fmt: skip
     offsets = {name: (float(nominal), float(true)) for name, (nominal, true) in data['parameters'].items()}
     return Answer(int(data['seed']), effects, offsets, data['noise_std'])

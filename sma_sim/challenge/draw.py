@@ -12,35 +12,35 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
 # Off by 5 to 15 % each, either way. Lengths are known; what is not is how far the wires were stretched.
-OFF = (
+UNCERTAIN_PARAMETERS = (
     'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
     'beam.E', 'beam.b_x', 'beam.b_y', 'beam.b_alpha',
 )  # fmt: skip
-LEAST_OFF, MOST_OFF = 0.05, 0.15
-PRESTRAIN_OFF = 0.003  # of wire.l0, at the most
-AMPLITUDE = 15.0  # [W]
-CHANGES = (4, 14)  # of the command, in 100 s
-MICROSECOND = 6  # digits to which the instants of the command are rounded
+MIN_PARAMETER_ERROR, MAX_PARAMETER_ERROR = 0.05, 0.15
+MAX_LENGTH_DEVIATION = 0.003  # of wire.l0, at the most
+MAX_POWER = 15.0  # [W]
+COMMAND_CHANGES = (4, 14)  # of the command, in 100 s
+TIME_DIGITS = 6  # digits to which the instants of the command are rounded
 OUTSIDE_SHARE = 0.25  # of the effects, where the seed decides
 
 
 def draw_parameters(nominal: Mapping[str, float], random: np.random.Generator) -> dict[str, float]:
     """The true robot's parameters, by full name."""
     values = dict(nominal)
-    for name in OFF:
-        values[name] *= 1.0 + float(random.choice((-1.0, 1.0)) * random.uniform(LEAST_OFF, MOST_OFF))
-    values['wire.l0'] *= 1.0 + float(random.uniform(-PRESTRAIN_OFF, PRESTRAIN_OFF))
+    for name in UNCERTAIN_PARAMETERS:
+        values[name] *= 1.0 + float(random.choice((-1.0, 1.0)) * random.uniform(MIN_PARAMETER_ERROR, MAX_PARAMETER_ERROR))
+    values['wire.l0'] *= 1.0 + float(random.uniform(-MAX_LENGTH_DEVIATION, MAX_LENGTH_DEVIATION))
     return values
 
 
-def draw_command(duration: float, T_E: float, random: np.random.Generator) -> Input:
+def draw_random_command(duration: float, T_E: float, random: np.random.Generator) -> Input:
     """A command that changes at random times in 0 to `duration` [s] to random levels [W]; the last row is the end."""
-    fewest, most = CHANGES
+    fewest, most = COMMAND_CHANGES
     count = max(1, round(random.integers(fewest, most + 1) * duration / 100.0))
-    changes = np.unique(np.round(random.uniform(0.0, duration, count), MICROSECOND))
+    changes = np.unique(np.round(random.uniform(0.0, duration, count), TIME_DIGITS))
     inside = changes[(changes > 0.0) & (changes < duration)]
     times = np.concatenate([[0.0], inside, [duration]])
-    levels = random.uniform(-AMPLITUDE, AMPLITUDE, len(times))
+    levels = random.uniform(-MAX_POWER, MAX_POWER, len(times))
     levels[-1] = levels[-2]
     return Input(times, np.column_stack([levels, np.full(len(times), T_E)]), (False, False))
 

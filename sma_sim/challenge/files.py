@@ -21,18 +21,19 @@ import yaml
 
 from sma_sim.challenge.answer import Answer, answer_from
 from sma_sim.challenge.make import Challenge
-from sma_sim.challenge.robot import REST
+from sma_sim.challenge.robot import REST_DURATION
 from sma_sim.challenge.truth import Vector
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 
-ANSWER, META, NOMINAL = 'answer.sealed', 'meta.json', 'nominal.yaml'
-FORMAT = 'sma_sim challenge answer 1'
-GROUPS = ('wire', 'beam', 'plate', 'environment')
+ANSWER_FILE, NOMINAL_FILE = 'answer.sealed', 'nominal.yaml'
+ANSWER_FORMAT = 'sma_sim challenge answer 1'
+NOMINAL_GROUPS = ('wire', 'beam', 'plate', 'environment')
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, Vector]], None]] = {'mcap': write_mcap, 'csv': write_columns}
 
 
@@ -45,10 +46,10 @@ def write_challenge(challenge: Challenge, folder: Path, format: str = 'mcap') ->
         raise UserError(f'cannot write {folder}: {error.strerror}') from error
     try:
         for recording in challenge.campaign.recordings:
-            WRITERS[format](temporary / f'{recording.name}.{format}', columns_of(recording))
-        (temporary / META).write_text(json.dumps(meta_of(challenge), indent=2) + '\n', encoding='utf-8')
-        (temporary / NOMINAL).write_text(nominal_yaml(challenge.nominal), encoding='utf-8')
-        (temporary / ANSWER).write_text(sealed(challenge.answer), encoding='utf-8')
+            WRITERS[format](temporary / f'{recording.name}.{format}', recording_columns(recording))
+        (temporary / META_FILE).write_text(json.dumps(meta_of(challenge), indent=2) + '\n', encoding='utf-8')
+        (temporary / NOMINAL_FILE).write_text(nominal_yaml(challenge.nominal), encoding='utf-8')
+        (temporary / ANSWER_FILE).write_text(sealed_answer(challenge.answer), encoding='utf-8')
         temporary.chmod(0o777 & ~current_umask())
         temporary.rename(folder)
     except OSError as error:
@@ -61,7 +62,7 @@ def meta_of(challenge: Challenge) -> dict[str, object]:
     """What is known of the measurement: noise [SI], samples per second, rest before each run [s]."""
     steps = np.diff(challenge.campaign.recordings[0].time)
     rate = round(1.0 / float(np.median(steps)), 6)
-    return {'noise_std': dict(challenge.campaign.noise_std), 'rate_hz': rate, 'rest_s': REST}
+    return {'noise_std': dict(challenge.campaign.noise_std), 'rate_hz': rate, 'rest_s': REST_DURATION}
 
 
 def check_new(folder: Path) -> None:
@@ -79,7 +80,7 @@ def current_umask() -> int:
     return mask
 
 
-def columns_of(recording: Recording) -> dict[str, Vector]:
+def recording_columns(recording: Recording) -> dict[str, Vector]:
     """The columns of the file contract, (k,) each, with a row without samples at each change of the command."""
     changes = recording.source.times[recording.source.times < recording.time[-1]]
     time = np.union1d(recording.time, changes)
@@ -94,32 +95,35 @@ def columns_of(recording: Recording) -> dict[str, Vector]:
 def nominal_yaml(nominal: Config) -> str:
     """The model that the user is given, as a ROS 2 parameter file."""
     parameters: dict[str, object] = {'system': nominal.system, 'model': nominal.model}
-    for group in GROUPS:
+    for group in NOMINAL_GROUPS:
         names = [name for name in nominal.parameters if name.startswith(f'{group}.')]
         parameters[group] = {name.removeprefix(f'{group}.'): nominal.parameters[name] for name in names}
     head = '# Where a challenge starts: the values of the data sheets. The robot that was measured differs. SI units.\n'
     return head + yaml.safe_dump({'/**': {'ros__parameters': parameters}}, sort_keys=False)
 
 
-def sealed(answer: Answer) -> str:
+def sealed_answer(answer: Answer) -> str:
     """The answer in a form that nobody reads by accident, with its hash."""
     text = json.dumps(answer.as_data()).encode()
     packed = base64.b64encode(zlib.compress(text, 9)).decode()
     note = 'no secret, only out of sight: sma-sim challenge reveal FOLDER'
-    return json.dumps({'format': FORMAT, 'note': note, 'sha256': hashlib.sha256(text).hexdigest(), 'sealed': packed}) + '\n'
+    return (
+        json.dumps({'format': ANSWER_FORMAT, 'note': note, 'sha256': hashlib.sha256(text).hexdigest(), 'sealed': packed})
+        + '\n'
+    )
 
 
 def open_answer(folder: Path) -> Answer:
     """The answer of a challenge's folder. Raises UserError when there is none, or it was changed."""
-    path = folder / ANSWER
+    path = folder / ANSWER_FILE
     try:
         outer = json.loads(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise UserError(f'{folder} is no challenge: cannot read {path}: {error.strerror}') from error
     except ValueError as error:
         raise UserError(f'{path} is not a sealed answer: {error}') from error
-    if not isinstance(outer, dict) or outer.get('format') != FORMAT:
-        raise UserError(f'{path} is not a sealed answer of this version: expected format {FORMAT!r}')
+    if not isinstance(outer, dict) or outer.get('format') != ANSWER_FORMAT:
+        raise UserError(f'{path} is not a sealed answer of this version: expected format {ANSWER_FORMAT!r}')
     try:
         text = zlib.decompress(base64.b64decode(outer['sealed'], validate=True))
     except (KeyError, TypeError, zlib.error, binascii.Error) as error:

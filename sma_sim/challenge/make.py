@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sma_sim.challenge.answer import Answer, HiddenEffect
-from sma_sim.challenge.draw import OFF, draw_command, draw_parameters, draw_truths
+from sma_sim.challenge.draw import UNCERTAIN_PARAMETERS, draw_parameters, draw_random_command, draw_truths
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import Truth, Vector
 from sma_sim.evidence.data.recording import Campaign, Recording
@@ -17,11 +17,11 @@ from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
-PARAMETERS, EFFECTS, COMMANDS, NOISE = range(4)  # independent streams of random numbers
-ATTEMPTS = 20
-FEWEST_RUNS = 3
-DURATION, RATE = 100.0, 50.0  # [s], [1/s]
-POSE = ('U_x', 'U_y', 'alpha')
+PARAMETER_STREAM, EFFECT_STREAM, COMMAND_STREAM, NOISE_STREAM = range(4)  # independent streams of random numbers
+MAX_ATTEMPTS = 20
+MIN_RUNS = 3
+DEFAULT_DURATION, DEFAULT_RATE = 100.0, 50.0  # [s], [1/s]
+POSE_CHANNELS = ('U_x', 'U_y', 'alpha')
 Measured = tuple[Vector, Mapping[str, Vector]]  # times and channels
 
 
@@ -41,9 +41,9 @@ def make_challenge(
     outside: bool | None = None,
     kinds: Sequence[str] = (),
     forces: bool = False,
-    runs: int = FEWEST_RUNS,
-    duration: float = DURATION,
-    rate: float = RATE,
+    runs: int = MIN_RUNS,
+    duration: float = DEFAULT_DURATION,
+    rate: float = DEFAULT_RATE,
 ) -> Challenge:
     """The challenge of a seed, always the same one.
 
@@ -51,35 +51,40 @@ def make_challenge(
     says; None leaves it to the seed. `runs` recordings of `duration` [s] at `rate` [1/s], of the pose, with `forces` of the
     wires' forces as well. Raises UserError.
     """
-    check(seed, runs, duration, rate)
-    chosen = draw_truths(np.random.default_rng([seed, EFFECTS]), effects, outside, kinds)
+    check_request(seed, runs, duration, rate)
+    chosen = draw_truths(np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, kinds)
     nominal = nominal_for(chosen)
-    for attempt in range(ATTEMPTS):
-        streams = {stream: np.random.default_rng([seed, attempt, stream]) for stream in (PARAMETERS, COMMANDS, NOISE)}
+    for attempt in range(MAX_ATTEMPTS):
+        streams = {
+            stream: np.random.default_rng([seed, attempt, stream])
+            for stream in (PARAMETER_STREAM, COMMAND_STREAM, NOISE_STREAM)
+        }
         hidden = tuple(Hidden(truth, truth.draw(stream_of(truth, seed, attempt))) for truth in chosen)
-        robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETERS]), hidden)
+        robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETER_STREAM]), hidden)
         T_E = nominal.parameters['environment.T_E']
-        commands = [draw_command(duration, T_E, streams[COMMANDS]) for _ in range(runs)]
+        commands = [draw_random_command(duration, T_E, streams[COMMAND_STREAM]) for _ in range(runs)]
         try:
             measured = [robot.measure(command, rate) for command in commands]
-            effects_found = tuple(told(one, robot, commands, measured, rate, forces) for one in hidden)
+            effects_found = tuple(hidden_effect(entry, robot, commands, measured, rate, forces) for entry in hidden)
         except BrokenRobot:
             continue
-        noise_std = {name: std for name, std in NOISE_STD.items() if forces or name in POSE}
+        noise_std = {name: std for name, std in NOISE_STD.items() if forces or name in POSE_CHANNELS}
         recordings = tuple(
-            recorded(f'run{k + 1}', command, time, channels, noise_std, streams[NOISE])
+            noisy_recording(f'run{k + 1}', command, time, channels, noise_std, streams[NOISE_STREAM])
             for k, (command, (time, channels)) in enumerate(zip(commands, measured, strict=True))
         )
-        offsets = {name: (nominal.parameters[name], robot.parameters[name]) for name in (*OFF, 'wire.l0')}
+        offsets = {name: (nominal.parameters[name], robot.parameters[name]) for name in (*UNCERTAIN_PARAMETERS, 'wire.l0')}
         answer = Answer(seed, effects_found, offsets, noise_std)
         return Challenge(Campaign(recordings, noise_std), nominal, robot, answer)
     names = ', '.join(truth.name for truth in chosen) or 'none'
-    raise UserError(f'seed {seed}: no robot that works was found in {ATTEMPTS} draws (effects {names}); choose another seed')
+    raise UserError(
+        f'seed {seed}: no robot that works was found in {MAX_ATTEMPTS} draws (effects {names}); choose another seed'
+    )
 
 
 def stream_of(truth: Truth, seed: int, attempt: int) -> np.random.Generator:
     """Random numbers of its own for each truth: one seed does not make all of them weak or strong."""
-    return np.random.default_rng([seed, attempt, EFFECTS, zlib.crc32(truth.name.encode())])
+    return np.random.default_rng([seed, attempt, EFFECT_STREAM, zlib.crc32(truth.name.encode())])
 
 
 def nominal_for(chosen: Sequence[Truth]) -> Config:
@@ -91,19 +96,19 @@ def nominal_for(chosen: Sequence[Truth]) -> Config:
     return Config(parameters)
 
 
-def check(seed: int, runs: int, duration: float, rate: float) -> None:
+def check_request(seed: int, runs: int, duration: float, rate: float) -> None:
     """Raise UserError for a challenge that cannot be made."""
     if seed < 0:
         raise UserError(f'seed {seed}: expected a whole number, 0 or more')
-    if runs < FEWEST_RUNS:
-        raise UserError(f'{runs} runs: expected at least {FEWEST_RUNS}, of which one can be held out')
+    if runs < MIN_RUNS:
+        raise UserError(f'{runs} runs: expected at least {MIN_RUNS}, of which one can be held out')
     if not (duration >= 1.0 and rate >= 1.0 and duration * rate <= 1e7):
         raise UserError(
             f'duration {duration:g} s at {rate:g} samples/s: expected at least 1 s and 1/s, and at most 1e7 samples'
         )
 
 
-def recorded(
+def noisy_recording(
     name: str, command: Input, time: Vector, channels: Mapping[str, Vector], noise_std: Mapping[str, float],
     random: np.random.Generator,
 ) -> Recording:  # fmt: skip
@@ -112,23 +117,25 @@ def recorded(
     return Recording(name, 'module', time, noisy, command)
 
 
-def told(
-    one: Hidden, robot: Robot, commands: Sequence[Input], measured: Sequence[Measured], rate: float, forces: bool
+def hidden_effect(
+    hidden: Hidden, robot: Robot, commands: Sequence[Input], measured: Sequence[Measured], rate: float, forces: bool
 ) -> HiddenEffect:
     """A hidden effect as the answer has it, with its influence.
 
     That is the root mean square of what it changes in each channel, over the noise, before anything is refitted; `all`
     is the root mean square of those that are recorded.
     """
-    bare = robot.without(one)
+    without_it = robot.without(hidden)
     changes = [
-        {name: channels[name] - values for name, values in bare.measure(command, rate)[1].items()}
+        {name: channels[name] - values for name, values in without_it.measure(command, rate)[1].items()}
         for command, (_, channels) in zip(commands, measured, strict=True)
     ]
     influence = {
         name: float(np.sqrt(np.mean(np.concatenate([change[name] for change in changes]) ** 2)) / std)
         for name, std in NOISE_STD.items()
     }
-    influence['all'] = float(np.sqrt(np.mean([influence[name] ** 2 for name in (NOISE_STD if forces else POSE)])))
-    values = {p.name: (one.values[p.name], p.unit) for p in one.truth.parameters}
-    return HiddenEffect(one.truth.name, one.truth.library, one.truth.port, one.truth.variables, values, influence)
+    influence['all'] = float(np.sqrt(np.mean([influence[name] ** 2 for name in (NOISE_STD if forces else POSE_CHANNELS)])))
+    values = {p.name: (hidden.values[p.name], p.unit) for p in hidden.truth.parameters}
+    return HiddenEffect(
+        hidden.truth.name, hidden.truth.library, hidden.truth.port, hidden.truth.variables, values, influence
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sma_sim.challenge.answer import MISSING, NONE, UNKNOWN, VERDICTS, Answer
+from sma_sim.challenge.answer import MISSING_EFFECT, NOTHING_MISSING, UNKNOWN_EFFECT, VERDICT_CODES, Answer
 from sma_sim.model.errors import UserError
 
 RIGHT, PARTIAL, WRONG = 'right', 'partial', 'wrong'
@@ -46,7 +46,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Score:
+class VerdictScore:
     """`outcome` is right, partial or wrong, and `why`; `ranks` counts from 1, None for an effect that is not ranked."""
 
     outcome: str
@@ -66,10 +66,10 @@ def read_verdict(path: Path) -> Verdict:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     except ValueError as error:
         raise UserError(f'{path} is not JSON: {error}') from error
-    if not isinstance(data, dict) or data.get('verdict') not in VERDICTS:
+    if not isinstance(data, dict) or data.get('verdict') not in VERDICT_CODES:
         given = data.get('verdict') if isinstance(data, dict) else type(data).__name__
         raise UserError(
-            f'{path} is no verdict of `sma-sim diagnose`: "verdict" is {given!r}, expected one of {", ".join(VERDICTS)}'
+            f'{path} is no verdict of `sma-sim diagnose`: "verdict" is {given!r}, expected one of {", ".join(VERDICT_CODES)}'
         )
     try:
         return verdict_from(data)
@@ -85,71 +85,81 @@ def verdict_from(data: Mapping[str, Any]) -> Verdict:
     ranking = data.get('ranking', [])
     return Verdict(
         data['verdict'],
-        names_of(data['effects']),
-        names_of([one['effect'] for one in ranking]),
-        {one['effect']: frozenset(names_of(one.get('confounded_with') or [])) for one in ranking},
-        tuple((names_of(one['effects']), float(one['held_out'])) for one in data.get('error', [])),
+        checked_names(data['effects']),
+        checked_names([entry['effect'] for entry in ranking]),
+        {entry['effect']: frozenset(checked_names(entry.get('confounded_with') or [])) for entry in ranking},
+        tuple((checked_names(entry['effects']), float(entry['held_out'])) for entry in data.get('error', [])),
     )
 
 
-def names_of(words: Any) -> tuple[str, ...]:
+def checked_names(words: Any) -> tuple[str, ...]:
     """A list of words, and nothing else."""
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise TypeError(f'expected a list of names, got {words!r}')
     return tuple(words)
 
 
-def score(answer: Answer, verdict: Verdict) -> Score:
+def score_verdict(answer: Answer, verdict: Verdict) -> VerdictScore:
     """Whether a verdict is right.
 
     An effect counts as named when one is that the verdict declares inseparable from it. What the verdict's own held-out
     errors show not to be missed (at most DETECTABLE times the noise) need not be named.
     """
-    outcome, why = judged(answer, verdict)
+    outcome, why = outcome_and_reason(answer, verdict)
     ranks = {name: verdict.ranking.index(name) + 1 if name in verdict.ranking else None for name in answer.library_names}
-    return Score(outcome, why, verdict.kind, answer.verdict, ranks, verdict.bare_error, verdict.final_error)
+    return VerdictScore(outcome, why, verdict.kind, answer.verdict, ranks, verdict.bare_error, verdict.final_error)
 
 
-def judged(answer: Answer, verdict: Verdict) -> tuple[str, str]:
+def outcome_and_reason(answer: Answer, verdict: Verdict) -> tuple[str, str]:
     """Outcome and reason."""
     names = {effect: verdict.names(effect) for effect in answer.library_names}
     found = [effect for effect, name in names.items() if name]
     missed = [effect for effect, name in names.items() if not name]
-    explains_in_part = verdict.kind == UNKNOWN == answer.verdict  # then the verdict's effects need not be real
+    explains_in_part = verdict.kind == UNKNOWN_EFFECT == answer.verdict  # then the verdict's effects need not be real
     false = [effect for effect in verdict.effects if effect not in names.values() and not explains_in_part]
-    if answer.verdict == NONE:
-        return (WRONG, 'a false alarm: nothing is missing') if verdict.kind != NONE else (RIGHT, 'nothing is missing')
-    if verdict.kind == NONE:
-        if not_missed(verdict.bare_error):
+    if answer.verdict == NOTHING_MISSING:
+        return (
+            (WRONG, 'a false alarm: nothing is missing')
+            if verdict.kind != NOTHING_MISSING
+            else (RIGHT, 'nothing is missing')
+        )
+    if verdict.kind == NOTHING_MISSING:
+        if is_within_noise(verdict.bare_error):
             return RIGHT, f'what is missing cannot be seen ({verdict.bare_error:.2f} times the noise, held out)'
         return WRONG, 'something is missing'
     if false and not found:
-        return WRONG, f'{listed(false)} is not what is missing'
+        return WRONG, f'{joined_names(false)} is not what is missing'
     if false:
-        return PARTIAL, f'{listed(found)} is right, {listed(false)} is not'
-    return judged_names(answer, verdict, found, missed)
+        return PARTIAL, f'{joined_names(found)} is right, {joined_names(false)} is not'
+    return outcome_of_names(answer, verdict, found, missed)
 
 
-def judged_names(answer: Answer, verdict: Verdict, found: Sequence[str], missed: Sequence[str]) -> tuple[str, str]:
+def outcome_of_names(answer: Answer, verdict: Verdict, found: Sequence[str], missed: Sequence[str]) -> tuple[str, str]:
     """Outcome and reason where something is missing and no effect was named in error."""
     beyond = [effect.name for effect in answer.effects if not effect.library]
-    if missed and not (found and not_missed(verdict.final_error)):
-        return (PARTIAL if found or beyond and verdict.kind == UNKNOWN else WRONG), f'{listed(missed)} is missing, not named'
-    if verdict.kind == UNKNOWN and not beyond:
-        return PARTIAL, f'{listed(found)} is all that is missing'
-    if verdict.kind == MISSING and beyond and not not_missed(verdict.final_error):
-        return PARTIAL, f'{listed(beyond)} is missing as well, which is no effect of the library'
+    if missed and not (found and is_within_noise(verdict.final_error)):
+        return (
+            PARTIAL if found or beyond and verdict.kind == UNKNOWN_EFFECT else WRONG
+        ), f'{joined_names(missed)} is missing, not named'
+    if verdict.kind == UNKNOWN_EFFECT and not beyond:
+        return PARTIAL, f'{joined_names(found)} is all that is missing'
+    if verdict.kind == MISSING_EFFECT and beyond and not is_within_noise(verdict.final_error):
+        return PARTIAL, f'{joined_names(beyond)} is missing as well, which is no effect of the library'
     inseparable = [name for name in found if name not in verdict.effects]
-    why = f'{listed(found)} is missing' if found else f'{listed(beyond)} is missing, which is no effect of the library'
+    why = (
+        f'{joined_names(found)} is missing'
+        if found
+        else f'{joined_names(beyond)} is missing, which is no effect of the library'
+    )
     unseen = f'; the rest cannot be seen ({verdict.final_error:.2f} times the noise)' if missed else ''
     return RIGHT, why + (' (named with others that are inseparable)' if inseparable else '') + unseen
 
 
-def not_missed(error: float | None) -> bool:
+def is_within_noise(error: float | None) -> bool:
     """Whether a held-out error over noise shows nothing that is missing."""
     return error is not None and error <= DETECTABLE
 
 
-def listed(names: Sequence[str]) -> str:
+def joined_names(names: Sequence[str]) -> str:
     """Names in a sentence."""
     return ' and '.join(names)

@@ -69,7 +69,7 @@ class Truth:
         return MappingProxyType(values)
 
 
-def acting(
+def simulated_truth(
     *effects: Effect,
     library: str = '',
     variables: tuple[str, ...],
@@ -85,7 +85,7 @@ def acting(
     )
 
 
-def shown(
+def sensor_truth(
     name: str,
     sensor: Sensor,
     *parameters: Parameter,
@@ -97,7 +97,7 @@ def shown(
     return Truth(name, library, variables, 'sensing', parameters, (), sensor, signed)
 
 
-def ranged(name: str, unit: str, low: float, high: float, description: str) -> Parameter:
+def drawn_parameter(name: str, unit: str, low: float, high: float, description: str) -> Parameter:
     """A parameter of a truth with the range from which it is drawn; its default is the middle of it."""
     middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
     reach = 10.0 * max(abs(low), abs(high))

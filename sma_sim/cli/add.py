@@ -30,6 +30,6 @@ def run(arguments: argparse.Namespace) -> int:
     config = read_config(arguments.config, (), arguments.effects)
     text = parameter_file(config, folders_beside(arguments, arguments.out))
     write_whole(arguments.out, lambda file: file.write(text))
-    names = ', '.join(one.found.effect.name for one in config.effects)
+    names = ', '.join(active.found.effect.name for active in config.effects)
     print(f'{arguments.out}: active effects {names}')
     return 0

@@ -21,19 +21,19 @@ def add_parser(verbs: Any) -> None:
     own = parser.add_subparsers(dest='bag_verb', required=True)
     info = own.add_parser('info', help='topics, counts, duration, parameters')
     info.add_argument('bag', type=Path, metavar='BAG')
-    info.set_defaults(run=tell)
-    mend = own.add_parser('repair', help='make a whole bag of one that breaks off (killed recorder, full disk)')
-    mend.add_argument('bag', type=Path, metavar='BAG')
-    mend.add_argument('--out', type=Path, metavar='NEW', help='folder of the new bag (default: BAG_repaired)')
-    mend.set_defaults(run=mend_bag)
+    info.set_defaults(run=show_info)
+    repairing = own.add_parser('repair', help='make a whole bag of one that breaks off (killed recorder, full disk)')
+    repairing.add_argument('bag', type=Path, metavar='BAG')
+    repairing.add_argument('--out', type=Path, metavar='NEW', help='folder of the new bag (default: BAG_repaired)')
+    repairing.set_defaults(run=repair_bag)
     convert = own.add_parser('convert', help='CSV from a bag, or an mcap file from a CSV')
     convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV of a module')
     convert.add_argument('target', type=Path, metavar='TO', help='name that ends in .csv or .mcap')
     add_namespace_option(convert)
-    convert.set_defaults(run=convert_run)
+    convert.set_defaults(run=convert_bag)
 
 
-def tell(arguments: argparse.Namespace) -> int:
+def show_info(arguments: argparse.Namespace) -> int:
     """Print what is in a bag."""
     bag = open_bag(arguments.bag)
     topics = bag.topics()
@@ -54,7 +54,7 @@ def tell(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def mend_bag(arguments: argparse.Namespace) -> int:
+def repair_bag(arguments: argparse.Namespace) -> int:
     """Write what can be read as a new bag."""
     path = arguments.bag
     out = arguments.out or path.with_name(f'{path.stem if path.is_file() else path.name}_repaired')
@@ -63,7 +63,7 @@ def mend_bag(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def convert_run(arguments: argparse.Namespace) -> int:
+def convert_bag(arguments: argparse.Namespace) -> int:
     """Write a run in another format."""
     source, target = arguments.source, arguments.target
     check_writable(target)

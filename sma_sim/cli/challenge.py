@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.challenge.answer import Answer
-from sma_sim.challenge.files import NOMINAL, WRITERS, check_new, open_answer, write_challenge
-from sma_sim.challenge.make import DURATION, FEWEST_RUNS, RATE, make_challenge
-from sma_sim.challenge.score import Score, read_verdict, score
+from sma_sim.challenge.files import NOMINAL_FILE, WRITERS, check_new, open_answer, write_challenge
+from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, make_challenge
+from sma_sim.challenge.score import VerdictScore, read_verdict, score_verdict
 from sma_sim.cli.common.options import announce_compilation
 
 
@@ -29,19 +29,23 @@ def add_parser(verbs: Any) -> None:
     )  # fmt: skip
     new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this one (up to twice)')
     new.add_argument('--forces', action='store_true', help='record the forces of the wires too')
-    new.add_argument('--runs', type=int, default=FEWEST_RUNS, help=f'recordings (default {FEWEST_RUNS}, which is the least)')
-    new.add_argument('--duration', type=float, default=DURATION, metavar='S', help=f'of each (default {DURATION:g} s)')
-    new.add_argument('--rate', type=float, default=RATE, metavar='HZ', help=f'samples per second (default {RATE:g})')
+    new.add_argument('--runs', type=int, default=MIN_RUNS, help=f'recordings (default {MIN_RUNS}, which is the least)')
+    new.add_argument(
+        '--duration', type=float, default=DEFAULT_DURATION, metavar='S', help=f'of each (default {DEFAULT_DURATION:g} s)'
+    )
+    new.add_argument(
+        '--rate', type=float, default=DEFAULT_RATE, metavar='HZ', help=f'samples per second (default {DEFAULT_RATE:g})'
+    )
     new.add_argument('--format', choices=tuple(WRITERS), default='mcap', help='of the recordings (default mcap)')
-    new.set_defaults(run=make)
+    new.set_defaults(run=write_new)
     reveal = own.add_parser('reveal', help='open the answer; score a verdict of `sma-sim diagnose`')
     reveal.add_argument('folder', type=Path, metavar='DIR')
     reveal.add_argument('verdict', type=Path, nargs='?', metavar='VERDICT.json')
     reveal.add_argument('--json', action='store_true', help='for programs')
-    reveal.set_defaults(run=tell)
+    reveal.set_defaults(run=reveal_answer)
 
 
-def make(arguments: argparse.Namespace) -> int:
+def write_new(arguments: argparse.Namespace) -> int:
     """Make a challenge and write it."""
     check_new(arguments.out)
     announce_compilation()
@@ -53,15 +57,15 @@ def make(arguments: argparse.Namespace) -> int:
     first = challenge.campaign.recordings[0]
     print(
         f'{arguments.out}: {arguments.runs} recordings of {first.source.times[-1]:g} s, {", ".join(first.channels)}; '
-        f'start from {arguments.out / NOMINAL}'
+        f'start from {arguments.out / NOMINAL_FILE}'
     )
     return 0
 
 
-def tell(arguments: argparse.Namespace) -> int:
+def reveal_answer(arguments: argparse.Namespace) -> int:
     """Print the answer, and the score of a verdict."""
     answer = open_answer(arguments.folder)
-    marks = score(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
+    marks = score_verdict(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
     if arguments.json:
         truth = answer.as_data() | {'verdict': answer.verdict}
         print(json.dumps({'truth': truth, 'score': asdict(marks) if marks else None}, indent=2))
@@ -84,7 +88,7 @@ def answer_text(answer: Answer) -> list[str]:
     return lines
 
 
-def score_text(marks: Score) -> list[str]:
+def score_text(marks: VerdictScore) -> list[str]:
     """The score for a person, in lines."""
     lines = [f'the verdict {marks.verdict} is {marks.outcome}: {marks.why}']
     if marks.verdict != marks.expected_verdict:

@@ -13,14 +13,14 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    print_progress,
+    print_written,
     read_data,
     system_words,
-    tell,
-    tell_written,
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.cli.fit import STOPPED
+from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
@@ -62,11 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
-            found = diagnose(training, config, held, request, executor, tell)
+            found = diagnose(training, config, held, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
         written = write_outputs(arguments, found, *hold_out_last(training, held))
-    tell_written(arguments.out, written, arguments.report, arguments.json)
-    return STOPPED if found.interrupted else 0
+    print_written(arguments.out, written, arguments.report, arguments.json)
+    return EXIT_INTERRUPTED if found.interrupted else 0
 
 
 def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None) -> Path | None:

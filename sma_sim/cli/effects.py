@@ -13,9 +13,9 @@ from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.errors import UserError
 
-WIDTH = 100
+TEXT_WIDTH = 100
 
-LISTS = ('confused_with', 'same_as', 'systems', 'states')
+LIST_FIELDS = ('confused_with', 'same_as', 'systems', 'states')
 
 
 def add_parser(verbs: Any) -> None:
@@ -52,22 +52,22 @@ def effect_data(effect: Effect) -> dict[str, Any]:
         for p in effect.parameters
     ]  # fmt: skip
     words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
-    return {name: getattr(effect, name) for name in (*words, *LISTS)} | {'parameters': parameters}
+    return {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)} | {'parameters': parameters}
 
 
 def effect_text(effect: Effect) -> str:
     """An effect for a person to read."""
     only = '' if effect.systems == SYSTEMS else f', {" and ".join(effect.systems)} only'
     lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']
-    told = {
+    details = {
         'signature': effect.signature,
         'confused with': ', '.join(effect.confused_with),
         'the same as': effect.same_as,
         'source': effect.source,
         'energy': effect.energy,
     }
-    for words in (effect.title, effect.description, *(f'{word}: {text}' for word, text in told.items() if text)):
-        lines += textwrap.wrap(words, WIDTH, initial_indent='    ', subsequent_indent='      ')
+    for words in (effect.title, effect.description, *(f'{word}: {text}' for word, text in details.items() if text)):
+        lines += textwrap.wrap(words, TEXT_WIDTH, initial_indent='    ', subsequent_indent='      ')
     for p in effect.parameters:
         low, high = p.bounds
         numbers = f'{p.default:g} {p.unit}, allowed {low:g} to {high:g}'

@@ -14,13 +14,13 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    print_written,
     read_data,
     system_words,
     table_text,
-    tell_written,
     write_json,
 )
-from sma_sim.cli.common.options import Progress, add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.cli.common.options import ProgressLine, add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
@@ -28,11 +28,11 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
-from sma_sim.evidence.residual_analysis.summary import as_data, summarize
+from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
 
-STOPPED = 130  # exit code after Ctrl-C
+EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
 
 
 def add_parser(verbs: Any) -> None:
@@ -43,7 +43,9 @@ def add_parser(verbs: Any) -> None:
         '--free', action='append', metavar='NAMES',
         help='parameters to fit, joined by commas (default: those that such data can tell, and all of active effects)',
     )  # fmt: skip
-    parser.add_argument('--starts', type=int, default=2, metavar='N', help='descents from different places (default 2)')
+    parser.add_argument(
+        '--starts', type=int, default=2, metavar='N', help='optimizations from different starting points (default 2)'
+    )
     parser.add_argument('--robust', action='store_true', help='outliers count less')
     add_search_options(parser, 'of the further starts')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file, for the node and --config')
@@ -52,21 +54,21 @@ def add_parser(verbs: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fit, foretell what was held out, write what was asked for."""
+    """Fit, predict what was held out, write what was asked for."""
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
     fitted, held = read_data(arguments, config)
-    options = Options(names_of(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
+    options = Options(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
     announce_compilation()
-    progress = Progress('fitting')
+    progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:
         try:
-            found = calibrate(fitted, config, options, executor, lambda *state: progress.tell(step_words(*state)))
+            found = calibrate(fitted, config, options, executor, lambda *state: progress.show(step_words(*state)))
         finally:
             progress.close()
         if arguments.out:
             write_fitted(arguments, found)
-        predicted = foretell(found, held, executor)
+        predicted = predict_held_out(found, held, executor)
         runs = runs_of_wire(found, fitted, held, executor)
     print(fit_text(found, predicted))
     if runs:
@@ -74,15 +76,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json or arguments.report:
         summary = summarize(compared_calibration(found, fitted, held, predicted, 'fitted'))
     if arguments.json:
-        further = {'run_by_run': asdict(runs) if runs else None, 'comparison': as_data(summary)}
-        write_json(arguments.json, fit_data(found, predicted, fitted) | further)
+        further = {'run_by_run': asdict(runs) if runs else None, 'comparison': comparison_data(summary)}
+        write_json(arguments.json, fit_result_data(found, predicted, fitted) | further)
     if arguments.report:
         write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held), runs)
-    tell_written(arguments.out, arguments.report, arguments.json)
-    return STOPPED if found.interrupted else 0
+    print_written(arguments.out, arguments.report, arguments.json)
+    return EXIT_INTERRUPTED if found.interrupted else 0
 
 
-def names_of(words: Sequence[str] | None) -> tuple[str, ...] | None:
+def split_names(words: Sequence[str] | None) -> tuple[str, ...] | None:
     """Names that are joined by commas."""
     if words is None:
         return None
@@ -94,7 +96,7 @@ def step_words(label: str, iteration: int, cost: float) -> str:
     return f'{label}, step {iteration}, cost {cost:.4g}'
 
 
-def foretell(found: Calibration, held: Campaign | None, executor: Executor) -> tuple[RunFit, ...]:
+def predict_held_out(found: Calibration, held: Campaign | None, executor: Executor) -> tuple[RunFit, ...]:
     """The runs that were held out, unless the fit was stopped."""
     if held is None or found.interrupted:
         return ()
@@ -130,12 +132,12 @@ def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
 
 def parameter_rows(found: Calibration) -> list[tuple[str, str, str, str]]:
     """Name, value, interval, unit."""
-    sure = {one.name: one for one in found.uncertainty.intervals} if found.uncertainty else {}
+    intervals = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     rows = []
-    for one in found.free:
-        known = sure.get(one.name)
-        interval = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not seen'
-        rows.append((one.name, f'{found.values[one.name]:.5g}', interval, one.unit))
+    for parameter in found.free:
+        known = intervals.get(parameter.name)
+        text = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not seen'
+        rows.append((parameter.name, f'{found.values[parameter.name]:.5g}', text, parameter.unit))
     return rows
 
 
@@ -152,10 +154,10 @@ def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[st
 
 def remarks_on(found: Calibration) -> list[str]:
     """What else a person must know."""
-    remarks = [f'these data cannot tell: {one}' for one in (found.uncertainty.unseen if found.uncertainty else ())]
+    remarks = [f'these data cannot tell: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
-    remarks += [f'{one.name} was held: {one.reason}' for one in found.held]
-    other = [one for one in found.other_starts if not one.same]
+    remarks += [f'{parameter.name} was held: {parameter.reason}' for parameter in found.held]
+    other = [start for start in found.other_starts if not start.same]
     if other:
         remarks.append(f'{len(other)} of {len(found.other_starts) + 1} starts led elsewhere, to higher cost: see --json')
     if found.cross_validation:
@@ -165,30 +167,36 @@ def remarks_on(found: Calibration) -> list[str]:
     return remarks
 
 
-def fit_data(found: Calibration, predicted: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
+def fit_result_data(found: Calibration, predicted: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
     """The result for programs; SI units."""
-    sure = found.uncertainty
-    intervals = {one.name: one for one in sure.intervals} if sure else {}
+    uncertainty = found.uncertainty
+    intervals = {interval.name: interval for interval in uncertainty.intervals} if uncertainty else {}
     return {
         'model': found.config.model,
         'parameters': {
-            one.name: {'value': found.values[one.name], 'unit': one.unit, **interval_data(intervals.get(one.name))}
-            for one in found.free
+            parameter.name: {
+                'value': found.values[parameter.name], 'unit': parameter.unit, **interval_data(intervals.get(parameter.name))
+            }
+            for parameter in found.free
         },
         'delay': found.delay,
-        'delay_std': sure.delay_std if sure else None,
+        'delay_std': uncertainty.delay_std if uncertainty else None,
         'error': {
             'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channels,
             'runs': {fit.name: run_data(fit, held=False) for fit in found.runs}
             | {fit.name: run_data(fit, held=True) for fit in predicted},
         },
         'cross_validation': found.cross_validation,
-        'unseen': sure.unseen if sure else None,
-        'directions': [{'std': one.std, 'weights': one.weights} for one in sure.directions] if sure else None,
-        'correlation': sure.correlation if sure else None,
+        'unseen': uncertainty.unseen if uncertainty else None,
+        'directions': [
+            {'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions
+        ] if uncertainty else None,
+        'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
-        'held': {one.name: one.reason for one in found.held},
-        'other_starts': [{'excess': one.excess, 'same': one.same, 'values': one.values} for one in found.other_starts],
+        'held': {parameter.name: parameter.reason for parameter in found.held},
+        'other_starts': [
+            {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts
+        ],
         'noise_std': campaign.noise_std,
         'converged': found.converged,
         'interrupted': found.interrupted,
@@ -196,9 +204,9 @@ def fit_data(found: Calibration, predicted: Sequence[RunFit], campaign: Campaign
     }  # fmt: skip
 
 
-def interval_data(one: Any) -> dict[str, Any]:
+def interval_data(interval: Any) -> dict[str, Any]:
     """An interval as plain data."""
-    return {} if one is None else {name: getattr(one, name) for name in ('low', 'high', 'std', 'log', 'seen')}
+    return {} if interval is None else {name: getattr(interval, name) for name in ('low', 'high', 'std', 'log', 'seen')}
 
 
 def run_data(fit: RunFit, held: bool) -> dict[str, Any]:

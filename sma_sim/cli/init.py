@@ -57,7 +57,7 @@ QUESTIONS = (
     Question('ambient', 'environment.T_E', 'degC', 'ambient temperature'),
     Question('power-limit', 'node.J_max', 'W', 'largest heating power of one bundle'),
 )
-NOTHING = 'nothing was written'
+NOTHING_WRITTEN = 'nothing was written'
 
 
 def add_parser(verbs: Any) -> None:
@@ -70,60 +70,60 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='default: robot.yaml')
     parser.add_argument('--overwrite', action='store_true', help='replace FILE')
     parser.add_argument('--no-questions', action='store_true', help='do not ask')
-    for one in QUESTIONS:
-        units = f'; in {one.unit}, or with its unit ({typed_units(one.si)})' if one.unit else ''
-        parser.add_argument(f'--{one.flag}', metavar='VALUE', help=one.words + units)
+    for question in QUESTIONS:
+        units = f'; in {question.unit}, or with its unit ({typed_units(question.si)})' if question.unit else ''
+        parser.add_argument(f'--{question.flag}', metavar='VALUE', help=question.words + units)
     add_config_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Ask or take the flags, check that the robot can stand, write the file."""
-    check_place(arguments.out, arguments.overwrite)
+    check_output_file(arguments.out, arguments.overwrite)
     config = read_config(arguments.config, arguments.words, arguments.effects)
-    values = flagged(arguments)
+    values = values_of_flags(arguments)
     asking = sys.stdin.isatty() and not (values or arguments.words or arguments.effects or arguments.no_questions)
-    config = asked(arguments, config) if asking else with_values(arguments, values)
+    config = asked(arguments, config) if asking else config_with_values(arguments, values)
     if not asking:
-        describe(config)
+        print_robot_check(config)
     text = parameter_file(config, folders_beside(arguments, arguments.out))
-    check_place(arguments.out, arguments.overwrite)  # once more: answers take a while
+    check_output_file(arguments.out, arguments.overwrite)  # once more: answers take a while
     write_whole(arguments.out, lambda file: file.write(text))
     print(arguments.out)
     return 0
 
 
-def check_place(out: Path, overwrite: bool) -> None:
+def check_output_file(out: Path, overwrite: bool) -> None:
     """Raise UserError where the file cannot be written or is there already."""
     check_writable(out)
     if out.exists() and not overwrite:
         raise UserError(f'{out} exists already: give --overwrite to replace it, or another file with --out')
 
 
-def flagged(arguments: argparse.Namespace) -> dict[str, float]:
+def values_of_flags(arguments: argparse.Namespace) -> dict[str, float]:
     """The dimensions among the options. Raises UserError."""
     values = {}
-    for one in QUESTIONS:
-        text = getattr(arguments, one.flag.replace('-', '_'))
+    for question in QUESTIONS:
+        text = getattr(arguments, question.flag.replace('-', '_'))
         if text is not None:
             try:
-                values[one.parameter] = one.value(text)
+                values[question.parameter] = question.value(text)
             except UserError as error:
-                raise UserError(f'--{one.flag}: {error}') from error
+                raise UserError(f'--{question.flag}: {error}') from error
     return values
 
 
-def with_values(arguments: argparse.Namespace, values: Mapping[str, float]) -> Config:
+def config_with_values(arguments: argparse.Namespace, values: Mapping[str, float]) -> Config:
     """The configuration of the options with `values` over it; a value given twice is refused."""
     twice = [word for word in arguments.words if word.partition('=')[0].strip() in values]
     if twice:
-        flag = next(one.flag for one in QUESTIONS if one.parameter == twice[0].partition('=')[0].strip())
+        flag = next(question.flag for question in QUESTIONS if question.parameter == twice[0].partition('=')[0].strip())
         raise UserError(f'--set {twice[0]} and --{flag} say the same: give one of them')
     words = [f'{name}={number(value)}' for name, value in values.items()]
     return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
 
 
-def describe(config: Config) -> None:
+def print_robot_check(config: Config) -> None:
     """Say how the robot rests and what heating does to it. Raises UserError when it cannot stand."""
     if config.system == 'module':
         announce_compilation()
@@ -134,27 +134,27 @@ def asked(arguments: argparse.Namespace, config: Config) -> Config:
     """The user's answers, asked for again when they make no robot."""
     print('Your robot: type a value (a unit may follow), or just Enter for the one in brackets. Ctrl-C stops.')
     while True:
-        values = {one.parameter: ask(one, config.parameters[one.parameter]) for one in QUESTIONS}
-        config = with_values(arguments, values)
+        values = {question.parameter: ask(question, config.parameters[question.parameter]) for question in QUESTIONS}
+        config = config_with_values(arguments, values)
         try:
-            describe(config)
+            print_robot_check(config)
         except UserError as error:
             print(f'This robot cannot stand: {error}.\nOnce more, with your answers in the brackets:')
         else:
             return config
 
 
-def ask(one: Question, before: float) -> float:
+def ask(question: Question, before: float) -> float:
     """One answer, asked for until it makes sense."""
     while True:
         try:
-            text = input(f'{one.words} [{one.show(before)}]: ')
+            text = input(f'{question.words} [{question.show(before)}]: ')
         except EOFError as error:
             print()
-            raise UserError(f'the input ended at {one.words!r}; {NOTHING}') from error
+            raise UserError(f'the input ended at {question.words!r}; {NOTHING_WRITTEN}') from error
         if not text.strip():
             return before
         try:
-            return one.value(text)
+            return question.value(text)
         except UserError as error:
             print(f'  {error}')

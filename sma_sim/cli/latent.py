@@ -11,15 +11,15 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    print_progress,
+    print_written,
     read_data,
     system_words,
     table_text,
-    tell,
-    tell_written,
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
-from sma_sim.cli.fit import STOPPED
+from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     announce_compilation()
     with chosen_executor(arguments) as executor:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)
-        found = latent(training, config, held, request, executor, tell)
+        found = latent(training, config, held, request, executor, print_progress)
     if arguments.json:
         write_json(arguments.json, latent_data(found))
     if arguments.report:
@@ -55,5 +55,5 @@ def run(arguments: argparse.Namespace) -> int:
     print(*verdict_sentences(found), sep='\n')
     if found.findings:
         print(table_text(RANKING_HEADER, ranking_rows(found)))
-    tell_written(arguments.report, arguments.json)
-    return STOPPED if found.interrupted else 0
+    print_written(arguments.report, arguments.json)
+    return EXIT_INTERRUPTED if found.interrupted else 0

@@ -12,15 +12,15 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    print_progress,
+    print_written,
     read_data,
     system_words,
     table_text,
-    tell,
-    tell_written,
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
-from sma_sim.cli.fit import STOPPED
+from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     training, _ = read_data(arguments, config)
     announce_compilation()
     with chosen_executor(arguments) as executor:
-        plan = next_experiment(training, config, wanted_from(arguments), executor, tell)
+        plan = next_experiment(training, config, wanted_from(arguments), executor, print_progress)
     if arguments.out:
         times, levels = as_rows(plan.levels, plan.grid)
         write_columns(arguments.out, {'time_s': times, 'J_eq_W': levels})
@@ -76,8 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         write_design_page(arguments.report, plan, hypothesis_curves(plan))
     print(*plan_text(plan), sep='\n')
-    tell_written(arguments.out, arguments.report, arguments.json)
-    return STOPPED if plan.interrupted else 0
+    print_written(arguments.out, arguments.report, arguments.json)
+    return EXIT_INTERRUPTED if plan.interrupted else 0
 
 
 def wanted_from(arguments: argparse.Namespace) -> DesignRequest:
@@ -118,20 +118,25 @@ def plan_text(plan: Plan) -> Iterator[str]:
 
 def rival_text(plan: Plan) -> Iterator[str]:
     """What the recordings say of the rivals, and what the experiment is expected to say."""
-    best = max(one.evidence for one in plan.hypotheses)
+    best = max(hypothesis.evidence for hypothesis in plan.hypotheses)
     yield table_text(
         ('explanation', 'kinetics', 'error over noise', 'log evidence behind the best'),
         [
-            (one.name, one.fitted.problem.config.model, f'{one.fitted.error * one.factor:.3f}', f'{best - one.evidence:.1f}')
-            for one in plan.hypotheses
+            (
+                hypothesis.name,
+                hypothesis.fitted.problem.config.model,
+                f'{hypothesis.fitted.error * hypothesis.factor:.3f}',
+                f'{best - hypothesis.evidence:.1f}',
+            )
+            for hypothesis in plan.hypotheses
         ],
     )
     yield ''
     yield table_text(
         ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'),
         [
-            (one.true, one.rival, f'{one.designed:.4g}', f'{one.default:.4g}', times_text(one.designed, one.default))
-            for one in plan.expected
+            (pair.true, pair.rival, f'{pair.designed:.4g}', f'{pair.default:.4g}', times_text(pair.designed, pair.default))
+            for pair in plan.expected
         ],
     )
     yield from inseparable_words(plan)
@@ -146,6 +151,13 @@ def knowledge_text(plan: Plan) -> Iterator[str]:
     """How well parameters will be known."""
     yield table_text(
         ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
-        [(one.name, *(f'{x:.3g}' for x in (one.now, one.default, one.designed)), one.shown_unit) for one in plan.knowledge],
+        [
+            (
+                parameter.name,
+                *(f'{x:.3g}' for x in (parameter.now, parameter.default, parameter.designed)),
+                parameter.shown_unit,
+            )
+            for parameter in plan.knowledge
+        ],
     )
     yield f'information on what was asked for: {plan.gains[0]:.2f} nat, {plan.gains[1]:.2f} by a default sequence'

@@ -14,7 +14,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
 from sma_sim.solver.paper_experiments import repeat_paper
 
-MOST_RUNS = 100_000
+MAX_RUNS = 100_000
 
 
 def add_parser(verbs: Any) -> None:
@@ -29,12 +29,12 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the folder under a temporary name, then rename it."""
-    if not 1 <= arguments.runs <= MOST_RUNS:
-        raise UserError(f'--runs {arguments.runs}: expected at least 1 and at most {MOST_RUNS}')
+    if not 1 <= arguments.runs <= MAX_RUNS:
+        raise UserError(f'--runs {arguments.runs}: expected at least 1 and at most {MAX_RUNS}')
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: expected 0 or more')
     out = arguments.out.resolve()
-    check_place(out, arguments.overwrite)
+    check_output_folder(out, arguments.overwrite)
     announce_compilation()
     try:
         temporary = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         write_paper(temporary, repeat_paper(arguments.runs, arguments.seed, announce))
         temporary.chmod(0o755)
-        check_place(out, arguments.overwrite)  # once more: the runs took a while
-        put_in_place(temporary, out)
+        check_output_folder(out, arguments.overwrite)  # once more: the runs took a while
+        replace_folder(temporary, out)
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
     finally:
@@ -54,11 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def announce(words: str) -> None:
-    """Say on the terminal what is being done."""
+    """Print what is being done."""
     print(words, file=sys.stderr, flush=True)
 
 
-def check_place(out: Path, overwrite: bool) -> None:
+def check_output_folder(out: Path, overwrite: bool) -> None:
     """Raise UserError where the folder cannot be written, or where it would replace what is not ours."""
     if not out.parent.is_dir():
         raise UserError(f'cannot write {out}: there is no folder {out.parent}')
@@ -77,7 +77,7 @@ def check_place(out: Path, overwrite: bool) -> None:
         raise UserError(f'{out} exists already: give --overwrite to replace it, or another folder with --out')
 
 
-def put_in_place(temporary: Path, out: Path) -> None:
+def replace_folder(temporary: Path, out: Path) -> None:
     """Rename the new folder to `out`; what was there goes only once the new one is complete."""
     if out.exists():
         old = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.common.options import Progress, add_namespace_option
+from sma_sim.cli.common.options import ProgressLine, add_namespace_option
 from sma_sim.cli.simulate import read_module_input
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         from sma_sim.ros.player import play
     except ImportError as error:
         raise UserError(NO_ROS.format(reason=error)) from error
-    progress = Progress(f'playing {arguments.file.name}')
+    progress = ProgressLine(f'playing {arguments.file.name}')
     try:
         sent = play(times[keep], J_eq[keep], arguments.topic, arguments.namespace or '', arguments.speed, progress)
     finally:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.cli.common.options import Progress, add_config_options, add_namespace_option, announce_compilation
+from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
@@ -21,7 +21,7 @@ from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
 from sma_sim.solver.simulate import STOPPED, Model, Trajectory, simulate
 
-MOST_SAMPLES = 50_000_000
+MAX_RUN_SAMPLES = 50_000_000
 JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
 
 
@@ -88,7 +88,7 @@ def check_rates(arguments: argparse.Namespace, system: str) -> None:
 
 def run_model(model: Model, source: Input, arguments: argparse.Namespace) -> Trajectory:
     """The adaptive run, or the one in fixed steps."""
-    progress = Progress('simulating')
+    progress = ProgressLine('simulating')
     try:
         if arguments.integration_rate is None:
             return simulate(model, source, sample_times(source, arguments.rate), progress=progress)
@@ -101,10 +101,10 @@ def sample_times(source: Input, rate: float) -> Vector:
     """Times at `rate` from the first to the last of the input."""
     duration = source.times[-1] - source.times[0]
     count = duration * rate
-    if count > MOST_SAMPLES:
+    if count > MAX_RUN_SAMPLES:
         raise UserError(
             f'--rate {rate:g} over {duration:g} s makes {count:.3g} samples; '
-            f'expected at most {MOST_SAMPLES:.0e}: lower --rate'
+            f'expected at most {MAX_RUN_SAMPLES:.0e}: lower --rate'
         )
     return regular_times(source, rate)
 

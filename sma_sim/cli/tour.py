@@ -14,8 +14,8 @@ from sma_sim.model.errors import UserError
 from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.style import save
 
-DATA = Path(__file__).parent / 'tour_data'
-FALL = 'error_fall.png'
+TOUR_DATA = Path(__file__).parent / 'tour_data'
+ERROR_FIGURE = 'error_fall.png'
 STORY = (
     (compare, 'compare data --hold-out run3 --report 1_before.html',
      "Three recordings of a robot on the bench, and the model with the paper's values beside them."),
@@ -40,32 +40,35 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Tell the story: each command, as it could be typed, and what it finds."""
     out: Path = arguments.out
-    begun = time.monotonic()
+    started = time.monotonic()
     if out.exists():
         raise UserError(f'{out} exists already and is left alone: give another folder with --out')
     try:
         out.mkdir(parents=True)
-        shutil.copytree(DATA, out / 'data')
+        shutil.copytree(TOUR_DATA, out / 'data')
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
     for number, (verb, words, story) in enumerate(STORY, start=1):
         print(f'\n--- {number}. {story}\n$ sma-sim {words}\n', flush=True)
-        code = perform(verb, words, out)
+        code = run_command(verb, words, out)
         if code != 0:
             return code
-    save(draw_error_reduction(json.loads((out / 'verdict.json').read_text(encoding='utf-8'))['error']), out / FALL)
+    save(draw_error_reduction(json.loads((out / 'verdict.json').read_text(encoding='utf-8'))['error']), out / ERROR_FIGURE)
     pages = ', '.join(sorted(path.name for path in out.glob('*.html')))
-    print(f'\nThe end, after {time.monotonic() - begun:.0f} s. Look at {FALL} and {pages} in {out}; run the improved model:')
+    print(
+        f'\nThe end, after {time.monotonic() - started:.0f} s. Look at {ERROR_FIGURE} and {pages} in {out}; '
+        'run the improved model:'
+    )
     print(f'$ sma_module_sim --ros-args --params-file {out / "better.yaml"}')
     return 0
 
 
-def perform(verb: Any, words: str, out: Path) -> int:
+def run_command(verb: Any, words: str, out: Path) -> int:
     """Run one command as if it were typed in the folder `out`."""
     parser = argparse.ArgumentParser(prog='sma-sim')
     verb.add_parser(parser.add_subparsers())
     names = {path.name for path in out.iterdir()}
     files = ('.html', '.json', '.yaml')
-    placed = [str(out / word) if word in names or word.endswith(files) else word for word in words.split()]
-    chosen = parser.parse_args(placed)
+    arguments = [str(out / word) if word in names or word.endswith(files) else word for word in words.split()]
+    chosen = parser.parse_args(arguments)
     return int(chosen.run(chosen))

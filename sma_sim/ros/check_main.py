@@ -7,17 +7,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from sma_sim.model.config import Config
-from sma_sim.ros.entry import Runner, start
+from sma_sim.ros.entry import Runner, run_node
 
-NAME = 'sma_model_check'
+NODE_NAME = 'sma_model_check'
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the model beside a robot; the exit code of `entry.start`."""
-    return start(NAME, check, arguments)
+    """Run the model beside a robot; the exit code of `entry.run_node`."""
+    return run_node(NODE_NAME, model_check, arguments)
 
 
-def check(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:
+def model_check(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:
     """The model beside the robot; rclpy is not imported before it is known to be there."""
     from sma_sim.ros.check_node import ModelCheck
 

@@ -1,4 +1,4 @@
-"""The node `sma_model_check`: runs the model beside a robot and says when it has left the measurement."""
+"""The node `sma_model_check`: runs the model beside a robot and warns when it has left the measurement."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNELS, T_E, Departure, LiveModel, RunningError
+from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES, T_E, Departure, LiveModel, RunningError
 from sma_sim.model.config import Config
 from sma_sim.ros import messages
-from sma_sim.ros.check_intake import INPUTS, Intake, Sample
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
-from sma_sim.ros.entry import model_words
+from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
+from sma_sim.ros.robot_subscriptions import ROBOT_TOPICS, RobotSubscriptions, Sample
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import Y_RATE, Y_SENSED, Y_TAU
 from sma_sim.solver.simulate import Model, SimulationError
 
 Vector = NDArray[np.float64]
 
-IDLE = 0.005  # [s] between two looks for samples
-REMINDER = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
-OUTPUTS: Mapping[str, Any] = {
+POLL_PERIOD = 0.005  # [s] between two looks for samples
+REMINDER_PERIOD = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
+OUTPUT_TOPICS: Mapping[str, Any] = {
     'model_joint_states': JointState,
     'residuals': JointState,
     'channel_residuals': Float64MultiArray,
@@ -46,28 +46,28 @@ class ModelCheck:
         self._node, self._config, self._rate = node, config, settings['integration_rate']
         self._logger, self._model = node.get_logger(), Model(config)
         self._values = {name.removeprefix('check.'): value for name, value in config.parameters.items()}
-        self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNELS])
+        self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNEL_NAMES])
         self._input = [0.0, config.parameters['environment.T_E']]
         for note in FixedRateRun(self._model, self._rate, np.array(self._input)).notes:
             self._logger.info(note)
-        self._error = RunningError(self._values['window'], len(MODULE_CHANNELS))
+        self._error = RunningError(self._values['window'], len(MODULE_CHANNEL_NAMES))
         self._live: LiveModel | None = None
         self._before: Sample | None = None
         self._starts, self._samples, self._remind_at = 0, 0, 0.0
         self._reset_requested = threading.Event()
         self._heated: set[float] = set()  # signs of the commands since the model started
         self._forget_verdict()
-        self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUTS.items()}
+        self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUT_TOPICS.items()}
         self._diagnostics = Diagnostics(node)
-        self._neighbours = GraphCheck(node, ['joint_states', *OUTPUTS], INPUTS)
-        self._intake = Intake(node, config)
-        follow_live_parameters(node, self._intake.tell_T_E, use_sim_time)
+        self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
+        self._robot = RobotSubscriptions(node, config)
+        follow_live_parameters(node, self._robot.set_T_E, use_sim_time)
         node.create_service(Trigger, '~/reset', self._reset)
 
     def begin(self, stop: threading.Event) -> None:
         """Say what runs."""
         self._logger.info(
-            f'beside the robot: {model_words(self._config)}, {self._rate:g} steps/s; waiting for joint_states; '
+            f'beside the robot: {model_description(self._config)}, {self._rate:g} steps/s; waiting for joint_states; '
             'stop with Ctrl-C'
         )
 
@@ -75,7 +75,7 @@ class ModelCheck:
         """Follow the robot until `stop` is set."""
         diagnose_at = self._heard_at = time.monotonic()
         while not stop.is_set():
-            for sample in self._intake.ready():
+            for sample in self._robot.ready():
                 self._heard_at = time.monotonic()
                 self._take(sample)
                 if time.monotonic() >= diagnose_at:  # also while it lags behind
@@ -83,7 +83,7 @@ class ModelCheck:
             if time.monotonic() >= diagnose_at:
                 diagnose_at += DIAGNOSTICS_PERIOD
                 self._diagnose()
-            time.sleep(IDLE)
+            time.sleep(POLL_PERIOD)
 
     def close(self) -> None:
         """Nothing is left open."""
@@ -95,9 +95,9 @@ class ModelCheck:
 
     def _forget_verdict(self) -> None:
         self._error.clear()
-        self._departure = Departure(self._values['threshold'], self._values['window'], len(MODULE_CHANNELS))
+        self._departure = Departure(self._values['threshold'], self._values['window'], len(MODULE_CHANNEL_NAMES))
         self._settled = False
-        self._last_error = np.full(len(MODULE_CHANNELS), np.nan)
+        self._last_error = np.full(len(MODULE_CHANNEL_NAMES), np.nan)
 
     def _take(self, now: Sample) -> None:
         """Bring the model to a sample and compare."""
@@ -105,7 +105,7 @@ class ModelCheck:
         step = (now.stamp - before.stamp) / 1e9 if before is not None else 0.0
         if before is not None and -self._values['latency'] < step <= 0.0:
             words = 'repeats' if step == 0.0 else 'is older than the one before'
-            self._intake.complain(f'joint_states whose stamp {words}', 'they are not compared; is header.stamp filled in?')
+            self._robot.warn_of(f'joint_states whose stamp {words}', 'they are not compared; is header.stamp filled in?')
             return
         reason = self._restart_reason(step)
         self._before = now
@@ -114,10 +114,10 @@ class ModelCheck:
                 self._start(now, reason)
             else:
                 row = self._live.advance(now.stamp, self._inputs(before, now))
-                self._compare(now, row, self._intake.beside(before, now))
+                self._compare(now, row, self._robot.companions(before, now))
         except SimulationError as error:
             self._live = None
-            self._intake.complain('the model cannot go on', f'{error}; it starts anew with the next sample')
+            self._robot.warn_of('the model cannot go on', f'{error}; it starts anew with the next sample')
 
     def _restart_reason(self, step: float) -> str:
         """Why the model cannot continue from the sample before, `step` seconds ago; empty if it can."""
@@ -131,7 +131,7 @@ class ModelCheck:
         return ''
 
     def _inputs(self, before: Sample | None, now: Sample) -> Any:
-        changes = self._intake.changes(before, now)
+        changes = self._robot.changes(before, now)
         for change in changes:
             self._input[change.column] = change.value
             if change.column == J_EQ and change.value != 0.0:
@@ -140,7 +140,7 @@ class ModelCheck:
 
     def _start(self, now: Sample, reason: str) -> None:
         if reason:
-            self._intake.forget_commands()
+            self._robot.forget_commands()
             self._logger.warning(f'{reason}: the model starts anew')
         self._heated.clear()
         self._inputs(None, now)
@@ -153,7 +153,7 @@ class ModelCheck:
         )
 
     def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
-        residual = np.concatenate([now.joints[0], beside]) - row[Y_SENSED : Y_SENSED + len(MODULE_CHANNELS)]
+        residual = np.concatenate([now.joints[0], beside]) - row[Y_SENSED : Y_SENSED + len(MODULE_CHANNEL_NAMES)]
         assert self._live is not None
         t = (now.stamp - self._live.begin) / 1e9
         if not self._settled and t >= self._values['burn_in']:
@@ -171,19 +171,19 @@ class ModelCheck:
         left = self._departure.left
         if (left & ~was).any() or left.any() and time.monotonic() > self._remind_at:
             self._logger.warning(self._departed())
-            self._remind_at = time.monotonic() + REMINDER
+            self._remind_at = time.monotonic() + REMINDER_PERIOD
         elif was.any() and not left.any():
             self._logger.info('the model is back in the measurement')
 
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
-        worst = ', '.join(f'{MODULE_CHANNELS[k]} {self._last_error[k]:.3g}' for k in which)
-        doubt = '' if len(self._heated) == 2 else (
+        worst = ', '.join(f'{MODULE_CHANNEL_NAMES[k]} {self._last_error[k]:.3g}' for k in which)
+        caveat = '' if len(self._heated) == 2 else (
             '; not both bundles were heated since the model started, so its start (initial.*) may be what is wrong'
         )  # fmt: skip
         return (
             f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
-            f'(check.threshold {self._values["threshold"]:g}){doubt}'
+            f'(check.threshold {self._values["threshold"]:g}){caveat}'
         )
 
     def _publish(self, now: Sample, row: Vector, residual: Vector) -> None:
@@ -192,41 +192,43 @@ class ModelCheck:
         rates, tau = row[Y_RATE : Y_RATE + 3], row[Y_TAU : Y_TAU + 3]
         position, velocity, effort = residual[:3], now.joints[1] - rates, now.joints[2] - tau
         message = JointState(
-            header=Header(stamp=stamp), name=messages.JOINTS, position=position.tolist(),
-            velocity=told(velocity), effort=told(effort),
+            header=Header(stamp=stamp), name=messages.JOINT_NAMES, position=position.tolist(),
+            velocity=values_or_none(velocity), effort=values_or_none(effort),
         )  # fmt: skip
         self._topics['residuals'].publish(message)
         for topic, what, values in (
             ('channel_residuals', 'measured - model of {} [SI]', residual),
             ('error_over_noise', 'running RMSE over noise of {} [-]', self._last_error),
         ):
-            layout = messages.layout(what.format(', '.join(MODULE_CHANNELS)), len(MODULE_CHANNELS))
+            layout = messages.array_layout(what.format(', '.join(MODULE_CHANNEL_NAMES)), len(MODULE_CHANNEL_NAMES))
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
 
     def _diagnose(self) -> None:
         silence = time.monotonic() - self._heard_at
-        problems = [*self._neighbours.look()]
+        problems = [*self._graph_check.look()]
         if self._departure.left.any():
             problems.insert(0, self._departed())
-        if silence > REMINDER:
+        if silence > REMINDER_PERIOD:
             problems.append(f'no joint_states for {silence:.0f} s')
-            self._logger.warning('no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER)
+            self._logger.warning(
+                'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
+            )
         state = 'waiting for joint_states' if self._live is None else 'comparing' if self._settled else 'burn-in'
-        errors = zip(MODULE_CHANNELS, self._last_error, strict=True)
+        errors = zip(MODULE_CHANNEL_NAMES, self._last_error, strict=True)
         values = {
             'state': state,
             **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
             'samples compared': self._samples,
-            'samples waiting': self._intake.waiting,
+            'samples waiting': self._robot.waiting,
             'starts of the model': self._starts,
-            'command': 'J_eq_applied' if self._intake.applied[J_EQ] else 'J_eq',
+            'command': 'J_eq_applied' if self._robot.applied[J_EQ] else 'J_eq',
             'J_eq [W]': f'{self._input[J_EQ]:g}',
             'T_E [K]': f'{self._input[T_E]:g}',
-            **self._intake.rejected(),
+            **self._robot.rejected(),
         }
         self._diagnostics.publish('; '.join([state, *problems]), warn=bool(problems), values=values)
 
 
-def told(values: Vector) -> list[float]:
+def values_or_none(values: Vector) -> list[float]:
     """The values, or none where the robot tells none of them."""
     return [] if np.isnan(values).all() else list(values.tolist())

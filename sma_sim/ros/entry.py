@@ -36,12 +36,12 @@ class Runner(Protocol):
 Maker = Callable[[Any, Config, Mapping[str, float], bool], Runner]  # of node, configuration, node.* numbers, use_sim_time
 
 
-def one_line(error: Exception) -> str:
+def short_message(error: Exception) -> str:
     """The first part of rcl's message, without the places in its sources."""
     return str(error).split(', at ')[0].replace('\n', ' ')
 
 
-def start(name: str, make: Maker, arguments: list[str] | None) -> int:
+def run_node(name: str, make: Maker, arguments: list[str] | None) -> int:
     """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
     try:
         import rclpy
@@ -61,13 +61,13 @@ def start(name: str, make: Maker, arguments: list[str] | None) -> int:
         signal.signal(number, end)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        return run(name, make, stop, working)
+        return serve_node(name, make, stop, working)
     except UserError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
     except Exception as error:
         if type(error).__name__ in WRONG_ARGUMENTS:
-            print(f'{name}: {one_line(error)}', file=sys.stderr)
+            print(f'{name}: {short_message(error)}', file=sys.stderr)
             return 2
         traceback.print_exc()
         print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
@@ -76,7 +76,7 @@ def start(name: str, make: Maker, arguments: list[str] | None) -> int:
         rclpy.try_shutdown()
 
 
-def run(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
+def serve_node(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -98,7 +98,7 @@ def run(name: str, make: Maker, stop: threading.Event, working: threading.Event)
             try:
                 executor.spin_once(timeout_sec=0.1)
             except Exception as error:  # a message that cannot be read must not end the listening
-                node.get_logger().error(f'a message or request was lost: {one_line(error)}')
+                node.get_logger().error(f'a message or request was lost: {short_message(error)}')
 
     server = threading.Thread(target=serve, daemon=True)
     server.start()
@@ -117,7 +117,7 @@ def run(name: str, make: Maker, stop: threading.Event, working: threading.Event)
     return 0
 
 
-def model_words(config: Config) -> str:
+def model_description(config: Config) -> str:
     """Which model runs, in a few words."""
-    effects = ', '.join(one.found.effect.name for one in config.effects) or 'none'
+    effects = ', '.join(active.found.effect.name for active in config.effects) or 'none'
     return f'{config.model} model, effects {effects}'

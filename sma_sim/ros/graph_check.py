@@ -1,4 +1,4 @@
-"""What other nodes do that they should not."""
+"""Conflicts with other nodes on our topics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class GraphCheck:
 
     def __init__(self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any]) -> None:
         self._node, self._owned, self._inputs = node, owned, inputs
-        self._told: set[str] = set()
+        self._logged: set[str] = set()
 
     def look(self) -> list[str]:
         """What is wrong now, in words; each is logged when it is seen first."""
@@ -30,7 +30,7 @@ class GraphCheck:
         for topic, expected in self._inputs.items():
             kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
             found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
-        for words in set(found) - self._told:
+        for words in set(found) - self._logged:
             self._node.get_logger().warning(words)
-        self._told |= set(found)
+        self._logged |= set(found)
         return found

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from sma_sim.model.config import Config
-from sma_sim.ros.entry import Runner, start
+from sma_sim.ros.entry import Runner, run_node
 
-NAME = 'sma_module_sim'
+NODE_NAME = 'sma_module_sim'
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the simulated module; the exit code of `entry.start`."""
-    return start(NAME, simulation, arguments)
+    """Run the simulated module; the exit code of `entry.run_node`."""
+    return run_node(NODE_NAME, simulation, arguments)
 
 
 def simulation(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:

@@ -16,28 +16,28 @@ from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import MODE_COLOURS
 from sma_sim.solver.integrate import Y_POSE
 
-FRAME = 'base'  # origin at the clamp, x along the straight beam, y across it
+BASE_FRAME = 'base'  # origin at the clamp, x along the straight beam, y across it
 BEAM_POINTS = 21
 BEAM_COLOUR, PLATE_COLOUR = '#444444', '#000000'
 WIRE_WIDTH = 1e-3  # [m], drawn thicker than a wire is
 PLATE_WIDTH = 3e-3  # [m]
 
 
-def colour(code: str) -> ColorRGBA:
+def colour_from(code: str) -> ColorRGBA:
     """A colour from ``#rrggbb``."""
     red, green, blue = (int(code[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
     return ColorRGBA(r=red, g=green, b=blue, a=1.0)
 
 
-MODE_RGBA = {mode: colour(code) for mode, code in MODE_COLOURS.items()}
+MODE_RGBA = {mode: colour_from(code) for mode, code in MODE_COLOURS.items()}
 
 
 def frame_of(namespace: str) -> str:
     """The frame of a node's markers: modules in several namespaces are told apart."""
-    return f'{namespace.strip("/")}/{FRAME}'.lstrip('/')
+    return f'{namespace.strip("/")}/{BASE_FRAME}'.lstrip('/')
 
 
-def strip(header: Header, number: int, name: str, line: NDArray[Any], width: float, rgba: ColorRGBA) -> Marker:
+def line_marker(header: Header, number: int, name: str, line: NDArray[Any], width: float, rgba: ColorRGBA) -> Marker:
     """One line."""
     marker = Marker(header=header, ns=name, id=number, type=Marker.LINE_STRIP, action=Marker.ADD, color=rgba)
     marker.pose = Pose()
@@ -52,9 +52,9 @@ def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], be
     U_x, U_y, alpha = row[Y_POSE : Y_POSE + 3].tolist()
     shape = shape_of(U_x, U_y, alpha, beam, BEAM_POINTS)
     lines = [
-        strip(header, 0, 'beam', shape.beam, 2.0 * h, colour(BEAM_COLOUR)),
-        strip(header, 1, 'plate', shape.plate, PLATE_WIDTH, colour(PLATE_COLOUR)),
+        line_marker(header, 0, 'beam', shape.beam, 2.0 * h, colour_from(BEAM_COLOUR)),
+        line_marker(header, 1, 'plate', shape.plate, PLATE_WIDTH, colour_from(PLATE_COLOUR)),
     ]
     for i, (wire, mode) in enumerate(zip(shape.wires, modes, strict=True)):
-        lines.append(strip(header, 2 + i, f'wire_{i + 1}', wire, WIRE_WIDTH, MODE_RGBA[mode]))
+        lines.append(line_marker(header, 2 + i, f'wire_{i + 1}', wire, WIRE_WIDTH, MODE_RGBA[mode]))
     return MarkerArray(markers=lines)

@@ -13,8 +13,8 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Y_POSE, Y_RATE, Y_SENSED, Y_TAU, Y_WIRE
 
-JOINTS = ('U_x', 'U_y', 'alpha')
-WIRES = ('wire_1', 'wire_2')
+JOINT_NAMES = ('U_x', 'U_y', 'alpha')
+WIRE_NAMES = ('wire_1', 'wire_2')
 SENSED_FORCE, SENSED_TEMPERATURE = Y_SENSED + 3, Y_SENSED + 5
 
 
@@ -23,7 +23,7 @@ def stamp_of(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 
-def of_wires(row: NDArray[Any], column: str) -> list[float]:
+def wire_values(row: NDArray[Any], column: str) -> list[float]:
     """One quantity of both wires."""
     at = WIRE_COLUMNS.index(column)
     return [float(row[Y_WIRE + i * PER_WIRE + at]) for i in range(2)]
@@ -34,7 +34,7 @@ def joint_state(stamp: Time, row: NDArray[Any], sensed: bool) -> JointState:
     first = Y_SENSED if sensed else Y_POSE
     return JointState(
         header=Header(stamp=stamp),
-        name=JOINTS,
+        name=JOINT_NAMES,
         position=row[first : first + 3].tolist(),
         velocity=row[Y_RATE : Y_RATE + 3].tolist(),
         effort=row[Y_TAU : Y_TAU + 3].tolist(),
@@ -45,19 +45,19 @@ def wire_state(stamp: Time, row: NDArray[Any]) -> JointState:
     """Length [m], its rate [m/s] and the bundle's force [N]."""
     return JointState(
         header=Header(stamp=stamp),
-        name=WIRES,
-        position=of_wires(row, 'length'),
-        velocity=of_wires(row, 'v'),
-        effort=of_wires(row, 'F'),
+        name=WIRE_NAMES,
+        position=wire_values(row, 'length'),
+        velocity=wire_values(row, 'v'),
+        effort=wire_values(row, 'F'),
     )
 
 
-def temperature(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
+def temperature_message(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
     """Temperature of a wire (REP 103: in deg C)."""
     return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - ZERO_CELSIUS)
 
 
-def layout(label: str, size: int = 2) -> MultiArrayLayout:
+def array_layout(label: str, size: int = 2) -> MultiArrayLayout:
     """`size` numbers (one per wire), labelled with what they are."""
     return MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=size, stride=size)])
 
@@ -65,14 +65,14 @@ def layout(label: str, size: int = 2) -> MultiArrayLayout:
 def wire_forces(row: NDArray[Any]) -> Float64MultiArray:
     """Forces of the bundles [N]."""
     data = row[SENSED_FORCE : SENSED_FORCE + 2].tolist()
-    return Float64MultiArray(layout=layout('force of wire_1, wire_2 [N]'), data=data)
+    return Float64MultiArray(layout=array_layout('force of wire_1, wire_2 [N]'), data=data)
 
 
 def phase_fractions(row: NDArray[Any]) -> Float64MultiArray:
     """Martensite fractions x_M."""
-    return Float64MultiArray(layout=layout('x_M of wire_1, wire_2 [-]'), data=of_wires(row, 'x_M'))
+    return Float64MultiArray(layout=array_layout('x_M of wire_1, wire_2 [-]'), data=wire_values(row, 'x_M'))
 
 
 def wire_modes(modes: Sequence[int]) -> UInt8MultiArray:
     """Active hybrid modes, 1 to 5."""
-    return UInt8MultiArray(layout=layout('mode of wire_1, wire_2 (1 to 5)'), data=list(modes))
+    return UInt8MultiArray(layout=array_layout('mode of wire_1, wire_2 (1 to 5)'), data=list(modes))

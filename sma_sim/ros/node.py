@@ -20,7 +20,7 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
-from sma_sim.ros.entry import model_words
+from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.publishers import Publishers
@@ -29,9 +29,9 @@ from sma_sim.ros.schedule import ClockSchedule, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
-PATIENCE_WITH_CLOCK = 5.0  # [s] between two reminders that there is none
-INPUTS = {'J_eq': Float64, 'ambient_temperature': Temperature}
-IDLE = 0.01  # [s] between two looks for a request while paused
+CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
+INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
+PAUSED_SLEEP = 0.01  # [s] between two looks for a request while paused
 CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
 
@@ -48,7 +48,7 @@ class ModuleSimulation:
         self._is_clock = bool(config.settings['node.publish_clock'])
         if self._is_clock and use_sim_time:
             raise UserError('node.publish_clock and use_sim_time: a node is the source of /clock or follows it, not both')
-        self._clock_every = divisor(self._every, self._rate / CLOCK_RATE)
+        self._clock_every = largest_divisor(self._every, self._rate / CLOCK_RATE)
         self._picture_every = self._every * math.ceil(settings['publish_rate'] / MARKER_RATE)
         self._model = Model(config)
         self._ambient = Ambient(node, config.parameters['environment.T_E'])
@@ -59,25 +59,25 @@ class ModuleSimulation:
         self._schedule = self._new_schedule(use_sim_time)
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
         self._speed = Speed()
-        senses = any(one.found.effect.port == 'sensing' for one in config.effects)
+        senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         beam = beam_constants(config.parameters)
-        self._outlets = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
+        self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
         self._control, self._diagnostics = Control(node), Diagnostics(node)
         receivers = (self.command.receive, self._ambient.receive)
-        for (topic, kind), receive in zip(INPUTS.items(), receivers, strict=True):
+        for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             node.create_subscription(kind, topic, receive, 10)
-        self._neighbours = GraphCheck(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUTS)
+        self._graph_check = GraphCheck(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUT_TOPICS)
         follow_live_parameters(node, self._ambient.set, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
         while self._follows and self._node.get_clock().now().nanoseconds == 0 and not stop.is_set():
-            self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=PATIENCE_WITH_CLOCK)
-            time.sleep(IDLE)
+            self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
+            time.sleep(PAUSED_SLEEP)
         self._begin()
         self._logger.info(
-            f'running: {model_words(self._config)}, {self._rate:g} steps/s, {self._settings["publish_rate"]:g} messages/s '
-            'per topic; waiting for J_eq [W]; stop with Ctrl-C'
+            f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
+            f'{self._settings["publish_rate"]:g} messages/s per topic; waiting for J_eq [W]; stop with Ctrl-C'
         )
 
     def spin(self, stop: threading.Event) -> None:
@@ -89,7 +89,7 @@ class ModuleSimulation:
             if request is not None:
                 self._carry_out(request)
             elif self._control.paused:
-                time.sleep(IDLE)
+                time.sleep(PAUSED_SLEEP)
                 self._schedule.restart()
             else:
                 self._step_in_time()
@@ -99,11 +99,11 @@ class ModuleSimulation:
 
     def close(self) -> None:
         """End the bag, if one is being written."""
-        if self._outlets.recorder is not None:
-            self._outlets.recorder.close()
-            if not self._outlets.recorder.failed:
-                self._logger.info(f'recorded {self._outlets.recorder.count} messages to {self._outlets.recorder.path}')
-            self._outlets.recorder = None
+        if self._publishers.recorder is not None:
+            self._publishers.recorder.close()
+            if not self._publishers.recorder.failed:
+                self._logger.info(f'recorded {self._publishers.recorder.count} messages to {self._publishers.recorder.path}')
+            self._publishers.recorder = None
 
     def _new_schedule(self, use_sim_time: bool) -> Schedule:
         if not use_sim_time:
@@ -114,7 +114,7 @@ class ModuleSimulation:
 
     def _new_run(self) -> None:
         self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]))
-        self._modes = [int(mode) for mode in messages.of_wires(self._run.sample, 'mode')]
+        self._modes = [int(mode) for mode in messages.wire_values(self._run.sample, 'mode')]
         self._applied, self._applied_T_E = math.nan, math.nan
 
     def _begin(self) -> None:
@@ -132,7 +132,7 @@ class ModuleSimulation:
             return
         path = Path(name).expanduser().absolute()
         again = 0
-        while self._outlets.recorder is not None and path.exists():  # after a reset, beside the bags before it
+        while self._publishers.recorder is not None and path.exists():  # after a reset, beside the bags before it
             again += 1
             path = path.with_name(f'{Path(name).name}_{again}')
         about = {
@@ -143,7 +143,7 @@ class ModuleSimulation:
         }
         most, longest = self._settings['record_size'], self._settings['record_duration']
         self.close()
-        self._outlets.recorder = Recorder(path, self._outlets.recorded, about, most, longest, self._logger.error)
+        self._publishers.recorder = Recorder(path, self._publishers.recorded, about, most, longest, self._logger.error)
         self._logger.info(f'recording to {path}')
 
     def _reset(self) -> None:
@@ -184,22 +184,22 @@ class ModuleSimulation:
             self._run.step(np.array([self._applied, self._applied_T_E]), count, self._every)
             for jump in self._run.take_jumps():
                 self._modes[jump.wire - 1] = jump.target
-                self._outlets.send('wire_modes', self._log_epoch + round(jump.t * 1e9), messages.wire_modes(self._modes))
+                self._publishers.send('wire_modes', self._log_epoch + round(jump.t * 1e9), messages.wire_modes(self._modes))
             if self._run.k % self._every == 0:
                 self._publish()
             elif self._run.k % self._clock_every == 0:
-                self._outlets.send_clock(self._time(self._epoch))
+                self._publishers.send_clock(self._time(self._epoch))
             steps -= count
 
     def _apply(self) -> None:
-        """The input of the next steps, told when it changes."""
+        """Apply the input of the next steps; publish it when it changes."""
         J_eq, T_E, now = self.command.at(self._run.time), self._ambient.T_E, self._time(self._log_epoch)
         if J_eq != self._applied:
             self._applied = J_eq
-            self._outlets.send('J_eq_applied', now, Float64(data=J_eq))
+            self._publishers.send('J_eq_applied', now, Float64(data=J_eq))
         if self._applied_T_E != T_E:
             self._applied_T_E = T_E
-            self._outlets.send('T_E_applied', now, Float64(data=T_E))
+            self._publishers.send('T_E_applied', now, Float64(data=T_E))
 
     def _time(self, epoch: int) -> int:
         """The time [ns] of the end of the last step."""
@@ -207,14 +207,14 @@ class ModuleSimulation:
 
     def _publish(self) -> None:
         row, stamp, log_time = self._run.sample, self._time(self._epoch), self._time(self._log_epoch)
-        self._modes = [int(mode) for mode in messages.of_wires(row, 'mode')]
-        self._outlets.send_clock(stamp)
-        self._outlets.send_sample(stamp, log_time, row, self._modes)
+        self._modes = [int(mode) for mode in messages.wire_values(row, 'mode')]
+        self._publishers.send_clock(stamp)
+        self._publishers.send_sample(stamp, log_time, row, self._modes)
         if self._run.k % self._picture_every == 0:
-            self._outlets.send_markers(stamp, log_time, row, self._modes)
+            self._publishers.send_markers(stamp, log_time, row, self._modes)
 
     def _diagnose(self) -> None:
-        recorder, schedule = self._outlets.recorder, self._schedule
+        recorder, schedule = self._publishers.recorder, self._schedule
         recording = 'no' if recorder is None else f'failed: {recorder.failed}' if recorder.failed else 'yes'
         values = {
             'simulated time [s]': f'{self._run.time:.3f}',
@@ -232,12 +232,12 @@ class ModuleSimulation:
         problems = [
             f'{schedule.overruns} overruns' if schedule.overruns else '',
             f'recording {recording}' if recorder is not None and recorder.failed else '',
-            *self._neighbours.look(),
+            *self._graph_check.look(),
         ]
         words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]
         self._diagnostics.publish('; '.join(words), warn=len(words) > 1, values=values)
 
 
-def divisor(number: int, most: float) -> int:
+def largest_divisor(number: int, most: float) -> int:
     """The largest divisor of `number` that is not larger than `most` (at least 1)."""
     return max(d for d in range(1, number + 1) if number % d == 0 and (d == 1 or d <= most))

@@ -82,11 +82,11 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
             description=LIST_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING_ARRAY
         )
         node.declare_parameter(name, value, words, ignore_override=True)
-    active = {one.found.effect.name: one.values for one in config.effects}
+    values_by_name = {active.found.effect.name: active.values for active in config.effects}
     found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
-    for name, one in found.items():
-        values = active.get(name, tuple(p.default for p in one.effect.parameters))
-        for parameter, value in zip(one.effect.parameters, values, strict=True):
+    for name, entry in found.items():
+        values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))
+        for parameter, value in zip(entry.effect.parameters, values, strict=True):
             declare_number(node, f'effects.{name}.{parameter.name}', parameter, value)
 
 

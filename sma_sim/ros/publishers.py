@@ -21,7 +21,7 @@ from sma_sim.ros.markers import frame_of, markers
 from sma_sim.ros.recorder import Recorder
 
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-SAMPLES: Mapping[str, Any] = {
+SAMPLE_TOPICS: Mapping[str, Any] = {
     'joint_states': JointState,
     'wire_states': JointState,
     'wire_forces': Float64MultiArray,
@@ -31,7 +31,7 @@ SAMPLES: Mapping[str, Any] = {
     'phase_fractions': Float64MultiArray,
     'markers': MarkerArray,
 }
-CHANGES: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Float64}  # published when they change
+CHANGE_TOPICS: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Float64}  # published when they change
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
 
 
@@ -40,9 +40,9 @@ class Publishers:
 
     def __init__(self, node: Node, beam: BeamConstants, h: float, senses: bool, clock: bool) -> None:
         self._beam, self._h, self._frame = beam, h, frame_of(node.get_namespace())
-        kinds = {**SAMPLES, **({TRUE_POSE: JointState} if senses else {}), **CHANGES}
+        kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
         self._publishers = {
-            name: node.create_publisher(kind, name, LATEST if name in CHANGES else 10) for name, kind in kinds.items()
+            name: node.create_publisher(kind, name, LATEST if name in CHANGE_TOPICS else 10) for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
         self.recorded = [(self._publishers[name].topic_name, type_name(kind)) for name, kind in kinds.items()]
@@ -69,8 +69,8 @@ class Publishers:
             self.send(TRUE_POSE, log_time, messages.joint_state(time, row, sensed=False))
         self.send('wire_states', log_time, messages.wire_state(time, row))
         self.send('wire_forces', log_time, messages.wire_forces(row))
-        for wire, name in enumerate(messages.WIRES):
-            self.send(f'{name}/temperature', log_time, messages.temperature(time, row, wire))
+        for wire, name in enumerate(messages.WIRE_NAMES):
+            self.send(f'{name}/temperature', log_time, messages.temperature_message(time, row, wire))
         self.send('phase_fractions', log_time, messages.phase_fractions(row))
         self.send('wire_modes', log_time, messages.wire_modes(modes))
 

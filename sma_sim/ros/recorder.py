@@ -12,19 +12,20 @@ from sma_sim.model.errors import UserError
 
 FLUSH_PERIOD = 0.6  # [s]; what is older survives a kill; each flush adds to the bag's index
 FIRST_FLUSH = 0.05  # [s]
-MOST_WAITING = 500_000  # messages that may wait for a slow disk
+MAX_QUEUED_FOR_DISK = 500_000  # messages that may wait for a slow disk
 MEGABYTE = 10**6
 
 
 class Recorder:
     """Records messages of `topics` (name, message type). Raises UserError where the bag cannot be made.
 
-    When the disk fails the bag is left as it is, `failed` says why, `told` is told once, and nothing more is recorded.
+    When the disk fails, the bag is left as it is, `failed` holds the reason, `on_failure` is called with a message once, and
+    nothing more is recorded.
     """
 
     def __init__(
         self, path: Path, topics: Sequence[tuple[str, str]], about: Mapping[str, str], most_megabytes: float,
-        longest: float, told: Callable[[str], object],
+        longest: float, on_failure: Callable[[str], object],
     ) -> None:  # fmt: skip
         try:
             self._bag = BagWriter(path, about, round(most_megabytes * MEGABYTE), round(longest * 1e9))
@@ -32,7 +33,7 @@ class Recorder:
                 self._bag.add(name, kind)
         except OSError as error:
             raise UserError(f'node.record = {path}: cannot write the bag: {error.strerror}') from error
-        self.path, self.failed, self._told = path, '', told
+        self.path, self.failed, self._on_failure = path, '', on_failure
         self._waiting: deque[tuple[int, int, bytes]] = deque()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
@@ -65,7 +66,7 @@ class Recorder:
                 return
 
     def _drain(self) -> None:
-        if len(self._waiting) > MOST_WAITING:
+        if len(self._waiting) > MAX_QUEUED_FOR_DISK:
             raise OSError(f'the disk is too slow: {len(self._waiting)} messages wait')
         while self._waiting:
             self._bag.write(*self._waiting.popleft())
@@ -78,7 +79,7 @@ class Recorder:
             self.failed = error.strerror or str(error)
             self._waiting.clear()
             self._bag.abandon()
-            self._told(
+            self._on_failure(
                 f'recording to {self.path} ended: {self.failed}; what was written so far can be read, '
                 f'`sma-sim bag repair {self.path}` makes a whole bag of it'
             )

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 LATENESS_TO_MAKE_UP = 0.1  # [s]; beyond it the schedule moves, so that an overrun is not answered with a burst
 CLOCK_STEP_TO_FOLLOW = 0.5  # [s] that another clock may move at once before it counts as an overrun
 SHORTEST_SLEEP = 1e-3  # [s]; steps that are due within it are made together
-PATIENCE = 0.05  # [s] after which a wait returns with nothing due
+MAX_WAIT = 0.05  # [s] after which a wait returns with nothing due
 
 
 class Due(NamedTuple):
@@ -53,8 +53,8 @@ class WallSchedule:
         if self._period == 0.0:
             return Due(self._steps)
         late = time.monotonic() - self._due
-        if late < -PATIENCE:
-            time.sleep(PATIENCE)
+        if late < -MAX_WAIT:
+            time.sleep(MAX_WAIT)
             return Due(0)
         self._due += self._period
         if late < 0.0:

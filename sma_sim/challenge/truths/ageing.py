@@ -5,7 +5,7 @@ ds/dt = r exp((T - 330 K)/15 K),   shift of both = -s   [Pa]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -13,11 +13,11 @@ EFFECT = Effect(
     port='transformation_stress',
     equation='ds/dt = r exp((T - 330)/15); shift of both = -s',
     source='thermally activated stabilisation, linearised exponent',
-    parameters=(ranged('r', 'Pa/s', 2e4, 2e5, 'rate at 330 K'),),
+    parameters=(drawn_parameter('r', 'Pa/s', 2e4, 2e5, 'rate at 330 K'),),
     states=('s',),
     scale=(1e6,),
     rate=lambda s, w, p, m: (p.r * math.exp((s.T - 330.0) / 15.0),),
     kernel=lambda s, w, p, m: (-m.s, -m.s),
     energy='does not enter',
 )
-TRUTHS = (acting(EFFECT, variables=('T', 'memory'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('T', 'memory'), file=__file__),)

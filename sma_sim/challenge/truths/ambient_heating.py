@@ -3,7 +3,7 @@
 C dtheta/dt = n lambda A_s (T - T_E - theta) - G theta,   Q = lambda A_s theta   [W]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -12,12 +12,12 @@ EFFECT = Effect(
     equation='C dtheta/dt = n lambda A_s (T - T_E - theta) - G theta; Q = lambda A_s theta',
     source='heat balance of the air in a housing with leaking walls',
     parameters=(
-        ranged('G', 'W/K', 0.5, 5.0, 'conductance from the air of the housing to the room'),
-        ranged('C', 'J/K', 25.0, 250.0, 'heat capacity of the air and of what it touches'),
+        drawn_parameter('G', 'W/K', 0.5, 5.0, 'conductance from the air of the housing to the room'),
+        drawn_parameter('C', 'J/K', 25.0, 250.0, 'heat capacity of the air and of what it touches'),
     ),
     states=('theta',),
     scale=(10.0,),
     rate=lambda s, w, p, m: ((w.n * w.lambda_ * w.area * (s.T - s.T_E - m.theta) - p.G * m.theta) / p.C,),
     kernel=lambda s, w, p, m: w.lambda_ * w.area * m.theta,
 )
-TRUTHS = (acting(EFFECT, library='ambient_heating', variables=('T', 'memory'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='ambient_heating', variables=('T', 'memory'), file=__file__),)

@@ -6,7 +6,7 @@ M = -k max(0, alpha - a) for a stop at a > 0, mirrored for a < 0   [N m], rounde
 import math
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
@@ -25,9 +25,9 @@ EFFECT = Effect(
     equation='M = -k max(0, alpha - a) (a > 0), +k max(0, a - alpha) (a < 0)',
     source='contact with an elastic stop',
     parameters=(
-        ranged('k', 'N m/rad', 0.3, 5.0, 'stiffness of the stop'),
-        ranged('a', 'rad', 0.02, 0.08, 'angle at which it is met'),
+        drawn_parameter('k', 'N m/rad', 0.3, 5.0, 'stiffness of the stop'),
+        drawn_parameter('a', 'rad', 0.02, 0.08, 'angle at which it is met'),
     ),
     kernel=stop_moment,
 )
-TRUTHS = (acting(EFFECT, variables=('alpha',), file=__file__, signed=('a',)),)
+TRUTHS = (simulated_truth(EFFECT, variables=('alpha',), file=__file__, signed=('a',)),)

@@ -5,7 +5,7 @@ e = g sigma, g = n A/(k_c l0), with wire and clamp in series: sigma = (eps - eps
 
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
@@ -23,8 +23,8 @@ EFFECT = Effect(
     port='wire_strain',
     equation='e = g (eps - eps_T x_M)/(x_M/E_M + (1 - x_M)/E_A + g), g = n A/(k_c l0)',
     source='springs in series',
-    parameters=(ranged('k_c', 'N/m', 4e4, 6e5, 'stiffness of the clamps of one bundle'),),
+    parameters=(drawn_parameter('k_c', 'N/m', 4e4, 6e5, 'stiffness of the clamps of one bundle'),),
     kernel=clamp_strain,
     energy='the work that the clamps store and give back does not enter',
 )
-TRUTHS = (acting(EFFECT, library='attachment_compliance', variables=('sigma',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='attachment_compliance', variables=('sigma',), file=__file__),)

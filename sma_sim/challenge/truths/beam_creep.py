@@ -6,7 +6,7 @@ tau = tau_c/(1 + c). f' = (c/(1 + c) K q - f)/tau, F = f   [N, N, N m]
 
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
@@ -31,8 +31,8 @@ EFFECT = Effect(
     equation="f' = (c/(1 + c) K q - f) (1 + c)/tau_c; F = f",
     source='creep compliance of the standard linear solid (Ferry, Viscoelastic Properties of Polymers)',
     parameters=(
-        ranged('c', '-', 0.03, 0.4, 'final creep over the elastic deformation'),
-        ranged('tau_c', 's', 4.0, 60.0, 'retardation time'),
+        drawn_parameter('c', '-', 0.03, 0.4, 'final creep over the elastic deformation'),
+        drawn_parameter('tau_c', 's', 4.0, 60.0, 'retardation time'),
     ),
     states=('f_x', 'f_y', 'f_alpha'),
     scale=(1.0, 1.0, 0.1),
@@ -40,4 +40,4 @@ EFFECT = Effect(
     rate=forget,
     kernel=lambda s, b, p, m: (m.f_x, m.f_y, m.f_alpha),
 )
-TRUTHS = (acting(EFFECT, library='beam_creep', variables=('U_x', 'U_y', 'alpha', 'memory'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='beam_creep', variables=('U_x', 'U_y', 'alpha', 'memory'), file=__file__),)

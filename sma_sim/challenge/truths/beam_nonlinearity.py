@@ -6,7 +6,7 @@ g = (6 U_y^2/(5 L) - U_y alpha/5 + 2 L alpha^2/15)/2; forces are its negative de
 
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
@@ -26,7 +26,7 @@ EFFECT = Effect(
     port='structure_force',
     equation='E = k_x (U_x + c g)^2/2, g = (6 U_y^2/(5 L) - U_y alpha/5 + 2 L alpha^2/15)/2',
     source='von Karman beam, consistent geometric stiffness (Przemieniecki, Theory of Matrix Structural Analysis, 15)',
-    parameters=(ranged('c', '-', 0.1, 1.0, 'part of the foreshortening that the support does not take up'),),
+    parameters=(drawn_parameter('c', '-', 0.1, 1.0, 'part of the foreshortening that the support does not take up'),),
     kernel=added_force,
 )
-TRUTHS = (acting(EFFECT, library='beam_nonlinearity', variables=('U_x', 'U_y', 'alpha'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='beam_nonlinearity', variables=('U_x', 'U_y', 'alpha'), file=__file__),)

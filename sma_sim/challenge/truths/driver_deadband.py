@@ -3,7 +3,7 @@
 P = max(J_bundle - P_q, 0)/n   [W]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -11,8 +11,8 @@ EFFECT = Effect(
     port='actuation',
     equation='P = max(n J - P_q, 0)/n',
     source='idle power of a power stage',
-    parameters=(ranged('P_q', 'W', 0.1, 1.5, 'power of the bundle that is lost'),),
+    parameters=(drawn_parameter('P_q', 'W', 0.1, 1.5, 'power of the bundle that is lost'),),
     stage='deadband',
     kernel=lambda s, w, p: max(w.n * s.J - p.P_q, 0.0) / w.n,
 )
-TRUTHS = (acting(EFFECT, library='driver_deadband', variables=('J',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='driver_deadband', variables=('J',), file=__file__),)

@@ -5,7 +5,7 @@ Q = -q exp(-((T - T_d)/5 K)^2)   [W]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -14,9 +14,9 @@ EFFECT = Effect(
     equation='Q = -q exp(-((T - T_d)/5)^2)',
     source='heat of evaporation in a band of temperature',
     parameters=(
-        ranged('q', 'W', 0.02, 0.25, 'largest heat per wire'),
-        ranged('T_d', 'K', 310.0, 330.0, 'temperature at which it boils off'),
+        drawn_parameter('q', 'W', 0.02, 0.25, 'largest heat per wire'),
+        drawn_parameter('T_d', 'K', 310.0, 330.0, 'temperature at which it boils off'),
     ),
     kernel=lambda s, w, p: -p.q * math.exp(-(((s.T - p.T_d) / 5.0) ** 2)),
 )
-TRUTHS = (acting(EFFECT, variables=('T',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('T',), file=__file__),)

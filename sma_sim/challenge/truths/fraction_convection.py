@@ -3,7 +3,7 @@
 Q = -h A_s x_M (T - T_E)   [W]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -11,7 +11,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = -h A_s x_M (T - T_E)',
     source='contact with a heat sink that depends on the phase',
-    parameters=(ranged('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),),
+    parameters=(drawn_parameter('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),),
     kernel=lambda s, w, p: -p.h * w.area * s.x * (s.T - s.T_E),
 )
-TRUTHS = (acting(EFFECT, variables=('x', 'T'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('x', 'T'), file=__file__),)

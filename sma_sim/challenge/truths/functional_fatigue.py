@@ -5,13 +5,13 @@ z' = |dx_M/dt| (1 - z)/N;   e = e_inf z   [-];   shift of both transformation st
 
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
 
 SOURCE = 'residual strain and plateau stress over cycles saturate exponentially (NiTi, first hundred cycles)'
-TRANSFORMATIONS = ranged('N', '-', 1.0, 5.0, 'full transformations, in either direction, in which it saturates')
+TRANSFORMATIONS = drawn_parameter('N', '-', 1.0, 5.0, 'full transformations, in either direction, in which it saturates')
 
 
 def tire(s: State, w: WireConstants, p: Any, m: Any) -> tuple[float]:
@@ -24,7 +24,7 @@ EFFECT = Effect(
     port='wire_strain',
     equation="z' = |dx_M/dt| (1 - z)/N; e = e_inf z",
     source=SOURCE,
-    parameters=(ranged('e_inf', '-', 3e-4, 6e-3, 'strain that stays in the end'), TRANSFORMATIONS),
+    parameters=(drawn_parameter('e_inf', '-', 3e-4, 6e-3, 'strain that stays in the end'), TRANSFORMATIONS),
     states=('z',),
     scale=(1.0,),
     rate=tire,
@@ -36,11 +36,11 @@ PLATEAUS = Effect(
     port='transformation_stress',
     equation="z' = |dx_M/dt| (1 - z)/N; shift = -s_inf z",
     source=SOURCE,
-    parameters=(ranged('s_inf', 'Pa', 1e6, 1e7, 'loss of the transformation stresses in the end'), TRANSFORMATIONS),
+    parameters=(drawn_parameter('s_inf', 'Pa', 1e6, 1e7, 'loss of the transformation stresses in the end'), TRANSFORMATIONS),
     states=('z',),
     scale=(1.0,),
     rate=tire,
     kernel=lambda s, w, p, m: (-p.s_inf * m.z, -p.s_inf * m.z),
     energy='does not enter',
 )
-TRUTHS = (acting(EFFECT, PLATEAUS, library='functional_fatigue', variables=('dx', 'memory'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, PLATEAUS, library='functional_fatigue', variables=('dx', 'memory'), file=__file__),)

@@ -5,7 +5,7 @@ F = share m_H g (-cos(lean), sin(lean), 0)   [N]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
@@ -16,8 +16,8 @@ EFFECT = Effect(
     equation='F = share m_H g (-cos(lean), sin(lean), 0)',
     source='weight of a body on an inclined axis',
     parameters=(
-        ranged('share', '-', 0.5, 1.0, 'part of the weight that lies in the plane of the module'),
-        ranged('lean', 'rad', 0.3, 1.57, 'angle between the beam and the vertical'),
+        drawn_parameter('share', '-', 0.5, 1.0, 'part of the weight that lies in the plane of the module'),
+        drawn_parameter('lean', 'rad', 0.3, 1.57, 'angle between the beam and the vertical'),
     ),
     kernel=lambda s, b, p: (
         -p.share * b.m_H * STANDARD_GRAVITY * math.cos(p.lean),
@@ -25,4 +25,4 @@ EFFECT = Effect(
         0.0,
     ),
 )
-TRUTHS = (acting(EFFECT, library='gravity', variables=('constant',), file=__file__, signed=('lean',)),)
+TRUTHS = (simulated_truth(EFFECT, library='gravity', variables=('constant',), file=__file__, signed=('lean',)),)

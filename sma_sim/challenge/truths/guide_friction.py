@@ -5,7 +5,7 @@ F_added = mu F v/sqrt(v^2 + v_c^2)   [N]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -14,9 +14,9 @@ EFFECT = Effect(
     equation='F_added = mu F v/sqrt(v^2 + v_c^2)',
     source="Coulomb's law, smooth at rest",
     parameters=(
-        ranged('mu', '-', 0.02, 0.2, 'part of the force that friction takes'),
-        ranged('v_c', 'm/s', 1e-5, 2e-4, 'speed at which it is 71 % of that'),
+        drawn_parameter('mu', '-', 0.02, 0.2, 'part of the force that friction takes'),
+        drawn_parameter('v_c', 'm/s', 1e-5, 2e-4, 'speed at which it is 71 % of that'),
     ),
     kernel=lambda s, w, p: p.mu * s.F * s.v / math.sqrt(s.v**2 + p.v_c**2),
 )
-TRUTHS = (acting(EFFECT, library='guide_friction', variables=('v', 'F'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='guide_friction', variables=('v', 'F'), file=__file__),)

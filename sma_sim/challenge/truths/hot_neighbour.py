@@ -5,7 +5,7 @@ Q = q (1 + tanh(8 sin(2 pi t/period)))/2 into wire 1   [W per wire]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -14,9 +14,9 @@ EFFECT = Effect(
     equation='Q_1 = q (1 + tanh(8 sin(2 pi t/period)))/2',
     source='heat from outside with a duty cycle',
     parameters=(
-        ranged('q', 'W', 0.01, 0.12, 'heat while it runs'),
-        ranged('period', 's', 15.0, 45.0, 'period'),
+        drawn_parameter('q', 'W', 0.01, 0.12, 'heat while it runs'),
+        drawn_parameter('period', 's', 15.0, 45.0, 'period'),
     ),
     kernel=lambda s, w, p: (1.0 - s.wire) * p.q * 0.5 * (1.0 + math.tanh(8.0 * math.sin(2.0 * math.pi * s.t / p.period))),
 )
-TRUTHS = (acting(EFFECT, variables=('t', 'wire'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('t', 'wire'), file=__file__),)

@@ -3,7 +3,7 @@
 Q = f Om T sigma_T (eps_T + d sigma_MW) dx/dt   [W], with dx/dt as the difference to a copy of x_M that follows within 2 ms
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 FOLLOWS = 2e-3  # [s]
@@ -14,7 +14,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = f Om T sigma_T (eps_T + d sigma_MW) (x_M - z)/tau; dz/dt = (x_M - z)/tau',
     source='calorimetry against the Clausius-Clapeyron slope',
-    parameters=(ranged('f', '-', 0.05, 0.5, 'heat in excess over the heat of the model'),),
+    parameters=(drawn_parameter('f', '-', 0.05, 0.5, 'heat in excess over the heat of the model'),),
     states=('z',),
     scale=(0.1,),
     start=lambda s, w, p: s.x,
@@ -23,4 +23,4 @@ EFFECT = Effect(
         p.f * w.volume * s.T * w.sigma_T * (w.eps_T + w.d * (w.sigma_MW0 + w.sigma_T * (s.T - w.T0))) * (s.x - m.z) / FOLLOWS
     ),
 )
-TRUTHS = (acting(EFFECT, library='latent_heat_scale', variables=('dx',), file=__file__, signed=('f',)),)
+TRUTHS = (simulated_truth(EFFECT, library='latent_heat_scale', variables=('dx',), file=__file__, signed=('f',)),)

@@ -3,7 +3,7 @@
 h = h_50 (|T - T_E|/50 K)^m (T_f/323 K)^0.8, T_f the mean of wire and air (conductivity of air), Q = -h A_s (T - T_E)   [W]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -12,11 +12,11 @@ EFFECT = Effect(
     equation='Q = -h_50 (|T - T_E|/50)^m (T_f/323)^0.8 A_s (T - T_E)',
     source='free convection about horizontal cylinders; conductivity of air ~ T^0.8',
     parameters=(
-        ranged('h_50', 'W/(m^2 K)', 30.0, 160.0, 'coefficient at 50 K above the air'),
-        ranged('m', '-', 0.15, 0.33, 'exponent'),
+        drawn_parameter('h_50', 'W/(m^2 K)', 30.0, 160.0, 'coefficient at 50 K above the air'),
+        drawn_parameter('m', '-', 0.15, 0.33, 'exponent'),
     ),
     kernel=lambda s, w, p: (
         -p.h_50 * (abs(s.T - s.T_E) / 50.0) ** p.m * (0.5 * (s.T + s.T_E) / 323.0) ** 0.8 * w.area * (s.T - s.T_E)
     ),
 )
-TRUTHS = (acting(EFFECT, library='natural_convection', variables=('T',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='natural_convection', variables=('T',), file=__file__),)

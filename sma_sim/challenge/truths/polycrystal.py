@@ -3,7 +3,7 @@
 shift of both = H ((1 - c) y + 4 c y^3), y = x_M - 1/2   [Pa]: H from the first grain to the last
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -12,8 +12,8 @@ EFFECT = Effect(
     equation='shift = H ((1 - c) y + 4 c y^3), y = x_M - 1/2',
     source='cubic quantile of the transformation stress of the grains',
     parameters=(
-        ranged('H', 'Pa', 3e6, 5e7, 'transformation stress of the last grain less that of the first'),
-        ranged('c', '-', 0.1, 0.7, 'part of H at the ends of the plateau'),
+        drawn_parameter('H', 'Pa', 3e6, 5e7, 'transformation stress of the last grain less that of the first'),
+        drawn_parameter('c', '-', 0.1, 0.7, 'part of H at the ends of the plateau'),
     ),
     kernel=lambda s, w, p: (
         p.H * ((1.0 - p.c) * (s.x - 0.5) + 4.0 * p.c * (s.x - 0.5) ** 3),
@@ -21,4 +21,4 @@ EFFECT = Effect(
     ),
     energy='latent heat at the shifted stress',
 )
-TRUTHS = (acting(EFFECT, library='polycrystal', variables=('x',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='polycrystal', variables=('x',), file=__file__),)

@@ -3,7 +3,7 @@
 P_2 = J_2/(1 + r), P_1 = J_1   [W], r the resistance of the leads over that of the wires
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -11,8 +11,8 @@ EFFECT = Effect(
     port='actuation',
     equation='P_1 = J_1; P_2 = J_2/(1 + r)',
     source='voltage divider, driven by power',
-    parameters=(ranged('r', '-', 0.01, 0.15, 'excess resistance of the leads over that of the wires'),),
+    parameters=(drawn_parameter('r', '-', 0.01, 0.15, 'excess resistance of the leads over that of the wires'),),
     stage='gain',
     kernel=lambda s, w, p: s.J / (1.0 + p.r * s.wire),
 )
-TRUTHS = (acting(EFFECT, library='power_gain_mismatch', variables=('J', 'wire'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='power_gain_mismatch', variables=('J', 'wire'), file=__file__),)

@@ -3,7 +3,7 @@
 The strain from the true length l0 -+ d is less or more than the nominal one: e = eps - (l/(l0 -+ d) - 1)   [-]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -11,8 +11,8 @@ EFFECT = Effect(
     port='wire_strain',
     equation='e = eps + 1 - l/(l0 -+ d)',
     source='geometry',
-    parameters=(ranged('d', 'm', 1e-4, 9e-4, 'half the difference in length'),),
+    parameters=(drawn_parameter('d', 'm', 1e-4, 9e-4, 'half the difference in length'),),
     kernel=lambda s, w, p: s.eps + 1.0 - s.length / (w.l0 - (1.0 - 2.0 * s.wire) * p.d),
     energy='does not enter',
 )
-TRUTHS = (acting(EFFECT, library='pretension_mismatch', variables=('constant',), file=__file__, signed=('d',)),)
+TRUTHS = (simulated_truth(EFFECT, library='pretension_mismatch', variables=('constant',), file=__file__, signed=('d',)),)

@@ -6,7 +6,7 @@ Equal Gibbs energies: shift of both = rho h/(T_R eps_T) (T_R - T) below T_R, rou
 import math
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
@@ -28,10 +28,10 @@ EFFECT = Effect(
     equation='shift = rho h/(T_R eps_T) w ln(1 + exp((T_R - T)/w)), w = 2 K',
     source='Clausius and Clapeyron for R -> M; heat of A -> R in NiTi 1 to 6 kJ/kg',
     parameters=(
-        ranged('h', 'J/kg', 150.0, 2500.0, 'heat of the transformation from austenite to R-phase'),
-        ranged('T_R', 'K', 302.0, 325.0, 'temperature of that transformation'),
+        drawn_parameter('h', 'J/kg', 150.0, 2500.0, 'heat of the transformation from austenite to R-phase'),
+        drawn_parameter('T_R', 'K', 302.0, 325.0, 'temperature of that transformation'),
     ),
     kernel=both_shifts,
     energy='the heat of A -> R itself is left out',
 )
-TRUTHS = (acting(EFFECT, library='r_phase', variables=('T',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='r_phase', variables=('T',), file=__file__),)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sma_sim.challenge.truth import Channels, Values, Vector, ranged, shown
+from sma_sim.challenge.truth import Channels, Values, Vector, drawn_parameter, sensor_truth
 
 DEGREE = math.pi / 180.0
 
@@ -65,40 +65,43 @@ def drift(time: Vector, channels: Channels, p: Values) -> dict[str, Vector]:
 
 
 TRUTHS = (
-    shown(
+    sensor_truth(
         'truth_sensor_bias', zero_error,
-        ranged('zero_U_x', 'm', 5e-6, 6e-5, 'zero error of U_x'),
-        ranged('zero_U_y', 'm', 3e-5, 4e-4, 'zero error of U_y'),
-        ranged('zero_alpha', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'zero error of alpha'),
+        drawn_parameter('zero_U_x', 'm', 5e-6, 6e-5, 'zero error of U_x'),
+        drawn_parameter('zero_U_y', 'm', 3e-5, 4e-4, 'zero error of U_y'),
+        drawn_parameter('zero_alpha', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'zero error of alpha'),
         library='sensor_bias', variables=('constant',), signed=('zero_U_x', 'zero_U_y', 'zero_alpha'),
     ),
-    shown(
+    sensor_truth(
         'truth_sensor_gain', scale_error,
-        ranged('pixel', '-', 0.01, 0.06, 'size of a pixel over what was thought, less one'),
-        ranged('radius', '-', 0.01, 0.06, "the encoder's radius over what was thought, less one"),
+        drawn_parameter('pixel', '-', 0.01, 0.06, 'size of a pixel over what was thought, less one'),
+        drawn_parameter('radius', '-', 0.01, 0.06, "the encoder's radius over what was thought, less one"),
         library='sensor_gain', variables=('value',), signed=('pixel', 'radius'),
     ),
-    shown(
-        'truth_sensor_lag', low_pass, ranged('cut_off', 'Hz', 0.3, 5.0, 'cut-off frequency'),
+    sensor_truth(
+        'truth_sensor_lag', low_pass, drawn_parameter('cut_off', 'Hz', 0.3, 5.0, 'cut-off frequency'),
         library='sensor_lag', variables=('value', 'memory'),
     ),
-    shown(
+    sensor_truth(
         'truth_sensor_misalignment', turned_camera,
-        ranged('turn', 'rad', 0.3 * DEGREE, 4.0 * DEGREE, 'angle by which the camera is turned'),
+        drawn_parameter('turn', 'rad', 0.3 * DEGREE, 4.0 * DEGREE, 'angle by which the camera is turned'),
         library='sensor_misalignment', variables=('value',), signed=('turn',),
     ),
-    shown('truth_backlash', play, ranged('play', 'rad', 0.1 * DEGREE, 0.8 * DEGREE, 'play'), variables=('value', 'memory')),
-    shown(
+    sensor_truth(
+        'truth_backlash', play, drawn_parameter('play', 'rad', 0.1 * DEGREE, 0.8 * DEGREE, 'play'),
+        variables=('value', 'memory'),
+    ),
+    sensor_truth(
         'truth_sensor_ripple', ripple,
-        ranged('amplitude', 'rad', 0.04 * DEGREE, 0.3 * DEGREE, 'amplitude'),
-        ranged('lines', '1/rad', 60.0, 150.0, 'waves per radian, times 2 pi'),
-        ranged('phase', 'rad', -3.0, 3.0, 'phase at alpha = 0'),
+        drawn_parameter('amplitude', 'rad', 0.04 * DEGREE, 0.3 * DEGREE, 'amplitude'),
+        drawn_parameter('lines', '1/rad', 60.0, 150.0, 'waves per radian, times 2 pi'),
+        drawn_parameter('phase', 'rad', -3.0, 3.0, 'phase at alpha = 0'),
         variables=('value',),
     ),
-    shown(
+    sensor_truth(
         'truth_sensor_drift', drift,
-        ranged('warm', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'error once it is warm'),
-        ranged('tau', 's', 10.0, 60.0, 'time in which it warms up'),
+        drawn_parameter('warm', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'error once it is warm'),
+        drawn_parameter('tau', 's', 10.0, 60.0, 'time in which it warms up'),
         variables=('t',), signed=('warm',),
     ),
 )  # fmt: skip

@@ -5,7 +5,7 @@ F_y = F_0 sin(2 pi f t)   [N]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -14,9 +14,9 @@ EFFECT = Effect(
     equation='F_y = F_0 sin(2 pi f t)',
     source='inertia of the plate on a moving base',
     parameters=(
-        ranged('F_0', 'N', 0.02, 0.15, 'amplitude'),
-        ranged('f', 'Hz', 0.05, 0.5, 'frequency'),
+        drawn_parameter('F_0', 'N', 0.02, 0.15, 'amplitude'),
+        drawn_parameter('f', 'Hz', 0.05, 0.5, 'frequency'),
     ),
     kernel=lambda s, b, p: (0.0, p.F_0 * math.sin(2.0 * math.pi * p.f * s.t), 0.0),
 )
-TRUTHS = (acting(EFFECT, variables=('t',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('t',), file=__file__),)

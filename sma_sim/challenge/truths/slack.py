@@ -6,7 +6,7 @@ where |F| < F_s, F above, 0 below   [N per wire]. Only in the cold: a wire gets 
 
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
@@ -26,7 +26,7 @@ EFFECT = Effect(
     port='wire_force',
     equation='F_passed = mean of max(0, F + F_s u) over -1 < u < 1',
     source='geometry of a bundle',
-    parameters=(ranged('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),),
+    parameters=(drawn_parameter('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),),
     kernel=added_force,
 )
-TRUTHS = (acting(EFFECT, library='slack', variables=('F',), file=__file__, T_E=266.0),)
+TRUTHS = (simulated_truth(EFFECT, library='slack', variables=('F',), file=__file__, T_E=266.0),)

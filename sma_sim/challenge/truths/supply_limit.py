@@ -3,7 +3,7 @@
 P = J/(1 + (n J/P_max)^4)^(1/4)   [W]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -11,8 +11,8 @@ EFFECT = Effect(
     port='actuation',
     equation='P = J/(1 + (n J/P_max)^4)^(1/4)',
     source='soft current limit',
-    parameters=(ranged('P_max', 'W', 8.0, 16.0, 'power of a bundle that is never exceeded'),),
+    parameters=(drawn_parameter('P_max', 'W', 8.0, 16.0, 'power of a bundle that is never exceeded'),),
     stage='saturation',
     kernel=lambda s, w, p: s.J / (1.0 + (w.n * s.J / p.P_max) ** 4) ** 0.25,
 )
-TRUTHS = (acting(EFFECT, variables=('J',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('J',), file=__file__),)

@@ -5,7 +5,7 @@ P = J (1 - s (1 - exp(-t/tau)))   [W]
 
 import math
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -14,10 +14,10 @@ EFFECT = Effect(
     equation='P = J (1 - sag (1 - exp(-t/tau)))',
     source='discharge of a battery',
     parameters=(
-        ranged('sag', '-', 0.03, 0.3, 'part of the power that is lost in the end'),
-        ranged('tau', 's', 15.0, 60.0, 'time constant'),
+        drawn_parameter('sag', '-', 0.03, 0.3, 'part of the power that is lost in the end'),
+        drawn_parameter('tau', 's', 15.0, 60.0, 'time constant'),
     ),
     stage='gain',
     kernel=lambda s, w, p: s.J * (1.0 - p.sag * (1.0 - math.exp(-max(s.t, 0.0) / p.tau))),
 )
-TRUTHS = (acting(EFFECT, variables=('t', 'J'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('t', 'J'), file=__file__),)

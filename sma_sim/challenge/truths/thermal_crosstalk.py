@@ -6,7 +6,7 @@ Two parallel cylinders of radius r_b in a medium: G = 2 pi k l0/acosh(D^2/(2 r_b
 import math
 from typing import Any
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
@@ -27,7 +27,7 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = 2 pi k l0/acosh(D^2/(2 r_b^2) - 1) (T_other - T)/n',
     source='conduction shape factor of two cylinders (Incropera, table 4.1), r_b = 1.5 sqrt(n) r0, D = 10 mm',
-    parameters=(ranged('k', 'W/(m K)', 0.06, 0.8, 'effective conductivity of what lies between the bundles'),),
+    parameters=(drawn_parameter('k', 'W/(m K)', 0.06, 0.8, 'effective conductivity of what lies between the bundles'),),
     kernel=conducted,
 )
-TRUTHS = (acting(EFFECT, library='thermal_crosstalk', variables=('T_other', 'T'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='thermal_crosstalk', variables=('T_other', 'T'), file=__file__),)

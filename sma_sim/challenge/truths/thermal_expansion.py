@@ -3,7 +3,7 @@
 e = (a_A (1 - x_M) + a_M x_M) (T - 298 K)   [-]
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -12,10 +12,10 @@ EFFECT = Effect(
     equation='e = (a_A (1 - x_M) + a_M x_M)(T - 298)',
     source='NiTi: 11e-6 1/K in austenite, 6.6e-6 1/K in martensite',
     parameters=(
-        ranged('a_A', '1/K', 9e-6, 2e-5, 'coefficient of austenite'),
-        ranged('a_M', '1/K', 5e-6, 1.2e-5, 'coefficient of martensite'),
+        drawn_parameter('a_A', '1/K', 9e-6, 2e-5, 'coefficient of austenite'),
+        drawn_parameter('a_M', '1/K', 5e-6, 1.2e-5, 'coefficient of martensite'),
     ),
     kernel=lambda s, w, p: (p.a_A * (1.0 - s.x) + p.a_M * s.x) * (s.T - 298.0),
     energy='does not enter',
 )
-TRUTHS = (acting(EFFECT, library='thermal_expansion', variables=('T', 'x'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='thermal_expansion', variables=('T', 'x'), file=__file__),)

@@ -3,7 +3,7 @@
 tau dtheta/dt = (T_1 + T_2)/2 - T_E - theta,   F = c theta K q   [N, N, N m]: stiffness K (1 - c theta)
 """
 
-from sma_sim.challenge.truth import acting, ranged
+from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 
 EFFECT = Effect(
@@ -12,8 +12,8 @@ EFFECT = Effect(
     equation='F = c theta K q; tau dtheta/dt = (T_1 + T_2)/2 - T_E - theta',
     source='modulus of thermoplastics falls by 0.2 to 1 % per kelvin',
     parameters=(
-        ranged('c', '1/K', 1e-3, 8e-3, 'part of the stiffness lost per kelvin'),
-        ranged('tau', 's', 3.0, 30.0, 'time constant of the temperature of the beam'),
+        drawn_parameter('c', '1/K', 1e-3, 8e-3, 'part of the stiffness lost per kelvin'),
+        drawn_parameter('tau', 's', 3.0, 30.0, 'time constant of the temperature of the beam'),
     ),
     states=('theta',),
     scale=(10.0,),
@@ -24,4 +24,4 @@ EFFECT = Effect(
         p.c * m.theta * (b.k_a * s.alpha - b.k_ya * s.U_y),
     ),
 )
-TRUTHS = (acting(EFFECT, variables=('alpha', 'T', 'memory'), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, variables=('alpha', 'T', 'memory'), file=__file__),)

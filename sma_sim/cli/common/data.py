@@ -24,11 +24,11 @@ from sma_sim.model.errors import UserError
 
 
 def add_data_options(parser: argparse.ArgumentParser) -> None:
-    """``DATA...`` and what is to be known of them, ``--report``, ``--json``, ``--scheduler``."""
+    """``DATA...`` and options about them, ``--report``, ``--json``, ``--scheduler``."""
     parser.add_argument('data', nargs='+', type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
     parser.add_argument(
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
-        help='recordings that are not fitted, only foretold: a file, a folder, or the name of one in DATA',
+        help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
     )  # fmt: skip
     parser.add_argument('--system', choices=('module', 'wire'), help='what was measured (default: as --config says)')
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML that names foreign columns and units')
@@ -53,12 +53,12 @@ def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
     parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
 
 
-def tell(words: str) -> None:
-    """Say what is being done."""
+def print_progress(words: str) -> None:
+    """Print what is being done."""
     print(f'  {words}', file=sys.stderr, flush=True)
 
 
-def tell_written(*files: Path | None) -> None:
+def print_written(*files: Path | None) -> None:
     """Name the files that were written."""
     for file in files:
         if file:
@@ -66,7 +66,7 @@ def tell_written(*files: Path | None) -> None:
 
 
 def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
-    """Raise UserError, before any long work, where an output cannot be written or has an unexpected name."""
+    """Raise UserError, before any long work, where an output cannot be written or has an unexpected suffix."""
     for path, suffixes in ((arguments.report, ('.html', '.htm')), (arguments.json, ('.json',))):
         if path is not None and path.suffix not in suffixes:
             raise UserError(f'{path}: expected a name that ends in {suffixes[0]}')
@@ -76,7 +76,7 @@ def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
 
 
 def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, Campaign | None]:
-    """The recordings to fit and those held out; what was repaired is said on stderr. Raises UserError."""
+    """The recordings to fit and those held out; notes on what was repaired go to stderr. Raises UserError."""
     known = {path.resolve() for path in arguments.data}
     inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
     further = [file for file in held_out_files(arguments.hold_out) if file.resolve() not in known | inside]

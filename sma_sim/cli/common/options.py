@@ -1,4 +1,4 @@
-"""Options that every command has, and what commands say while they work."""
+"""Options that every command has, and the progress that commands show."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
 
 
 def announce_compilation() -> None:
-    """Say why the first start takes long."""
+    """Print why the first start takes long."""
     first_start.announce_compilation(lambda line: print(line, file=sys.stderr, flush=True))
 
 
-class Progress:
+class ProgressLine:
     """A line on stderr that shows how much is done, once the work takes longer than a moment."""
 
     def __init__(self, what: str) -> None:
@@ -61,9 +61,9 @@ class Progress:
 
     def __call__(self, part: float) -> None:
         """Show that `part` (0 to 1) is done."""
-        self.tell(f'{100.0 * part:3.0f} %')
+        self.show(f'{100.0 * part:3.0f} %')
 
-    def tell(self, state: str) -> None:
+    def show(self, state: str) -> None:
         """Show how far the work is, in words."""
         passed = time.monotonic() - self._start
         if passed > QUIET_TIME and sys.stderr.isatty():

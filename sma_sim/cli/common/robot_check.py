@@ -13,7 +13,7 @@ from sma_sim.solver.inputs import module_input
 from sma_sim.solver.simulate import Model, new_run, new_work, simulate
 
 HEATING_TIME = 10.0  # [s]
-PART_OF_J_MAX = 0.5
+J_MAX_FRACTION = 0.5
 
 
 def at_rest(config: Config) -> str:
@@ -23,8 +23,9 @@ def at_rest(config: Config) -> str:
     run = new_run(model, np.array([0.0, config.parameters['environment.T_E']]), work)
     strains, stresses = 100.0 * work.first.obs[:, O_EPS], 1e-6 * work.first.obs[:, O_SIGMA]
     words = (
-        f'At rest (static equilibrium found): wires strained by {pair(strains)} %, stressed by {pair(stresses)} MPa, '
-        f'martensite fraction {pair(run.state.x_frozen)}, angle {math.degrees(run.state.y[2]):.3g} deg.'
+        f'At rest (static equilibrium found): wires strained by {two_numbers(strains)} %, '
+        f'stressed by {two_numbers(stresses)} MPa, '
+        f'martensite fraction {two_numbers(run.state.x_frozen)}, angle {math.degrees(run.state.y[2]):.3g} deg.'
     )
     if stresses.min() <= 0.0:
         words += '\nBeware: a wire is not in tension at rest; a shorter wire.l0 pre-tensions it.'
@@ -33,7 +34,7 @@ def at_rest(config: Config) -> str:
 
 def when_heated(config: Config) -> str:
     """Largest angle and temperature when one bundle is heated for a while."""
-    power = PART_OF_J_MAX * config.parameters['node.J_max']
+    power = J_MAX_FRACTION * config.parameters['node.J_max']
     command = module_input([0.0, HEATING_TIME], [power, 0.0], T_E=config.parameters['environment.T_E'])
     run = simulate(Model(config), command, 50.0)
     words = f'Bundle 1 heated with {power:g} W (half of node.J_max) for {HEATING_TIME:g} s: '
@@ -46,7 +47,7 @@ def when_heated(config: Config) -> str:
     )
 
 
-def pair(values: np.ndarray) -> str:
+def two_numbers(values: np.ndarray) -> str:
     """Two numbers, or one where they agree."""
     first, second = (f'{value:.3g}' for value in values)
     return first if first == second else f'{first} and {second}'

@@ -19,7 +19,7 @@ SCALES: dict[str, dict[str, float]] = {
     '-': {'': 1.0},
 }
 CELSIUS = ('degC', '°C', 'C')
-WORD = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*')
+QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*')
 
 
 def units_of(si: str) -> tuple[str, ...]:
@@ -32,12 +32,12 @@ def typed_units(si: str) -> str:
     return ', '.join(unit for unit in units_of(si) if unit.isascii() and unit)
 
 
-def to_si(text: str, si: str, usual: str) -> float:
-    """The SI value of `text`, a number and perhaps a unit; a bare number is in the unit `usual`. Raises UserError."""
-    match, units = WORD.fullmatch(text), typed_units(si)
+def to_si(text: str, si: str, default_unit: str) -> float:
+    """The SI value of `text`: a number with a unit, or without one in `default_unit`. Raises UserError."""
+    match, units = QUANTITY.fullmatch(text), typed_units(si)
     if match is None:
         raise UserError(f'{text.strip()!r} is not a number' + (f', or a number with a unit ({units})' if units else ''))
-    number, unit = Decimal(match[1]), (match[2] or usual)
+    number, unit = Decimal(match[1]), (match[2] or default_unit)
     if unit not in units_of(si):
         raise UserError(f'unit {unit!r} is not known here: expected {units or "a number without a unit"}')
     if unit in CELSIUS and si == 'K':

@@ -173,7 +173,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
             discard_outliers(name, columns['time_s'], values, how, notes)
         columns[name], unknown = forward_filled(values)
         if name == 'strain':
-            columns[name] = interpolated(columns['time_s'], values)
+            columns[name] = gaps_interpolated(columns['time_s'], values)
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
         if empty > unknown:
@@ -195,7 +195,7 @@ def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: l
         values[wrong] = np.nan
 
 
-def interpolated(time: Vector, values: Vector) -> Vector:
+def gaps_interpolated(time: Vector, values: Vector) -> Vector:
     """Gaps (NaN) in values (k,) at time (k,) filled linearly, but not before the first."""
     known = np.isfinite(values)
     if known.all() or not known.any():

@@ -14,7 +14,7 @@ from sma_sim.solver.simulate import Model
 
 Vector = NDArray[np.float64]
 
-MODULE_CHANNELS = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
+MODULE_CHANNEL_NAMES = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
 J_EQ, T_E = 0, 1  # columns of a module's input
 INITIAL_CAPACITY = 64
 

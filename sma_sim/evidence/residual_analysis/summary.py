@@ -56,7 +56,7 @@ def summarize(comparison: Comparison) -> Summary:
     )  # fmt: skip
 
 
-def as_data(summary: Summary) -> dict[str, Any]:
+def comparison_data(summary: Summary) -> dict[str, Any]:
     """The summary for JSON; SI units."""
     comparison = summary.comparison
     return {

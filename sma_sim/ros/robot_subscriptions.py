@@ -27,16 +27,16 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
-from sma_sim.ros.messages import JOINTS, WIRES
+from sma_sim.ros.messages import JOINT_NAMES, WIRE_NAMES
 from sma_sim.ros.publishers import LATEST
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]
 
-MOST_WAITING = 10_000  # messages of a topic; older ones give way
-SENSOR = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
-COMMANDS = 100
-INPUTS: Mapping[str, Any] = {
+MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
+SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
+COMMAND_DEPTH = 100
+ROBOT_TOPICS: Mapping[str, Any] = {
     'joint_states': JointState,
     'J_eq': Float64,
     'J_eq_applied': Float64,
@@ -46,7 +46,7 @@ INPUTS: Mapping[str, Any] = {
     'wire_1/temperature': Temperature,
     'wire_2/temperature': Temperature,
 }
-APPLIED = {'J_eq_applied': J_EQ, 'T_E_applied': T_E}  # what is in force, and so replaces what was asked for
+APPLIED_TOPICS = {'J_eq_applied': J_EQ, 'T_E_applied': T_E}  # what is in force, and so replaces what was asked for
 
 
 class Sample(NamedTuple):
@@ -58,7 +58,7 @@ class Sample(NamedTuple):
 
 
 class Event(NamedTuple):
-    """An input heard of: when [ns], which column, its value, and whether it is told to be in force."""
+    """An input heard of: when [ns], which column, its value, and whether it is in force (or only requested)."""
 
     arrival: int
     column: int
@@ -66,7 +66,7 @@ class Event(NamedTuple):
     applied: bool
 
 
-class Intake:
+class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
     Raises UserError for names of joints that are not different.
@@ -75,7 +75,7 @@ class Intake:
     def __init__(self, node: Node, config: Config) -> None:
         parameters = config.parameters
         self._logger = node.get_logger()
-        self._names = [str(config.settings[f'check.name_{joint}']) for joint in JOINTS]
+        self._names = [str(config.settings[f'check.name_{joint}']) for joint in JOINT_NAMES]
         if len(set(self._names)) < len(self._names):
             raise UserError(f'check.name_*: expected three different names, got {", ".join(self._names)}')
         self._latency = round(parameters['check.latency'] * 1e9)
@@ -83,13 +83,13 @@ class Intake:
         self._command = Command(node, parameters['node.J_max'], self._timeout)
         self.ambient = Ambient(node, parameters['environment.T_E'])
         self.counts: Counter[str] = Counter()  # of what was wrong, by words for it
-        self._told: dict[str, float] = {}
-        self.applied = [False, False]  # whether J_EQ, T_E are told as they are in force
+        self._warned_at: dict[str, float] = {}
+        self.applied = [False, False]  # whether the robot publishes the J_EQ, T_E that are in force
         self._commanded = math.inf  # stamp [ns] of the last command that was asked for
         self._heard: deque[Event] = deque()
         self._events: list[Event] = []
-        self._samples: deque[Sample] = deque(maxlen=MOST_WAITING)
-        self._beside: list[Queue] = [deque(maxlen=MOST_WAITING) for _ in range(3)]  # forces, temperatures
+        self._samples: deque[Sample] = deque(maxlen=MAX_QUEUED_MESSAGES)
+        self._companions: list[Queue] = [deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(3)]  # forces, temperatures
         self._subscribe(node)
 
     @property
@@ -103,7 +103,7 @@ class Intake:
             yield self._samples.popleft()
 
     def forget_commands(self) -> None:
-        """The stamps begin anew."""
+        """Forget the last command: the stamps start again."""
         self._commanded = math.inf
 
     def changes(self, before: Sample | None, now: Sample) -> list[InputChange]:
@@ -124,17 +124,17 @@ class Intake:
             self._commanded = math.inf
         return changes
 
-    def beside(self, before: Sample | None, now: Sample) -> Vector:
+    def companions(self, before: Sample | None, now: Sample) -> Vector:
         """F_1, F_2 [N], T_1, T_2 [K] that belong to a sample, NaN where there are none (4,)."""
         if before is None:
             return np.full(4, np.nan)
-        forces, *temperatures = self._beside
+        forces, *temperatures = self._companions
         values = [nearest(forces, now.arrival, (now.arrival - before.arrival) // 2, (math.nan, math.nan))]
         half = (now.stamp - before.stamp) // 2
         values += [(nearest(queue, now.stamp, half, math.nan),) for queue in temperatures]
         return np.concatenate(values)
 
-    def tell_T_E(self, kelvin: float) -> str:
+    def set_T_E(self, kelvin: float) -> str:
         """A new value of the parameter environment.T_E; what is wrong with it, if anything."""
         wrong = self.ambient.set(kelvin)
         if not wrong:
@@ -150,12 +150,12 @@ class Intake:
             **self.counts,
         }
 
-    def complain(self, words: str, advice: str) -> None:
-        """Count what was wrong with a message, and say it now and then."""
+    def warn_of(self, words: str, advice: str) -> None:
+        """Count what was wrong with a message, and warn of it now and then."""
         self.counts[words] += 1
         now = time.monotonic()
-        if now > self._told.get(words, -math.inf) + WARNING_PERIOD:  # the logger's own throttle knows lines, not words
-            self._told[words] = now
+        if now > self._warned_at.get(words, -math.inf) + WARNING_PERIOD:  # the logger's own throttle knows lines, not words
+            self._warned_at[words] = now
             self._logger.warning(f'{words}: {advice}')
 
     def _subscribe(self, node: Node) -> None:
@@ -165,12 +165,18 @@ class Intake:
             'J_eq': partial(self._take, J_EQ, self._command.accepted),
             'ambient_temperature': partial(self._take, T_E, self.ambient.accepted),
             'wire_forces': self._take_forces,
-            **{f'{wire}/temperature': partial(self._take_temperature, i) for i, wire in enumerate(WIRES)},
-            **{topic: partial(self._take_applied, topic) for topic in APPLIED},
+            **{f'{wire}/temperature': partial(self._take_temperature, i) for i, wire in enumerate(WIRE_NAMES)},
+            **{topic: partial(self._take_applied, topic) for topic in APPLIED_TOPICS},
         }
-        for topic, kind in INPUTS.items():
+        for topic, kind in ROBOT_TOPICS.items():
             asked = topic in ('J_eq', 'ambient_temperature')
-            qualities = [LATEST, SENSOR] if topic in APPLIED else [QoSProfile(depth=COMMANDS)] if asked else [SENSOR]
+            qualities = (
+                [LATEST, SENSOR_QOS]
+                if topic in APPLIED_TOPICS
+                else [QoSProfile(depth=COMMAND_DEPTH)]
+                if asked
+                else [SENSOR_QOS]
+            )
             for quality in qualities:  # no one quality hears both what was kept for late subscribers and what was not
                 node.create_subscription(kind, topic, receivers[topic], quality, event_callbacks=quiet)
 
@@ -191,10 +197,10 @@ class Intake:
             self._hear(arrival_of(info), column, value, applied=False)
 
     def _take_applied(self, topic: str, message: Float64, info: Any) -> None:
-        column = APPLIED[topic]
+        column = APPLIED_TOPICS[topic]
         low, high = DEFAULTS['environment.T_E'].bounds if column == T_E else (-math.inf, math.inf)
         if not (math.isfinite(message.data) and low <= message.data <= high):
-            self.complain(f'{topic} that cannot be used', f'got {message.data}')
+            self.warn_of(f'{topic} that cannot be used', f'got {message.data}')
             return
         if not self.applied[column]:
             self.applied[column] = True
@@ -210,31 +216,31 @@ class Intake:
                     joints[row, column] = values[at[name]]
         if not any(name in at for name in self._names):
             there, expected = ', '.join(message.name) or 'none', ', '.join(self._names)
-            self.complain(
+            self.warn_of(
                 'joint_states without the joints that are expected', f'got {there}, expected {expected}: see check.name_*'
             )
             return
         if len(message.position) < len(message.name):
-            self.complain('joint_states with too few positions', 'what is missing is not compared')
+            self.warn_of('joint_states with too few positions', 'what is missing is not compared')
         if not np.isfinite(joints).all() and not np.isfinite(message.position).all():
-            self.complain('joint_states that are not finite', 'they are not compared')
+            self.warn_of('joint_states that are not finite', 'they are not compared')
         joints[np.isinf(joints)] = math.nan
-        if len(self._samples) == MOST_WAITING:
-            self.complain('joint_states dropped', 'they come faster than the model runs')
+        if len(self._samples) == MAX_QUEUED_MESSAGES:
+            self.warn_of('joint_states dropped', 'they come faster than the model runs')
         self._samples.append(Sample(arrival_of(info), nanoseconds(message.header.stamp), joints))
 
     def _take_forces(self, message: Float64MultiArray, info: Any) -> None:
         values = tuple(message.data)
         if len(values) != 2 or not all(map(math.isfinite, values)):
-            self.complain('wire_forces that cannot be used', f'expected two finite numbers, got {list(values)[:5]}')
+            self.warn_of('wire_forces that cannot be used', f'expected two finite numbers, got {list(values)[:5]}')
             return
-        self._beside[0].append((arrival_of(info), values))
+        self._companions[0].append((arrival_of(info), values))
 
     def _take_temperature(self, wire: int, message: Temperature, _: Any) -> None:
         if not math.isfinite(message.temperature):
-            self.complain(f'temperatures of {WIRES[wire]} that are not finite', 'they are not compared')
+            self.warn_of(f'temperatures of {WIRE_NAMES[wire]} that are not finite', 'they are not compared')
             return
-        self._beside[1 + wire].append((nanoseconds(message.header.stamp), message.temperature + ZERO_CELSIUS))
+        self._companions[1 + wire].append((nanoseconds(message.header.stamp), message.temperature + ZERO_CELSIUS))
 
 
 def arrival_of(info: Mapping[str, Any]) -> int:
