@@ -9,7 +9,7 @@ from campaigns import NOISE, campaign, command, config, recording, scaled
 from sma_sim import Campaign, Options, calibrate, module_input, predict
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.estimation.problem import LinearizedRun
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time, interval, long_run, sentences
+from sma_sim.evidence.estimation.uncertainty import autocorrelation_time, interval, long_run, unidentified
 
 S = 1.1  # how far an equivalence is followed
 STRESS = dict.fromkeys(
@@ -136,14 +136,14 @@ FREE = tuple(FreeParameter(name, 1.0, 0.5, -5.0, 5.0, True, '-') for name in ('a
 )
 def test_unseen_directions_in_words(vector, words):
     unknown = np.array([vector]).T / np.linalg.norm(vector)
-    assert sentences(FREE, unknown) == [words]
+    assert unidentified(FREE, unknown) == [words]
 
 
 def test_two_unseen_directions_are_taken_apart():
     """Any rotation of two directions gives the same sentences."""
     plane = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).T / [np.sqrt(2.0), 1.0]
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    assert set(sentences(FREE, plane @ turn)) == {'c is not seen', 'a and b only as their ratio'}
+    assert set(unidentified(FREE, plane @ turn)) == {'c is not seen', 'a and b only as their ratio'}
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.6, 0.9])

@@ -62,8 +62,8 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 
     Without measured forces the scale of all forces is known from the priors only.
     """
-    proposal, sure = known(diagnosis), diagnosis.calibration.uncertainty
-    seen = {one.name: one for one in sure.intervals if one.seen} if sure else {}
+    proposal, uncertainty = known(diagnosis), diagnosis.calibration.uncertainty
+    seen = {interval.name: interval for interval in uncertainty.intervals if interval.seen} if uncertainty else {}
     found = {}
     for p in proposal.formula.parameters:
         name = f'effects.{proposal.effect}.{p.name}'

@@ -37,9 +37,9 @@ def stage_change(before: ModelStage, after: ModelStage, training: Campaign, held
     worst = max((fit for fit in first if channel in fit.channels), key=lambda fit: fit.channels[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in campaign.recordings].index(worst.name)
-    one = compared_run(campaign, k, before.config, nuisances(first, before.delay))
-    other = compared_run(campaign, k, after.config, nuisances(then, after.delay))
-    return StageChange(channel, out, one, other, (worst.channels[channel], same.channels[channel]))
+    run_before = compared_run(campaign, k, before.config, nuisances(first, before.delay))
+    run_after = compared_run(campaign, k, after.config, nuisances(then, after.delay))
+    return StageChange(channel, out, run_before, run_after, (worst.channels[channel], same.channels[channel]))
 
 
 def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:

@@ -48,7 +48,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
 def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Candidates of the first step: what the model has in the end, what was accepted, then by cross-validated error.
 
-    What explains as well as the accepted one is said as it was seen last, beside the other effects.
+    What explains as well as the accepted one is that of the last comparison, beside the other effects.
     """
     accepted = first.accepted.name if first.accepted else ''
     again = [step for step in diagnosis.elimination_steps if step.effect == accepted]
@@ -60,23 +60,23 @@ def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [rank_of(candidate, diagnosis.held_out_ratio, indistinguishable[candidate.name]) for candidate in ordered]
 
 
-def rank_of(one: CandidateFit, ratios: Mapping[str, float], indistinguishable: tuple[str, ...]) -> dict[str, Any]:
-    """One candidate."""
-    units = {parameter.name: parameter.unit for parameter in one.found.effect.parameters}
-    std = {name.rpartition('.')[2]: s for name, s in one.std.items() if name.startswith(f'effects.{one.name}.')}
+def rank_of(candidate: CandidateFit, ratios: Mapping[str, float], indistinguishable: tuple[str, ...]) -> dict[str, Any]:
+    """The entry of a candidate."""
+    units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
+    std = {name.rpartition('.')[2]: s for name, s in candidate.std.items() if name.startswith(f'effects.{candidate.name}.')}
     return {
-        'effect': one.name,
-        'delta_bic': one.delta_bic,
-        'held_out_error_ratio': ratios.get(one.name, one.error_ratio),
-        'cross_validated_error_ratio': None if one.not_cross_validated else one.error_ratio,
-        'family_p': one.family_p,
+        'effect': candidate.name,
+        'delta_bic': candidate.delta_bic,
+        'held_out_error_ratio': ratios.get(candidate.name, candidate.error_ratio),
+        'cross_validated_error_ratio': None if candidate.not_cross_validated else candidate.error_ratio,
+        'family_p': candidate.family_p,
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}
-            for name, value in one.fit.values_of(one.name).items()
+            for name, value in candidate.fit.values_of(candidate.name).items()
         },
-        'plausible': one.plausible,
+        'plausible': candidate.plausible,
         'confounded_with': indistinguishable,
-        'same_as': one.found.effect.same_as,
+        'same_as': candidate.found.effect.same_as,
     }  # fmt: skip
 
 
@@ -93,10 +93,16 @@ def error_of(stage: ModelStage) -> dict[str, Any]:
 
 def intervals_of(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     """95 % intervals of the last fit."""
-    sure = diagnosis.calibration.uncertainty
-    if sure is None:
+    uncertainty = diagnosis.calibration.uncertainty
+    if uncertainty is None:
         return {}
     return {
-        one.name: {'value': one.value, 'low': one.low, 'high': one.high, 'unit': one.unit, 'seen': one.seen}
-        for one in sure.intervals
+        interval.name: {
+            'value': interval.value,
+            'low': interval.low,
+            'high': interval.high,
+            'unit': interval.unit,
+            'seen': interval.seen,
+        }
+        for interval in uncertainty.intervals
     }

@@ -17,16 +17,16 @@ from sma_sim.evidence.estimation.executors import some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import FitData, error_over_noise, fit_data, started
+from sma_sim.evidence.estimation.residuals import FitData, error_over_noise, fit_data, with_start
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-FOLDS = 5
+MAX_FOLDS = 5
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
-GOOD = 1.1  # error over noise with which no further guess is tried
+GOOD_FIT = 1.1  # error over noise with which no further guess is tried
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     for run, indices, found in zip(problem.runs, problem.indices(), residuals, strict=True):
         nuisance = problem.nuisance(z[indices])
         errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
-        initial = started(config, run.source, nuisance.start).parameters if found is not None else config.parameters
+        initial = with_start(config, run.source, nuisance.start).parameters if found is not None else config.parameters
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires))
         fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors)))
     return tuple(fits)
@@ -97,7 +97,7 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
                 z = minimize(problem, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])
-            if found[-1].error <= GOOD:
+            if found[-1].error <= GOOD_FIT:
                 break
         return min(found, key=lambda fit: fit.error)
 
@@ -146,8 +146,8 @@ def held_out(config: Config, campaign: Campaign, delay: float = 0.0, executor: E
 
 
 def folds(count: int) -> list[list[int]]:
-    """Indices of the runs that are left out in turn: each run once, in FOLDS groups at the most."""
-    groups = min(count, FOLDS)
+    """Indices of the runs that are left out in turn: each run once, in MAX_FOLDS groups at the most."""
+    groups = min(count, MAX_FOLDS)
     return [list(range(k, count, groups)) for k in range(groups)]
 
 
@@ -174,7 +174,7 @@ def cross_validated_error(problem: Problem, z: Vector, context: SearchContext) -
         out = tuple(problem.runs[k] for k in left_out)
         return [run.error for run in predict_runs(refitted.config, out, refitted.delay, context)]
 
-    with ThreadPoolExecutor(FOLDS) as threads:
+    with ThreadPoolExecutor(MAX_FOLDS) as threads:
         errors = [error for part in threads.map(errors_of, folds(len(problem.runs))) for error in part]
     return float(np.sqrt(np.mean(np.square(errors))))
 

@@ -11,15 +11,15 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, Parameter
 
-REACH = 5.0  # bounds of a fit, in standard deviations of the prior
-RELATIVE_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
-SMALL_STD = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
-MATERIAL = (
+BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
+PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
+NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
+MATERIAL_NAMES = (
     'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
 )  # fmt: skip
-STRUCTURE = ('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha')
-KINETICS = ('wire.V_L', 'wire.omega_x')
-STRESS_SCALE = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
+STRUCTURE_NAMES = ('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha')
+KINETICS_NAMES = ('wire.V_L', 'wire.omega_x')
+STRESS_SCALE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,19 @@ class Equivalence:
 
 def equivalences(config: Config) -> tuple[Equivalence, ...]:
     """Exact equivalences of the equations (docs/explanation/calibration.md derives them)."""
-    stress = STRESS_SCALE + (('wire.V_L',) if config.model == 'mas' else ())
+    stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.model == 'mas' else ())
     return (
         Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),
         Equivalence('wire.T0', ('wire.sigma_MW0',), 'a shift of T0 is a shift of sigma_MW0 (MAS8a)'),
         Equivalence('wire.n', ('wire.r0', 'wire.lambda'), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'),
-        Equivalence('wire.n', stress, 'more wires at lower stresses, c_V and lambda behave alike'),
-        Equivalence('wire.r0', stress, 'thicker wires at lower stresses, c_V and lambda behave alike'),
+        Equivalence('wire.n', stress, 'more wires at lower stresses, c_V and lambda behave the same'),
+        Equivalence('wire.r0', stress, 'thicker wires at lower stresses, c_V and lambda behave the same'),
     )
 
 
-def without_effect(name: str, config: Config) -> str:
+def why_unseen(name: str, config: Config) -> str:
     """Why a parameter has no effect on any channel of this system and model, or an empty string."""
-    if name in KINETICS and config.model == 'hybrid':
+    if name in KINETICS_NAMES and config.model == 'hybrid':
         return 'the hybrid model has no kinetics'
     if config.system == 'wire' and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
         return 'one wire on a test bench has no structure'
@@ -87,7 +87,7 @@ def without_effect(name: str, config: Config) -> str:
 def default_names(config: Config) -> tuple[str, ...]:
     """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths."""
     kinetics = ('wire.V_L',) if config.model == 'mas' else ()
-    return MATERIAL + kinetics + (STRUCTURE if config.system == 'module' else ())
+    return MATERIAL_NAMES + kinetics + (STRUCTURE_NAMES if config.system == 'module' else ())
 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:
@@ -127,13 +127,21 @@ def free_parameter(name: str, value: float, declared: Parameter) -> FreeParamete
     low, high = declared.bounds
     log = value > 0.0 and low >= 0.0 and declared.neutral is None
     if log:
-        scale = SMALL_STD.get(name, RELATIVE_STD)
-        bottom = max(-REACH, math.log(low / value) / scale) if low > 0.0 else -REACH
-        return FreeParameter(name, value, scale, bottom, min(REACH, math.log(high / value) / scale), True, declared.unit)
+        scale = NARROW_PRIOR_STDS.get(name, PRIOR_STD)
+        bottom = max(-BOUND_STDS, math.log(low / value) / scale) if low > 0.0 else -BOUND_STDS
+        return FreeParameter(
+            name, value, scale, bottom, min(BOUND_STDS, math.log(high / value) / scale), True, declared.unit
+        )
     width = declared.realistic[1] - declared.realistic[0] if declared.realistic else abs(value) or 1.0
     scale = width / 2.0
     return FreeParameter(
-        name, value, scale, max(-REACH, (low - value) / scale), min(REACH, (high - value) / scale), False, declared.unit
+        name,
+        value,
+        scale,
+        max(-BOUND_STDS, (low - value) / scale),
+        min(BOUND_STDS, (high - value) / scale),
+        False,
+        declared.unit,
     )
 
 
@@ -153,16 +161,16 @@ def choose_free(config: Config, names: Iterable[str] | None = None) -> tuple[tup
             hint = f'; did you mean {close[0]}?' if close else ''
             raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                             'or effects.NAME.* of an active effect')  # fmt: skip
-    held = [Held(name, why) for name in asked if (why := without_effect(name, config))]
+    held = [Held(name, why) for name in asked if (why := why_unseen(name, config))]
     left = remaining(asked, held)
-    for one in equivalences(config):
-        if one.held in left and set(one.together) <= set(left):
-            held.append(Held(one.held, one.reason))
+    for equivalence in equivalences(config):
+        if equivalence.held in left and set(equivalence.together) <= set(left):
+            held.append(Held(equivalence.held, equivalence.reason))
             left = remaining(asked, held)
     return tuple(free_parameter(name, values[name], declared[name]) for name in left), tuple(held)
 
 
 def remaining(names: Sequence[str], held: Sequence[Held]) -> list[str]:
     """The names that are not held."""
-    kept = {one.name for one in held}
-    return [name for name in names if name not in kept]
+    names_held = {parameter.name for parameter in held}
+    return [name for name in names if name not in names_held]

@@ -1,4 +1,4 @@
-"""Do all runs of a wire agree on its transformation stresses? Each run is fitted for them alone, the rest held.
+"""Are the transformation stresses of a wire the same in all runs? Each run is fitted for them alone, the rest held.
 
 The model has one straight line sigma_MW(T) = sigma_MW0 + sigma_T (T - T0) and one width dsigma of the hysteresis for
 all temperatures. Fitted run by run, sigma_MW0 comes out the same everywhere if the line is right, and so does dsigma
@@ -20,10 +20,10 @@ from sma_sim.evidence.estimation.calibrate import Options, calibrate
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
 
-NAMES = ('wire.sigma_MW0', 'wire.dsigma')
-DIFFERENT = 0.01  # p-value below which runs do not agree
-HEATING = 1  # column of a wire's input
-SAME_PLACE = 2.0  # [K]: runs nearer to each other tell no slope
+STRESS_NAMES = ('wire.sigma_MW0', 'wire.dsigma')
+HETEROGENEOUS = 0.01  # p-value below which runs do not agree
+HEATING_COLUMN = 1  # column of a wire's input
+MIN_TEMPERATURE_STEP = 2.0  # [K]: runs nearer to each other determine no slope
 
 
 @dataclass(frozen=True)
@@ -53,62 +53,67 @@ class Agreement:
 def agreement(
     config: Config, fitted: Campaign, held: Campaign | None = None, executor: Executor | None = None
 ) -> Agreement | None:
-    """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs tell them.
+    """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs determine them.
 
     Runs that are heated (nobody knows the temperature of the wire) or do not see both stresses are left out.
     """
-    runs = [(one, False) for one in fitted.recordings] + [(one, True) for one in (held.recordings if held else ())]
-    isotherms = [(recording, out) for recording, out in runs if not np.any(np.asarray(recording.source.values)[:, HEATING])]
+    runs = [(recording, False) for recording in fitted.recordings]
+    runs += [(recording, True) for recording in (held.recordings if held else ())]
+    isotherms = [
+        (recording, out) for recording, out in runs if not np.any(np.asarray(recording.source.values)[:, HEATING_COLUMN])
+    ]
     found = [run_stress(config, fitted, recording, out, executor) for recording, out in isotherms]
-    on_progress = sorted((one for one in found if one is not None), key=lambda one: one.temperature)
-    if len(on_progress) < 2:
+    stresses = sorted((run for run in found if run is not None), key=lambda run: run.temperature)
+    if len(stresses) < 2:
         return None
     slope, T0 = config.parameters['wire.sigma_T'], config.parameters['wire.T0']
-    level = [tuple(x - slope * (one.temperature - T0) for x in one.sigma_MW) for one in on_progress]
-    p_line, p_width = spread(level), spread([one.dsigma for one in on_progress])
-    return Agreement(tuple(on_progress), p_line, p_width, tuple(sentences(on_progress, p_line, p_width)))
+    level = [tuple(x - slope * (run.temperature - T0) for x in run.sigma_MW) for run in stresses]
+    p_line, p_width = cochran_p(level), cochran_p([run.dsigma for run in stresses])
+    return Agreement(tuple(stresses), p_line, p_width, tuple(sentences(stresses, p_line, p_width)))
 
 
 def run_stress(
     config: Config, campaign: Campaign, recording: Recording, held: bool, executor: Executor | None
 ) -> RunStress | None:
-    """One run on its own, None where it does not tell both."""
-    options = Options(free=NAMES, model=config.model, starts=1)
+    """One run on its own, None where it does not determine both."""
+    options = Options(free=STRESS_NAMES, model=config.model, starts=1)
     found = calibrate(replace(campaign, recordings=(recording,)), config, options, executor)
-    known = {one.name: one for one in found.uncertainty.intervals} if found.uncertainty else {}
-    if set(known) != set(NAMES) or not all(one.seen for one in known.values()):
+    known = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
+    if set(known) != set(STRESS_NAMES) or not all(interval.seen for interval in known.values()):
         return None
     temperature = float(np.mean(np.asarray(recording.source.values)[:, -1]))
     shift = config.parameters['wire.sigma_T'] * (temperature - config.parameters['wire.T0'])
-    level, width = (numbers(known[name]) for name in NAMES)
+    level, width = (numbers(known[name]) for name in STRESS_NAMES)
     return RunStress(recording.name, held, temperature, (level[0] + shift, level[1] + shift, level[2] + shift), width)
 
 
-def numbers(one: Interval) -> tuple[float, float, float]:
+def numbers(interval: Interval) -> tuple[float, float, float]:
     """Value and 95 % interval."""
-    return one.value, one.low, one.high
+    return interval.value, interval.low, interval.high
 
 
-def spread(values: Sequence[Sequence[float]]) -> float:
+def cochran_p(values: Sequence[Sequence[float]]) -> float:
     """The p-value of Cochran's Q over (value, low, high)."""
-    value = np.array([one[0] for one in values])
-    weight = np.array([(2.0 * GAUSS_95 / max(one[2] - one[1], 1e-300)) ** 2 for one in values])
+    value = np.array([center for center, _, _ in values])
+    weight = np.array([(2.0 * GAUSS_95 / max(high - low, 1e-300)) ** 2 for _, low, high in values])
     mean = float(weight @ value / weight.sum())
     return float(chi2.sf(float(weight @ (value - mean) ** 2), len(value) - 1))
 
 
 def sentences(runs: Sequence[RunStress], p_line: float, p_width: float) -> list[str]:
     """What the runs say together."""
-    widths = ', '.join(f'{1e-6 * one.dsigma[0]:.3g} MPa at {one.temperature:.0f} K ({one.name})' for one in runs)
-    verdict = 'one dsigma does not fit all runs' if p_width < DIFFERENT else 'one dsigma fits all runs'
+    widths = ', '.join(f'{1e-6 * run.dsigma[0]:.3g} MPa at {run.temperature:.0f} K ({run.name})' for run in runs)
+    verdict = 'one dsigma does not fit all runs' if p_width < HETEROGENEOUS else 'one dsigma fits all runs'
     found = [f'The width of the hysteresis comes out as {widths}: {verdict} (p = {p_width:.2g}).']
     slopes = [
         f'{1e-6 * (b.sigma_MW[0] - a.sigma_MW[0]) / (b.temperature - a.temperature):.3g} MPa/K from {a.temperature:.0f} to '
         f'{b.temperature:.0f} K'
         for a, b in zip(runs[:-1], runs[1:], strict=True)
-        if b.temperature - a.temperature > SAME_PLACE
+        if b.temperature - a.temperature > MIN_TEMPERATURE_STEP
     ]
-    verdict = f'one straight sigma_MW(T), that is one sigma_T, {"does not fit" if p_line < DIFFERENT else "fits"} all runs'
+    verdict = (
+        f'one straight sigma_MW(T), that is one sigma_T, {"does not fit" if p_line < HETEROGENEOUS else "fits"} all runs'
+    )
     if slopes:
         found.append(f'The middle of the hysteresis rises by {", ".join(slopes)}: {verdict} (p = {p_line:.2g}).')
     else:

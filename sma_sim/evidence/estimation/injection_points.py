@@ -12,7 +12,7 @@ STIFFNESS = 3  # `component` of the port that takes a part of K q
 
 @dataclass(frozen=True)
 class Port:
-    """One place where a time course u(t) [`unit`] may be missing.
+    """An injection point, at which an unknown function of time u(t) [`unit`] may be missing.
 
     `hook`: the port of the effects that acts there (`Effect.port`); `component`: the wire (0, 1), the coordinate of the
     pose (0, 1, 2 for U_x, U_y, alpha; STIFFNESS: along K q, the beam's own elastic force), or on sensing the channel, an

@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgError, cholesky
 from scipy.optimize import lsq_linear
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import ROBUST, LinearizedRun, Problem, better_steps, linearize, residuals_at
+from sma_sim.evidence.estimation.problem import HUBER_CORNER, LinearizedRun, Problem, better_steps, linearize, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
 from sma_sim.solver.simulate import SimulationError
@@ -69,16 +69,16 @@ def with_early_stopping(context: SearchContext, is_lost: Callable[[Sequence[floa
 
 
 def robust_cost(residuals: Matrix, robust: bool) -> float:
-    """Half the sum of squares, or of Huber's function with its corner at ROBUST."""
+    """Half the sum of squares, or of Huber's function with its corner at HUBER_CORNER."""
     if not robust:
         return 0.5 * float(np.vdot(residuals, residuals))
     size = np.abs(residuals)
-    return float(np.where(size <= ROBUST, 0.5 * size**2, ROBUST * (size - 0.5 * ROBUST)).sum())
+    return float(np.where(size <= HUBER_CORNER, 0.5 * size**2, HUBER_CORNER * (size - 0.5 * HUBER_CORNER)).sum())
 
 
 def robust_weights(residuals: Matrix) -> Matrix:
     """Square roots of the weights that make Huber's function a weighted sum of squares."""
-    weights: Matrix = np.sqrt(np.minimum(1.0, ROBUST / np.maximum(np.abs(residuals), 1e-300)))
+    weights: Matrix = np.sqrt(np.minimum(1.0, HUBER_CORNER / np.maximum(np.abs(residuals), 1e-300)))
     return weights
 
 

@@ -18,9 +18,9 @@ from sma_sim.evidence.estimation.cross_validation import held_out
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
-FIRST = ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
-AT_TEMPERATURE = ('wire.sigma_MW0', 'wire.dsigma')
-SAME_TEMPERATURE = 1.0  # [K]
+REFERENCE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
+FURTHER_NAMES = ('wire.sigma_MW0', 'wire.dsigma')
+TEMPERATURE_TOLERANCE = 1.0  # [K]
 
 
 @dataclass(frozen=True)
@@ -67,18 +67,18 @@ def calibrate_as_the_paper(
     Raises UserError where no loop is at that temperature (within 1 K), or no other one is there.
     """
     loops = sorted(campaign.recordings, key=temperature)
-    first = [one for one in loops if abs(temperature(one) - at) <= SAME_TEMPERATURE]
-    others = [one for one in loops if one not in first]
+    first = [loop for loop in loops if abs(temperature(loop) - at) <= TEMPERATURE_TOLERANCE]
+    others = [loop for loop in loops if loop not in first]
     if not first or not others:
-        found = ', '.join(f'{temperature(one):g}' for one in loops)
+        found = ', '.join(f'{temperature(loop):g}' for loop in loops)
         raise UserError(f'expected isotherms at {at:g} K and at another temperature, got {found or "none"} [K]')
-    here = fitted_at(Campaign(tuple(first), campaign.noise_std), config, FIRST, executor)
-    fits = {one.name: fitted_at(Campaign((one,), campaign.noise_std), here.config, AT_TEMPERATURE, executor)
-            for one in others}  # fmt: skip
-    fits |= {one.name: here for one in first}
-    T = np.array([temperature(one) for one in loops])
-    stress = np.array([fits[one.name].values['wire.sigma_MW0'] for one in loops])
-    spread = stress * np.array([log_std(fits[one.name], 'wire.sigma_MW0') for one in loops])
+    here = fitted_at(Campaign(tuple(first), campaign.noise_std), config, REFERENCE_NAMES, executor)
+    fits = {loop.name: fitted_at(Campaign((loop,), campaign.noise_std), here.config, FURTHER_NAMES, executor)
+            for loop in others}  # fmt: skip
+    fits |= {loop.name: here for loop in first}
+    T = np.array([temperature(loop) for loop in loops])
+    stress = np.array([fits[loop.name].values['wire.sigma_MW0'] for loop in loops])
+    spread = stress * np.array([log_std(fits[loop.name], 'wire.sigma_MW0') for loop in loops])
     line = np.polyfit(T - at, stress, 1, w=1.0 / np.nan_to_num(np.maximum(spread, 1.0), nan=1.0))
     values = {**here.config.parameters, 'wire.sigma_T': max(float(line[0]), 0.0), 'wire.T0': at}
     final = replace(here.config, parameters=moved_to(values, config.parameters['wire.T0']))
@@ -107,22 +107,24 @@ def stress_errors(config: Config, campaign: Campaign, executor: Executor | None)
 def log_std(found: Calibration, name: str) -> float:
     """Standard deviation of the logarithm of a fitted parameter, NaN where it is not known."""
     known = found.uncertainty.intervals if found.uncertainty else ()
-    return next((one.std for one in known if one.name == name), float('nan'))
+    return next((interval.std for interval in known if interval.name == name), float('nan'))
 
 
 def summary(
     config: Config, first: Calibration, recordings: list[Recording], fits: Mapping[str, Calibration],
     rmse: Mapping[str, float], sigma_T: float,
 ) -> PaperCalibration:  # fmt: skip
-    """The loops with what each of them says alone."""
-    loops = tuple(
-        Loop(
-            one.name, temperature(one), fits[one.name].values['wire.sigma_MW0'], log_std(fits[one.name], 'wire.sigma_MW0'),
-            fits[one.name].values['wire.dsigma'], log_std(fits[one.name], 'wire.dsigma'), rmse[one.name],
-        )
-        for one in recordings
-    )  # fmt: skip
-    pairs = [(a, b) for a, b in zip(loops, loops[1:], strict=False) if b.T_E - a.T_E > SAME_TEMPERATURE]
+    """The loops with the fit of each of them alone."""
+    loops = tuple(loop_of(recording, fits[recording.name], rmse[recording.name]) for recording in recordings)
+    pairs = [(a, b) for a, b in zip(loops, loops[1:], strict=False) if b.T_E - a.T_E > TEMPERATURE_TOLERANCE]
     slopes = tuple((b.sigma_MW - a.sigma_MW) / (b.T_E - a.T_E) for a, b in pairs)
-    heights = [one.dsigma for one in loops]
+    heights = [loop.dsigma for loop in loops]
     return PaperCalibration(config, first, loops, sigma_T, slopes, max(heights) / min(heights))
+
+
+def loop_of(recording: Recording, fit: Calibration, rmse: float) -> Loop:
+    """What the fit of one loop says of it."""
+    return Loop(
+        recording.name, temperature(recording), fit.values['wire.sigma_MW0'], log_std(fit, 'wire.sigma_MW0'),
+        fit.values['wire.dsigma'], log_std(fit, 'wire.dsigma'), rmse,
+    )  # fmt: skip

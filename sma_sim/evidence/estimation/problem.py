@@ -17,14 +17,14 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
-MOST_OWN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
+DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
+MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
-ROBUST = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
+HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,10 @@ def linearize(
 ) -> list[LinearizedRun]:
     """Every run linearised at z by one-sided (or central) differences; bounds are kept. Raises SimulationError.
 
-    `steps` (n,) are those of the differences (None: FIRST_STEP).
+    `steps` (n,) are those of the differences (None: DEFAULT_STEP).
     """
     low, high = problem.limits()
-    steps = np.full(len(z), FIRST_STEP) if steps is None else steps
+    steps = np.full(len(z), DEFAULT_STEP) if steps is None else steps
     pieces = max(1, -(-2 * workers_of(executor) // len(problem.runs)))
     submitted = []
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
@@ -223,6 +223,6 @@ def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
     sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
     ratio = error / sensitivity
     best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
-    most = np.where(np.arange(len(best)) < len(problem.shared), MOST_STEP, MOST_OWN_STEP)
-    steps: Vector = np.clip(best, LEAST_STEP, most)
+    most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
+    steps: Vector = np.clip(best, MIN_STEP, most)
     return steps

@@ -18,15 +18,15 @@ from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, s
 from sma_sim.solver.stepper import Work
 
 Vector = NDArray[np.float64]
-MOST_SWITCHES = 24  # with more changes of the command than this, all share one fraction
-NOISE_OF_SOLVER = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
+MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
+SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 CHANNEL_SIZES = {
     'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
 }  # fmt: skip
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
 # which a model that was chosen, and may ring, gets
-MOST_STEPS, BY_SECOND, BY_ROW = 6_000, 50, 50
-CHOSEN = 20
+MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 6_000, 50, 50
+CHOSEN_MODEL_FACTOR = 20
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ def fit_data(
         if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
     measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
-    noise = [np.hypot(noise_std[name], NOISE_OF_SOLVER * floor * CHANNEL_SIZES[name]) or 1e-12 for name in channels]
+    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * CHANNEL_SIZES[name]) or 1e-12 for name in channels]
     present = np.isfinite(measured)
     changed, interval = sampled_changes(recording)
-    single = len(changed) > MOST_SWITCHES
+    single = len(changed) > MAX_SWITCHES
     return FitData(
         name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
@@ -112,7 +112,7 @@ def fit_data(
 
 
 def without_repeats(source: Input) -> Input:
-    """The same input without rows that say nothing new."""
+    """The same input without rows that change nothing."""
     values = np.asarray(source.values, float)
     keep = np.ones(len(values), dtype=bool)
     if not any(source.linear):
@@ -164,8 +164,8 @@ def covering(source: Input, last: float) -> Input:
 
 def most_steps(source: Input, step_limited: bool) -> int:
     """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
-    most = MOST_STEPS + int(BY_SECOND * (source.times[-1] - source.times[0])) + BY_ROW * len(source.times)
-    return most if step_limited else CHOSEN * most
+    most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * len(source.times)
+    return most if step_limited else CHOSEN_MODEL_FACTOR * most
 
 
 def within_hysteresis(model: Model, source: Input, start: Sequence[float], work: Work) -> Vector:
@@ -176,7 +176,7 @@ def within_hysteresis(model: Model, source: Input, start: Sequence[float], work:
     return np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
 
 
-def started(config: Config, source: Input, start: Sequence[float]) -> Config:
+def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
     """The configuration with the x_M of a start given as parts of the hysteresis."""
     if not len(start):
         return config

@@ -1,4 +1,4 @@
-"""How well a fit knows its parameters, and what its data cannot tell.
+"""How well the data of a fit determine its parameters, and what they do not determine.
 
 Intervals come from the data alone: the priors of the parameters are widened to the bounds of the fit before. The
 covariance is the larger of the inverse Hessian (white noise of the given size) and the sandwich with the long-run
@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from sma_sim.evidence.estimation.free_parameters import REACH, FreeParameter
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, measured_steps, normal_equations, robust_weights
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-RTOL = 1e-7  # of the simulations whose differences make the Jacobian
-UNSEEN = 1.0  # eigenvalue below which data say less of a direction than its prior
-PART = 0.15  # of the largest: smaller components of a direction are left out of its sentence
-LEAST_BLOCK, MOST_BLOCKS = 10, 10  # samples; a block is at most this fraction of a run
+JACOBIAN_RTOL = 1e-7  # of the simulations whose differences make the Jacobian
+PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction than its prior
+MIN_COMPONENT = 0.15  # relative to the largest: smaller ones are left out of the sentence on a direction
+MIN_BLOCK, MIN_BLOCKS = 10, 10  # samples of a block; a run has at least so many blocks
 GAUSS_95 = 1.959964
 
 
@@ -70,11 +70,11 @@ class Uncertainty:
 
 def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
-    precise = problem.at_tolerance(RTOL)
+    precise = problem.at_tolerance(JACOBIAN_RTOL)
     linear = linearize(precise, z, executor, measured_steps(precise, z, executor), central=True)
     times = correlation_times(problem, linear)
     p = len(problem.free)
-    regular = np.where(np.arange(len(z)) < p, REACH**-2.0, 1.0)
+    regular = np.where(np.arange(len(z)) < p, BOUND_STDS**-2.0, 1.0)
     hessian, scores = np.diag(regular), np.diag(regular)
     for run in linear:
         part: NormalEquations = normal_equations(run, problem.robust)
@@ -83,36 +83,36 @@ def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
     inverse = np.linalg.inv(hessian)
     sandwich = inverse @ scores @ inverse
     variance = np.maximum(np.diag(inverse), np.diag(sandwich))
-    information = np.linalg.inv(inverse[:p, :p]) - REACH**-2.0 * np.eye(p) if p else np.zeros((0, 0))
+    information = np.linalg.inv(inverse[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
     size, vectors = np.linalg.eigh(information)
-    unknown = vectors[:, size < UNSEEN]
+    unknown = vectors[:, size < PRIOR_INFORMATION]
     return Uncertainty(
         intervals=tuple(
-            interval(one, float(z[k]), float(np.sqrt(variance[k])), seen=float(np.sum(unknown[k] ** 2)) < PART**2)
-            for k, one in enumerate(problem.free)
+            interval(free, float(z[k]), float(np.sqrt(variance[k])), seen=float(np.sum(unknown[k] ** 2)) < MIN_COMPONENT**2)
+            for k, free in enumerate(problem.free)
         ),
         directions=tuple(
-            direction(problem.free, vectors[:, k], size[k] + REACH**-2.0) for k in reversed(range(p))
+            direction(problem.free, vectors[:, k], size[k] + BOUND_STDS**-2.0) for k in reversed(range(p))
         ),
-        unseen=tuple(sentences(problem.free, unknown)),
+        unseen=tuple(unidentified(problem.free, unknown)),
         correlation=tuple(tuple(row) for row in correlations(inverse[:p, :p]).tolist()),
         correlation_time=times,
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
     )  # fmt: skip
 
 
-def interval(one: FreeParameter, z: float, std: float, seen: bool) -> Interval:
+def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
     """The 95 % interval of one parameter."""
     reach = GAUSS_95 * std
-    seen = seen and reach <= REACH  # wider than the fit could go: nothing is known
-    low, high = (one.low, one.high) if not seen else (z - reach, z + reach)
-    return Interval(one.name, one.value(z), one.scale * std, one.value(low), one.value(high), one.log, seen, one.unit)
+    seen = seen and reach <= BOUND_STDS  # wider than the fit could go: nothing is known
+    low, high = (free.low, free.high) if not seen else (z - reach, z + reach)
+    return Interval(free.name, free.value(z), free.scale * std, free.value(low), free.value(high), free.log, seen, free.unit)
 
 
 def direction(free: Sequence[FreeParameter], vector: Vector, information: float) -> Direction:
     """One eigenvector with names, its largest component positive."""
     vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
-    weights = {one.name: float(x) for one, x in zip(free, vector, strict=True)}
+    weights = {parameter.name: float(x) for parameter, x in zip(free, vector, strict=True)}
     return Direction(weights, float(max(information, 1e-12) ** -0.5))
 
 
@@ -126,8 +126,8 @@ def correlations(covariance: Matrix) -> Matrix:
 def correlation_times(problem: Problem, linear: Sequence[LinearizedRun]) -> dict[str, float]:
     """By channel, the integrated autocorrelation time of the residuals in samples, the longest of all runs."""
     found: dict[str, float] = {}
-    for run, one in zip(problem.runs, linear, strict=True):
-        for name, row in zip(run.channels, one.residuals, strict=True):
+    for run, linearized in zip(problem.runs, linear, strict=True):
+        for name, row in zip(run.channels, linearized.residuals, strict=True):
             found[name] = max(found.get(name, 1.0), autocorrelation_time(row))
     return found
 
@@ -141,8 +141,8 @@ def autocorrelation_time(series: Vector) -> float:
         return 1.0
     rho = covariance[1 : k - (k - 1) % 2] / covariance[0]
     pairs = rho[0::2] + rho[1::2]
-    few = pairs < 3.0 / np.sqrt(k)
-    end = int(np.argmax(few)) if few.any() else len(pairs)
+    at_noise = pairs < 3.0 / np.sqrt(k)
+    end = int(np.argmax(at_noise)) if at_noise.any() else len(pairs)
     return float(1.0 + 2.0 * pairs[:end].sum())
 
 
@@ -151,7 +151,7 @@ def long_run(linear: LinearizedRun, time: float, robust: bool) -> Matrix:
     residuals = linear.residuals * robust_weights(linear.residuals) ** 2 if robust else linear.residuals
     scores = np.einsum('uck,ck->uk', linear.jacobian, residuals)
     k = scores.shape[1]
-    block = int(np.clip(4.0 * time, LEAST_BLOCK, max(k // MOST_BLOCKS, 1)))
+    block = int(np.clip(4.0 * time, MIN_BLOCK, max(k // MIN_BLOCKS, 1)))
     padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1)], axis=1)
     ends = np.concatenate([padded, np.repeat(padded[:, -1:], block, axis=1)], axis=1)
     sums = ends[:, block:] - ends[:, :-block]
@@ -159,7 +159,7 @@ def long_run(linear: LinearizedRun, time: float, robust: bool) -> Matrix:
     return found
 
 
-def sentences(free: Sequence[FreeParameter], unknown: Matrix) -> list[str]:
+def unidentified(free: Sequence[FreeParameter], unknown: Matrix) -> list[str]:
     """What the span of the unknown directions (p, m) means, one sentence each, with as few parameters as possible."""
     m = unknown.shape[1]
     if m == 0:
@@ -171,19 +171,19 @@ def sentences(free: Sequence[FreeParameter], unknown: Matrix) -> list[str]:
 
 def sentence(free: Sequence[FreeParameter], vector: Vector) -> str:
     """One unknown direction in words."""
-    part = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > PART * np.abs(vector).max()]
-    names = [free[k].name for k in part]
-    if len(part) == 1:
+    large = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > MIN_COMPONENT * np.abs(vector).max()]
+    names = [free[k].name for k in large]
+    if len(large) == 1:
         return f'{names[0]} is not seen'
-    changes = [free[k].scale * vector[k] for k in part]
-    if len(part) == 2 and all(free[k].log for k in part):
+    changes = [free[k].scale * vector[k] for k in large]
+    if len(large) == 2 and all(free[k].log for k in large):
         ratio = changes[1] / changes[0]
         if 0.8 < abs(ratio) < 1.25:
             return f'{names[0]} and {names[1]} only as their {"ratio" if ratio > 0.0 else "product"}'
-    moves = [f'{names[j]} by {moved(free[k], float(vector[k]))}' for j, k in enumerate(part)]
+    moves = [f'{names[j]} by {moved(free[k], float(vector[k]))}' for j, k in enumerate(large)]
     return f'{", ".join(names[:-1])} and {names[-1]} only together: moving {", ".join(moves)} changes next to nothing'
 
 
-def moved(one: FreeParameter, z: float) -> str:
+def moved(free: FreeParameter, z: float) -> str:
     """How far a step in z moves a parameter."""
-    return f'{100.0 * one.scale * z:+.2g} %' if one.log else f'{one.scale * z:+.2g} {one.unit}'
+    return f'{100.0 * free.scale * z:+.2g} %' if free.log else f'{free.scale * z:+.2g} {free.unit}'

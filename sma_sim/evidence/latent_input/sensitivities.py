@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import Port
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, started, weighted_residuals, with_switches
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
 from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
@@ -96,7 +96,7 @@ def with_rows_at_knots(source: Input, knots: Vector) -> Input:
 def initialized(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Config, FitData, Nuisance]:
     """The configuration with the run's initial state, the run with its switching instants fixed, and its delay."""
     source = with_switches(run, nuisance.switches)
-    initial_state = started(config, source, nuisance.start)
+    initial_state = with_start(config, source, nuisance.start)
     none = np.zeros(0)
     run = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
     return initial_state, run, Nuisance(delay=nuisance.delay)
