@@ -1,9 +1,9 @@
-"""Designed against default experiments, on robots of which the design knows nothing but gentle recordings.
+"""Designed against default experiments, on robots of which the design has only recordings of low power.
 
     python benchmarks/designs.py [--seeds 1] [--tries 120] [--pairs A/B ...] [--minutes 60] [--at-once 2]
 
 For each pair of explanations a robot of sma_sim/challenge (MAS kinetics, other parameters, its own formula of the first
-effect) makes two gentle recordings, gentler and gentler until both explain them to within 1 %. `next` designs 100 s between
+effect) makes two recordings of low power, ever lower until both explain them to within 1 %. `next` designs 100 s between
 the two. The designed and two default sequences (random steps of the same power) are run on the robot, with noise, and both
 explanations are fitted to the old recordings and the new one together, from several starts. Achieved is by how much the new
 recording raised the log evidence ratio for the true one. Finished cases are kept in --file, so that a run can be continued;
@@ -29,9 +29,16 @@ from sma_sim.evidence.estimation.calibrate import Options, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
-from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
-from sma_sim.evidence.experiment_design.rival_fits import Hypothesis, bare_fit, hypotheses, named_rivals
-from sma_sim.evidence.experiment_design.sequences import Grid, as_input, default_sequence
+from sma_sim.evidence.experiment_design.design import next_experiment
+from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
+from sma_sim.evidence.experiment_design.rival_fits import (
+    ModelHypothesis,
+    NamedFit,
+    fit_base_model,
+    fit_hypotheses,
+    named_rivals,
+)
+from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input, default_sequence
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.model.config import Config
 
@@ -44,7 +51,7 @@ PAIRS = (
 DEFAULTS = 2
 RATE, LENGTH, HOLD = 20.0, 100.0, 0.5  # [1/s], [s], [s]
 POWER = 15.0  # [W] of the new experiment
-GENTLE = (8.0, 5.0, 3.0, 2.0, 1.0)  # [W] of the old recordings: the first that leaves a pair confounded
+LOW_POWERS = (8.0, 5.0, 3.0, 2.0, 1.0)  # [W] of the old recordings: the first that leaves a pair confounded
 SECONDS, STEPS = 60.0, 3  # of an old recording
 CONFOUNDED = 1.01  # ratio of the errors, as in a diagnosis
 POSE = ('U_x', 'U_y', 'alpha')
@@ -68,35 +75,37 @@ def with_recording(campaign: Campaign, more: Recording) -> Campaign:
     return replace(campaign, recordings=(*campaign.recordings, more))
 
 
-def achieved(plan: Plan, old: Campaign, new: Recording, place: SearchContext) -> tuple[float, float]:
+def achieved(plan: Plan, old: Campaign, new: Recording, context: SearchContext) -> tuple[float, float]:
     """By how much a new recording raises the log evidence of the true hypothesis, and what that leaves over noise."""
     more = with_recording(old, new)
-    first, second = hypotheses(more, [(one.name, refitted(one, more, place)) for one in plan.hypotheses], place)
-    before = plan.hypotheses[0].evidence - plan.hypotheses[1].evidence
-    return first.evidence - second.evidence - before, first.fitted.error * first.factor
+    rivals = [NamedFit(hypothesis.name, refitted(hypothesis, more, context)) for hypothesis in plan.hypotheses]
+    first, second = fit_hypotheses(more, rivals, context)
+    before = plan.hypotheses[0].log_evidence - plan.hypotheses[1].log_evidence
+    return first.log_evidence - second.log_evidence - before, first.fitted.error * first.noise_factor
 
 
-def refitted(one: Hypothesis, more: Campaign, place: SearchContext) -> FitResult:
-    """The best fit to one recording more, from the fit without it and from the middle of the priors."""
-    fitted = one.fitted
+def refitted(hypothesis: ModelHypothesis, more: Campaign, context: SearchContext) -> FitResult:
+    """The best fit to one more recording, from the fit without it and from the middle of the priors."""
+    fitted = hypothesis.fitted
     problem = replace(problem_for(more, fitted.problem.config, Options(), 1), free=fitted.problem.free)
     known = np.append(fitted.z, np.zeros(problem.wires))  # the new run's starts in the middle of their priors
-    own = [p.name.startswith('effects.') for p in problem.free]
-    middle = np.where([*own, *[False] * (len(known) - len(own))], known, 0.0)
-    ways = [(z, criteria) for z in (known, middle) for criteria in (FROM_PRIORS, WEAKLY_DAMPED)]
-    found = [refit(problem, z, place, criteria) for z, criteria in ways]
-    return min((fit for fit in found if fit is not None), key=lambda fit: fit.cost)
+    of_effects = [p.name.startswith('effects.') for p in problem.free]
+    middle = np.where([*of_effects, *[False] * (len(known) - len(of_effects))], known, 0.0)
+    starts = [(z, criteria) for z in (known, middle) for criteria in (FROM_PRIORS, WEAKLY_DAMPED)]
+    fits = [refit(problem, z, context, criteria) for z, criteria in starts]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
-def gentle_recordings(
-    robot: Robot, nominal: Config, pair: Sequence[str], random: np.random.Generator, place: SearchContext
+def low_power_recordings(
+    robot: Robot, nominal: Config, pair: Sequence[str], random: np.random.Generator, context: SearchContext
 ) -> tuple[float, Campaign]:
-    """The power [W] and two recordings that leave a pair confounded; the gentlest, if none does."""
+    """The power [W] and two recordings that leave a pair confounded; those of the least power, if none does."""
     noise = {name: NOISE_STD[name] for name in POSE}
-    for power in GENTLE:
-        commands = [gentle_command(power, nominal.parameters['environment.T_E'], random) for _ in range(2)]
-        old = Campaign(tuple(measured(robot, f'old{k + 1}', one, random) for k, one in enumerate(commands)), noise)
-        first, second = hypotheses(old, named_rivals(bare_fit(old, nominal, ('mas',), place), pair, place), place)
+    for power in LOW_POWERS:
+        commands = [low_power_command(power, nominal.parameters['environment.T_E'], random) for _ in range(2)]
+        old = Campaign(tuple(measured(robot, f'old{k + 1}', command, random) for k, command in enumerate(commands)), noise)
+        base = fit_base_model(old, nominal, ('mas',), context)
+        first, second = fit_hypotheses(old, named_rivals(base, pair, context), context)
         if max(first.fitted.error, second.fitted.error) <= CONFOUNDED * min(first.fitted.error, second.fitted.error):
             break
     return power, old
@@ -107,18 +116,18 @@ def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[st
     robot, nominal = robot_of(pair, seed)
     T_E = nominal.parameters['environment.T_E']
     random = np.random.default_rng([seed, 77])
-    place = SearchContext(pool, Event())
-    power, old = gentle_recordings(robot, nominal, pair, random, place)
+    context = SearchContext(pool, Event())
+    power, old = low_power_recordings(robot, nominal, pair, random, context)
     plan = next_experiment(
         old, nominal, DesignRequest(tuple(pair), (), LENGTH, HOLD, POWER, 440.0, 5e8, 'mas', tries, seed), pool
     )
     grid = plan.grid
     defaults = [default_sequence(grid, random) for _ in range(DEFAULTS)]
     gains = [
-        achieved(plan, old, measured(robot, 'new', as_input(levels, grid, T_E), random), place)
+        achieved(plan, old, measured(robot, 'new', as_input(levels, grid, T_E), random), context)
         for levels in (plan.levels, *defaults)
     ]
-    before = plan.hypotheses[0].evidence - plan.hypotheses[1].evidence
+    before = plan.hypotheses[0].log_evidence - plan.hypotheses[1].log_evidence
     expected = plan.expected[0]
     return {
         'power': power, 'before': before, 'expected': [expected.designed, expected.default],
@@ -127,32 +136,33 @@ def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[st
     }  # fmt: skip
 
 
-def gentle_command(power: float, T_E: float, random: np.random.Generator) -> Input:
+def low_power_command(power: float, T_E: float, random: np.random.Generator) -> Input:
     """Few small steps."""
-    grid = Grid(round(SECONDS / HOLD), HOLD, power)
+    grid = CommandGrid(round(SECONDS / HOLD), HOLD, power)
     return as_input(np.repeat(np.round(random.uniform(-power, power, STEPS), 3), grid.cells // STEPS), grid, T_E)
 
 
-def ratio(one: dict[str, Any]) -> float:
+def ratio(result: dict[str, Any]) -> float:
     """Achieved by the design over achieved by the default sequences on average."""
-    return float(one['designed'] / np.mean(one['defaults']))
+    return float(result['designed'] / np.mean(result['defaults']))
 
 
 def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     """The table."""
     yield '| true, against | power [W] | before | expected: designed, default | achieved: designed | default | times |'
     yield '|---|---|---|---|---|---|---|'
-    failed, results = [one for one in results if 'failed' in one], [one for one in results if 'failed' not in one]
-    for one in failed:
-        yield f'| {", ".join(one["case"][0])} | {one["failed"]} ||||||'
-    for one in results:
-        (true, rival), *_ = one['case']
-        defaults = ', '.join(f'{x:.3g}' for x in one['defaults'])
-        designed, usual = one['expected']
-        yield (f'| {true}, {rival} | {one["power"]:g} | {one["before"]:.1f} | {designed:.3g}, {usual:.3g} | '
-               f'{one["designed"]:.4g} | {defaults} | {ratio(one):.1f} |')  # fmt: skip
+    failed = [result for result in results if 'failed' in result]
+    results = [result for result in results if 'failed' not in result]
+    for result in failed:
+        yield f'| {", ".join(result["case"][0])} | {result["failed"]} ||||||'
+    for result in results:
+        (true, rival), *_ = result['case']
+        defaults = ', '.join(f'{x:.3g}' for x in result['defaults'])
+        designed, usual = result['expected']
+        yield (f'| {true}, {rival} | {result["power"]:g} | {result["before"]:.1f} | {designed:.3g}, {usual:.3g} | '
+               f'{result["designed"]:.4g} | {defaults} | {ratio(result):.1f} |')  # fmt: skip
     if results or failed:
-        times = [ratio(one) for one in results] + [0.0] * len(failed)
+        times = [ratio(result) for result in results] + [0.0] * len(failed)
         yield f'\nmedian {np.median(times):.1f} times, least {min(times):.1f}'
 
 
@@ -165,7 +175,7 @@ def main() -> None:
     add_options(parser, 'designs.jsonl', 60.0)
     asked = parser.parse_args()
     cases = [(words.split('/'), seed, asked.tries) for seed in range(1, asked.seeds + 1) for words in asked.pairs]
-    done = solved(cases, solve, asked, lambda one: list(summary([one]))[2])
+    done = solved(cases, solve, asked, lambda result: list(summary([result]))[2])
     print(*summary(done), sep='\n')
 
 

@@ -200,7 +200,7 @@ PARTS = (
          'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity '
          'across the beam '
          '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module'),
-    Part('equations', 'Equations', 60, cases('equations', '--bare', '--seeds', '41'),
+    Part('equations', 'Equations', 60, cases('equations', '--no-known-effects', '--seeds', '41'),
          'Effects that the library does not have, pose recorded, without the search among known effects.',
          joined(equation_rows), True),
     Part('latent', 'Latent inputs', 40, cases('latent', '--seeds', '311', '--channels', 'pose'),

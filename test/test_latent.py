@@ -29,10 +29,10 @@ from sma_sim.evidence.latent_input.sensitivities import (
     binned,
     initialized,
     input_effect,
-    interpolated,
     knot_grid,
     knot_responses,
     run_segments,
+    time_function_at,
     with_rows_at_knots,
 )
 from sma_sim.evidence.latent_input.summary import latent_data, ranking_rows, verdict_sentences
@@ -140,9 +140,9 @@ def test_a_time_function_goes_through_its_values():
     run = fit_data(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid = knot_grid(run, 10)
     values = np.random.default_rng(1).normal(size=len(grid.knots))
-    assert interpolated(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
+    assert time_function_at(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
     middle = grid.knots[:-1] + 0.5 * grid.spacing
-    assert interpolated(grid, values, middle) == pytest.approx(0.5 * (values[1:] + values[:-1]))
+    assert time_function_at(grid, values, middle) == pytest.approx(0.5 * (values[1:] + values[:-1]))
 
 
 def linear_case(random, strength):

@@ -1,4 +1,4 @@
-"""The next experiment: sequences keep their limits, criteria are what dense formulas say, designs beat the default."""
+"""The next experiment: sequences keep their limits, utilities are what dense formulas give, designs beat the default."""
 
 import argparse
 import json
@@ -24,20 +24,29 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.experiment_design import utilities
 from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
-from sma_sim.evidence.experiment_design.design import DesignRequest, grid_for, limits_for, next_experiment
-from sma_sim.evidence.experiment_design.forecast import Foretold, Limits
+from sma_sim.evidence.experiment_design.design import command_grid, next_experiment, operating_limits
+from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
+from sma_sim.evidence.experiment_design.plan import DesignRequest
 from sma_sim.evidence.experiment_design.sequences import (
-    SHAPES,
-    Grid,
+    SIGNAL_SHAPES,
+    CommandGrid,
     as_input,
     as_rows,
-    changed,
     default_sequence,
-    some_sequence,
-    tidy,
+    mutated,
+    quantized,
+    random_sequence,
 )
-from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
-from sma_sim.evidence.experiment_design.utilities import follower, gain, known, ratios, weak_directions, worth_of_ratios
+from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences, plan_data
+from sma_sim.evidence.experiment_design.utilities import (
+    RivalPair,
+    combination_precision,
+    discrimination_utility,
+    evidence_ratios,
+    information_gain,
+    linearized_rival,
+    weak_directions,
+)
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.report.html.design_page import write_design_page
 
@@ -48,10 +57,10 @@ SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}
 @given(seed=some.integers(0, 2**32 - 1), cells=some.integers(4, 300), power=some.floats(0.01, 40.0))
 @settings(deadline=None)
 def test_sequences_keep_power_length_and_hold(seed, cells, power):
-    grid, random = Grid(cells, 0.25, power), np.random.default_rng(seed)
-    parents = [some_sequence(grid, random), tidy(default_sequence(grid, random), grid)]
-    parents += [tidy(shape(grid, random), grid) for shape in SHAPES]
-    for levels in [*parents, changed(parents, grid, random)]:
+    grid, random = CommandGrid(cells, 0.25, power), np.random.default_rng(seed)
+    parents = [random_sequence(grid, random), quantized(default_sequence(grid, random), grid)]
+    parents += [quantized(shape(grid, random), grid) for shape in SIGNAL_SHAPES]
+    for levels in [*parents, mutated(parents, grid, random)]:
         assert levels.shape == (cells,) and np.abs(levels).max() <= power
         times, rows = as_rows(levels, grid)
         assert times[0] == 0.0 and times[-1] == grid.length and rows[-1] == 0.0
@@ -65,14 +74,14 @@ def linear_model(seed, m=4, N=30):
     """A hypothesis that is linear: its centre and the derivatives by whitened unknowns."""
     random = np.random.default_rng(seed)
     G = random.normal(size=(1, m, N))
-    return Foretold(random.normal(size=(1, N)), G, np.zeros((0, N)), 300.0, 1e8)
+    return RunPrediction(random.normal(size=(1, N)), G, np.zeros((0, N)), 300.0, 1e8)
 
 
 def test_ratio_is_the_divergence_of_the_predictive_distributions(monkeypatch):
-    monkeypatch.setattr(utilities, 'DRAWS', 40_000)
+    monkeypatch.setattr(utilities, 'POSTERIOR_DRAWS', 40_000)
     a, b = linear_model(1), linear_model(2)
-    (found,) = ratios([a, b], [(0, 1)])
-    S_a, S_b = (np.eye(30) + one.jacobians[0].T @ one.jacobians[0] for one in (a, b))
+    (found,) = evidence_ratios([a, b], [RivalPair(0, 1)])
+    S_a, S_b = (np.eye(30) + model.jacobians[0].T @ model.jacobians[0] for model in (a, b))
     d, inverse = (a.centres - b.centres)[0], np.linalg.inv(S_b)
     dets = np.linalg.slogdet(S_b)[1] - np.linalg.slogdet(S_a)[1]
     exact = 0.5 * (d @ inverse @ d + np.trace(inverse @ S_a) - 30 + dets)
@@ -83,23 +92,23 @@ def test_what_a_rival_can_follow_is_no_evidence():
     a, b = linear_model(1), linear_model(2)
     strong = replace(b, jacobians=1e4 * b.jacobians)
     follows = replace(a, centres=b.centres + (np.array([1.0, -2.0, 0.5, 1.0]) @ b.jacobians[0])[None])
-    left = follower(strong).left(follows.centres - strong.centres)
-    assert left[0] < 1e-6 < 1.0 < follower(b).left(follows.centres - b.centres)[0]
-    rest = follower(strong).residual((follows.centres - strong.centres)[0])
+    left = linearized_rival(strong).squares_left(follows.centres - strong.centres)
+    assert left[0] < 1e-6 < 1.0 < linearized_rival(b).squares_left(follows.centres - b.centres)[0]
+    rest = linearized_rival(strong).residual((follows.centres - strong.centres)[0])
     assert np.abs(rest).max() < 1e-6
-    assert worth_of_ratios(ratios([a, a], [(0, 1)])) == pytest.approx(0.0, abs=1.0)
+    assert discrimination_utility(evidence_ratios([a, a], [RivalPair(0, 1)])) == pytest.approx(0.0, abs=1.0)
 
 
 def test_knowledge_is_that_of_the_joint_information():
-    one, root = linear_model(3), np.linalg.cholesky(np.diag([0.5, 0.1]) + 0.05)
+    experiment, root = linear_model(3), np.linalg.cholesky(np.diag([0.5, 0.1]) + 0.05)
     weights = np.array([[1.0, 0.0]])
-    before, then = known(weights, root), known(weights, root, one)
-    G = one.jacobians[0]
+    before, then = combination_precision(weights, root), combination_precision(weights, root, experiment)
+    G = experiment.jacobians[0]
     whitening = np.block([[np.linalg.inv(root), np.zeros((2, 2))], [np.zeros((2, 2)), np.eye(2)]])
     information = whitening.T @ (np.eye(4) + G @ G.T) @ whitening  # in the unknowns themselves, starts included
     assert before.std[0] == pytest.approx(np.sqrt((root @ root.T)[0, 0]))
     assert then.std[0] == pytest.approx(np.sqrt(np.linalg.inv(information)[0, 0]))
-    assert gain(weights, root, one) == pytest.approx(np.log(before.std[0] / then.std[0]))
+    assert information_gain(weights, root, experiment) == pytest.approx(np.log(before.std[0] / then.std[0]))
 
 
 def test_weak_directions_are_those_of_large_variance():
@@ -125,18 +134,19 @@ def rivals():
     return runs, next_experiment(runs, config(), DesignRequest(BETWEEN, temperature=325.0, **SHORT))
 
 
-def test_a_design_is_worth_more_than_the_default_and_keeps_all_limits(rivals):
+def test_a_design_tells_more_than_the_default_and_keeps_all_limits(rivals):
     runs, plan = rivals
-    assert {(one.true, one.rival) for one in plan.expected} == set(permutations(BETWEEN))
+    assert {(ratio.true, ratio.rival) for ratio in plan.expected} == set(permutations(BETWEEN))
     assert plan.expected[0].designed > plan.expected[0].default > 0.0
-    assert np.abs(plan.levels).max() <= max(np.abs(one.source.values[:, 0]).max() for one in runs.recordings)
-    assert plan.limits.temperature == 325.0 >= max(one.temperature for one in plan.predicted)
-    assert all(one.within(plan.limits) for one in plan.predicted) and plan.tried == 18 and not plan.interrupted
+    assert np.abs(plan.levels).max() <= max(np.abs(recording.source.values[:, 0]).max() for recording in runs.recordings)
+    assert plan.limits.temperature == 325.0 >= max(prediction.temperature for prediction in plan.predictions)
+    assert all(prediction.is_within(plan.limits) for prediction in plan.predictions)
+    assert plan.evaluated == 18 and not plan.interrupted
     assert plan.limits_from == {
         'power': 'the largest command in the recordings', 'temperature': 'given',
         'stress': 'a tenth above what the recordings reached in the model',
     }  # fmt: skip
-    data = json.loads(json.dumps(as_data(plan), allow_nan=False))
+    data = json.loads(json.dumps(plan_data(plan), allow_nan=False))
     assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
 
@@ -163,45 +173,47 @@ def test_the_same_seed_and_limits_give_the_same_sequence():
     given = {'power': plan.grid.power, 'temperature': plan.limits.temperature, 'stress': plan.limits.stress}
     again = next_experiment(runs, config(), DesignRequest((), names, **given, **SHORT))
     assert np.array_equal(again.levels, plan.levels)
-    assert again.limits == Limits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {'given'}
+    assert again.limits == OperatingLimits(given['temperature'], given['stress']) and set(again.limits_from.values()) == {
+        'given'
+    }
 
 
-def test_limits_that_are_given_take_the_place_of_those_found(rivals):
+def test_limits_that_are_given_replace_those_found(rivals):
     runs, plan = rivals
-    wanted = DesignRequest(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
+    request = DesignRequest(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
     with ThreadPoolExecutor(1) as pool:
-        assert limits_for(plan.hypotheses, wanted, pool)[0] == Limits(330.0, 3e8) != plan.limits
-    assert grid_for(runs, wanted)[0].power == 20.0 > plan.grid.power
+        assert operating_limits(plan.hypotheses, request, pool)[0] == OperatingLimits(330.0, 3e8) != plan.limits
+    assert command_grid(runs, request)[0].power == 20.0 > plan.grid.power
 
 
 @pytest.mark.slow
-def test_what_the_equations_make_alike_is_said():
+def test_what_the_equations_confound_is_said():
     """A spring in series is an equal shift of 1/E_A and 1/E_M, which every fit is free to make."""
     runs = measured('')
     plan = next_experiment(runs, config(), DesignRequest(('nothing', 'attachment_compliance'), **SHORT))
-    assert plan.inseparable == (('attachment_compliance', 'nothing'),)
-    (words,) = inseparable_words(plan)
+    assert plan.indistinguishable == (('attachment_compliance', 'nothing'),)
+    (words,) = indistinguishable_sentences(plan)
     assert words.startswith('no experiment on these channels tells attachment_compliance from nothing apart')
 
 
 def test_ctrl_c_gives_the_best_so_far():
     seen = []
 
-    def told(words):
+    def on_progress(words):
         seen.append(words)
-        if 'sequences tried' in words:
+        if 'sequences evaluated' in words:
             raise KeyboardInterrupt
 
-    plan = next_experiment(measured(), config(), DesignRequest(BETWEEN, **(SHORT | {'budget': 24})), told=told)
-    assert plan.interrupted and plan.tried < 24 and plan.expected[0].designed > 0.0
+    plan = next_experiment(measured(), config(), DesignRequest(BETWEEN, **(SHORT | {'budget': 24})), on_progress=on_progress)
+    assert plan.interrupted and plan.evaluated < 24 and plan.expected[0].designed > 0.0
 
 
 def write_runs(folder, runs):
     folder.mkdir()
-    for one in runs.recordings:
-        at = np.searchsorted(one.source.times, one.time, side='right') - 1
-        columns = {'time_s': one.time, 'J_eq_W': one.source.values[at, 0]}
-        write_columns(folder / f'{one.name}.csv', columns | {CHANNEL_COLUMNS[c]: v for c, v in one.channels.items()})
+    for run in runs.recordings:
+        at = np.searchsorted(run.source.times, run.time, side='right') - 1
+        columns = {'time_s': run.time, 'J_eq_W': run.source.values[at, 0]}
+        write_columns(folder / f'{run.name}.csv', columns | {CHANNEL_COLUMNS[c]: v for c, v in run.channels.items()})
     (folder / 'meta.json').write_text(json.dumps({'noise_std': dict(runs.noise_std)}))
 
 
@@ -216,8 +228,8 @@ def test_the_command_knows_parameters_better(tmp_path, capsys):
     assert source.times[-1] == 20.0 and source.values[-1, 0] == 0.0
     data = json.loads(told.read_text())
     assert data['kind'] == 'parameters' and data['information_nat']['designed'] > data['information_nat']['default'] > 0.0
-    for one in data['parameters'].values():
-        assert one['std_designed'] <= one['std_now'] * (1 + 1e-9)
+    for parameter in data['parameters'].values():
+        assert parameter['std_designed'] <= parameter['std_now'] * (1 + 1e-9)
     assert 'J_eq [W]' in page.read_text()
 
 
@@ -238,16 +250,15 @@ def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_mistakes_that_need_the_fit(rivals):
     runs, _ = rivals
-    for wanted, message in (
+    for request, message in (
         (DesignRequest(('gravitation', 'sensor_bias'), **SHORT), 'gravity'),
         (DesignRequest((), ('beam.X',), **SHORT), 'beam.E'),
         (DesignRequest((), ('beam.E',), temperature=290.0, **SHORT), '--max-temperature'),
     ):
         with pytest.raises(UserError, match=message):
-            next_experiment(runs, config(), wanted)
+            next_experiment(runs, config(), request)
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
 
@@ -257,13 +268,13 @@ def test_without_names_the_leading_explanations_are_told_apart():
     """A weak weight of the plate, which a bias of the sensors explains nearly as well."""
     runs = measured(channels=('alpha',), seeds=(1,), g_y=-0.3)
     plan = next_experiment(runs, config(), DesignRequest(**SHORT))
-    names = {one.name for one in plan.hypotheses}
-    assert names & {'gravity', 'sensor_bias'} and plan.rivals == (len(names) > 1)
+    names = {hypothesis.name for hypothesis in plan.hypotheses}
+    assert names & {'gravity', 'sensor_bias'} and plan.discriminates == (len(names) > 1)
     assert len(plan.expected) == len(names) * (len(names) - 1)
 
 
 def diagnosis(*rounds, effects, given=(), system='module'):
-    """What is read of a diagnosis: by round the effects before it, the accepted one and what explains alike."""
+    """What is read of a diagnosis: by round the effects before it, the accepted one and what explains as well."""
     made = [
         Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, indistinguishable=indistinguishable))
         for before, name, indistinguishable in rounds

@@ -23,9 +23,10 @@ from sma_sim.cli.common.options import add_config_options, announce_compilation,
 from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
-from sma_sim.evidence.experiment_design.design import DesignRequest, Plan, next_experiment
+from sma_sim.evidence.experiment_design.design import next_experiment
+from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
-from sma_sim.evidence.experiment_design.summary import as_data, inseparable_words
+from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences, plan_data
 from sma_sim.model.config import effect_folders_of
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.design_page import write_design_page
@@ -67,12 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
     training, _ = read_data(arguments, config)
     announce_compilation()
     with chosen_executor(arguments) as executor:
-        plan = next_experiment(training, config, wanted_from(arguments), executor, print_progress)
+        plan = next_experiment(training, config, request_from(arguments), executor, print_progress)
     if arguments.out:
         times, levels = as_rows(plan.levels, plan.grid)
         write_columns(arguments.out, {'time_s': times, 'J_eq_W': levels})
     if arguments.json:
-        write_json(arguments.json, as_data(plan))
+        write_json(arguments.json, plan_data(plan))
     if arguments.report:
         write_design_page(arguments.report, plan, hypothesis_curves(plan))
     print(*plan_text(plan), sep='\n')
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if plan.interrupted else 0
 
 
-def wanted_from(arguments: argparse.Namespace) -> DesignRequest:
+def request_from(arguments: argparse.Namespace) -> DesignRequest:
     """The options."""
     return DesignRequest(
         tuple(arguments.between), tuple(arguments.parameters), arguments.length, arguments.hold, arguments.max_power,
@@ -94,13 +95,13 @@ def plan_text(plan: Plan) -> Iterator[str]:
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield (
         f'{rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer; '
-        f'the best of {plan.tried} sequences'
+        f'the best of {plan.evaluated} sequences'
     )
     yield ''
-    if plan.rivals:
+    if plan.discriminates:
         yield from rival_text(plan)
     else:
-        yield from knowledge_text(plan)
+        yield from precision_text(plan)
     yield ''
     reached = {
         'power': (plan.reached['power'], plan.grid.power, 'W'),
@@ -118,15 +119,15 @@ def plan_text(plan: Plan) -> Iterator[str]:
 
 def rival_text(plan: Plan) -> Iterator[str]:
     """What the recordings say of the rivals, and what the experiment is expected to say."""
-    best = max(hypothesis.evidence for hypothesis in plan.hypotheses)
+    best = max(hypothesis.log_evidence for hypothesis in plan.hypotheses)
     yield table_text(
         ('explanation', 'kinetics', 'error over noise', 'log evidence behind the best'),
         [
             (
                 hypothesis.name,
                 hypothesis.fitted.problem.config.model,
-                f'{hypothesis.fitted.error * hypothesis.factor:.3f}',
-                f'{best - hypothesis.evidence:.1f}',
+                f'{hypothesis.fitted.error * hypothesis.noise_factor:.3f}',
+                f'{best - hypothesis.log_evidence:.1f}',
             )
             for hypothesis in plan.hypotheses
         ],
@@ -135,11 +136,17 @@ def rival_text(plan: Plan) -> Iterator[str]:
     yield table_text(
         ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'),
         [
-            (pair.true, pair.rival, f'{pair.designed:.4g}', f'{pair.default:.4g}', times_text(pair.designed, pair.default))
-            for pair in plan.expected
+            (
+                ratio.true,
+                ratio.rival,
+                f'{ratio.designed:.4g}',
+                f'{ratio.default:.4g}',
+                times_text(ratio.designed, ratio.default),
+            )
+            for ratio in plan.expected
         ],
     )
-    yield from inseparable_words(plan)
+    yield from indistinguishable_sentences(plan)
 
 
 def times_text(designed: float, default: float) -> str:
@@ -147,17 +154,10 @@ def times_text(designed: float, default: float) -> str:
     return f'{designed / default:.1f}' if default > 0.0 else ''
 
 
-def knowledge_text(plan: Plan) -> Iterator[str]:
+def precision_text(plan: Plan) -> Iterator[str]:
     """How well parameters will be known."""
     yield table_text(
         ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
-        [
-            (
-                parameter.name,
-                *(f'{x:.3g}' for x in (parameter.now, parameter.default, parameter.designed)),
-                parameter.shown_unit,
-            )
-            for parameter in plan.knowledge
-        ],
+        [(p.name, *(f'{x:.3g}' for x in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision],
     )
-    yield f'information on what was asked for: {plan.gains[0]:.2f} nat, {plan.gains[1]:.2f} by a default sequence'
+    yield f'information on what was asked for: {plan.gain.designed:.2f} nat, {plan.gain.default:.2f} by a default sequence'

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.experiment_design.design import Plan
-from sma_sim.evidence.experiment_design.utilities import follower
+from sma_sim.evidence.experiment_design.plan import Plan
+from sma_sim.evidence.experiment_design.utilities import linearized_rival
 
 Matrix = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ class HypothesisCurves:
     """Channels (c, n) in SI units that a hypothesis predicts, and their standard deviations in its posterior.
 
     `remainder` (c, n): if the best hypothesis is true, its channels less those of this one after it was refitted to
-    recordings and experiment together (linearised), over the noise of a sample; None for the best itself.
+    recordings and experiment together (linearized), over the noise of a sample; None for the best itself.
     """
 
     name: str
@@ -29,7 +29,7 @@ class HypothesisCurves:
 
 def best_hypothesis(plan: Plan) -> int:
     """The hypothesis that the recordings favour most."""
-    return max(range(len(plan.hypotheses)), key=lambda k: plan.hypotheses[k].evidence)
+    return max(range(len(plan.hypotheses)), key=lambda k: plan.hypotheses[k].log_evidence)
 
 
 def hypothesis_curves(plan: Plan) -> tuple[HypothesisCurves, ...]:
@@ -39,12 +39,12 @@ def hypothesis_curves(plan: Plan) -> tuple[HypothesisCurves, ...]:
 
 def curves_of(plan: Plan, number: int) -> HypothesisCurves:
     """The curves of one hypothesis."""
-    weight, predicted, best = plan.run.weight, plan.predicted[number], best_hypothesis(plan)
-    mean = predicted.centres[0].reshape(weight.shape) / weight
-    std = np.sqrt(np.sum(predicted.jacobians[0].reshape(-1, *weight.shape) ** 2, axis=0)) / weight
+    weight, prediction, best = plan.run.weight, plan.predictions[number], best_hypothesis(plan)
+    mean = prediction.centres[0].reshape(weight.shape) / weight
+    std = np.sqrt(np.sum(prediction.jacobians[0].reshape(-1, *weight.shape) ** 2, axis=0)) / weight
     remainder = None
     if number != best:
-        rival = follower(predicted)
-        difference = plan.predicted[best].centres[0] - rival.centre
+        rival = linearized_rival(prediction)
+        difference = plan.predictions[best].centres[0] - rival.centre
         remainder = rival.residual(difference).reshape(weight.shape) / np.sqrt(plan.every)
     return HypothesisCurves(plan.hypotheses[number].name, mean, std, remainder)

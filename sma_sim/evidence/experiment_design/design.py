@@ -1,4 +1,4 @@
-"""The next experiment: from recordings and hypotheses to a command sequence and what it is expected to bring."""
+"""The next experiment: from recordings and hypotheses to a command sequence and what it is expected to tell."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from threading import Event
 
 import numpy as np
@@ -14,314 +13,316 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.estimation.executors import PickledConfig, some_executor
-from sma_sim.evidence.estimation.residuals import FitData, command_column
+from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.experiment_design.forecast import Foretold, Limits, Shown, empty_run, one_run, points_of
-from sma_sim.evidence.experiment_design.refitted_utilities import RefitResult, refits_for, settle
+from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
+from sma_sim.evidence.experiment_design.forecast import (
+    ModelPoint,
+    OperatingLimits,
+    RunPrediction,
+    SimulatedRun,
+    blank_run,
+    evaluation_points,
+    simulate_points,
+)
+from sma_sim.evidence.experiment_design.plan import (
+    DesignRequest,
+    ExpectedRatio,
+    InformationGain,
+    ParameterPrecision,
+    Plan,
+)
+from sma_sim.evidence.experiment_design.refitted_utilities import (
+    RefitSearchResult,
+    all_pairs,
+    refit_problem,
+    search_with_refits,
+)
 from sma_sim.evidence.experiment_design.rival_fits import (
-    DRAWS,
-    LEADING,
-    Hypothesis,
-    bare_fit,
-    hypotheses,
+    DRAWS_PER_POSTERIOR,
+    ModelHypothesis,
+    NamedFit,
+    fit_base_model,
+    fit_hypotheses,
+    kinetics_to_fit,
     leading_rivals,
-    models_of,
     named_rivals,
     with_common_kinetics,
 )
-from sma_sim.evidence.experiment_design.sequence_search import Bench, SearchResult, Worth, judged, seek
-from sma_sim.evidence.experiment_design.sequences import Grid
-from sma_sim.evidence.experiment_design.utilities import gain, known, ratios, weak_directions, worth_of_ratios
+from sma_sim.evidence.experiment_design.sequence_search import (
+    DesignProblem,
+    SequenceSearchResult,
+    Utility,
+    evaluate_sequences,
+    search_sequences,
+)
+from sma_sim.evidence.experiment_design.sequences import CommandGrid
+from sma_sim.evidence.experiment_design.utilities import (
+    EvidenceRatio,
+    RivalPair,
+    combination_precision,
+    discrimination_utility,
+    evidence_ratios,
+    information_gain,
+    weak_directions,
+)
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-CENTRES = 3  # at which derivatives are taken, where parameters are to be known
-LINEAR = 0.4  # of the sequences, where rivals are refitted afterwards: the linear forecast is rough there
-WEAK, FEWEST = 0.1, 3  # a combination is weakly known beyond this part of its prior; at least so many are looked at
-ROOM = 0.1  # by which a default limit exceeds what the recordings reached, of the rise above rest
-# Expected log evidence ratio below which an experiment decides nothing: what is called strong evidence begins at 3 (Kass and
-# Raftery, J. Am. Stat. Assoc. 90, 1995). Where equations make a pair alike, the best of many sequences promises up to 2.7
-TELLING = 3.0
+PRECISION_CENTRES = 3  # at which derivatives are taken, where parameters are to be known: the model is not linear
 
 
 @dataclass(frozen=True)
-class DesignRequest:
-    """What to design. `between` names rivals; `parameters` those to be known better; neither: the leading rivals.
+class SearchOutcome:
+    """The linear search, and the search with refits that followed it, if any."""
 
-    Lengths in s, `power` [W], `temperature` [K], `stress` [Pa]; None: from the recordings. `budget` sequences are tried.
-    """
-
-    between: tuple[str, ...] = ()
-    parameters: tuple[str, ...] = ()
-    length: float = 100.0
-    hold: float = 0.5
-    power: float | None = None
-    temperature: float | None = None
-    stress: float | None = None
-    model: str = 'auto'
-    budget: int = 120
-    seed: int = 0
-    folders: tuple[Path, ...] = ()
-
-
-@dataclass(frozen=True)
-class Expected:
-    """Log evidence ratio expected for `true` against `rival`: under the design, under default sequences (mean of them)."""
-
-    true: str
-    rival: str
-    designed: float
-    default: float
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """Standard deviation of a parameter (of its logarithm if `log`): now, after a default sequence, after the design."""
-
-    name: str
-    unit: str
-    log: bool
-    now: float
-    default: float
-    designed: float
+    linear: SequenceSearchResult
+    refitted: RefitSearchResult | None
 
     @property
-    def shown_unit(self) -> str:
-        """Of the standard deviations."""
-        return 'of the logarithm' if self.log else self.unit
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The design. `levels` [W] on `grid`; `expected` between hypotheses, `knowledge` of parameters (if no rivals).
-
-    `predicted`: by hypothesis, under the design; `run` the experiment's samples and weights, each for `every` of the
-    measurement. `gains`: information [nat] on the combinations looked at, designed and default.
-    `limits_from`: where each limit comes from, in words.
-    """
-
-    hypotheses: tuple[Hypothesis, ...]
-    grid: Grid
-    levels: Vector
-    limits: Limits
-    limits_from: dict[str, str]
-    expected: tuple[Expected, ...]
-    knowledge: tuple[Knowledge, ...]
-    gains: tuple[float, float]
-    predicted: tuple[Foretold, ...]
-    run: FitData
-    every: int
-    tried: int
-    interrupted: bool
-    seconds: float
+    def levels(self) -> Vector:
+        """The best sequence (cells,) [W]."""
+        return self.linear.best[0].levels if self.refitted is None else self.refitted.best.sequence.levels
 
     @property
-    def rivals(self) -> bool:
-        """Whether hypotheses are to be told apart (else parameters)."""
-        return bool(self.expected)
+    def count(self) -> int:
+        """Sequences evaluated."""
+        return self.linear.count + (self.refitted.count if self.refitted else 0)
 
     @property
-    def reached(self) -> dict[str, float]:
-        """Largest power [W], temperature [K] and stress [Pa] of a wire under any hypothesis and draw of its posterior."""
-        return {
-            'power': float(abs(self.levels).max()),
-            'temperature': max(prediction.temperature for prediction in self.predicted),
-            'stress': max(prediction.stress for prediction in self.predicted),
-        }
-
-    @property
-    def inseparable(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of hypotheses that the best sequence does not tell apart, whichever is true."""
-        found = {(one.true, one.rival): one.designed for one in self.expected}
-        return tuple((a, b) for (a, b), x in found.items() if a < b and max(x, found[b, a]) < TELLING)
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended either."""
+        return self.linear.interrupted or (self.refitted is not None and self.refitted.interrupted)
 
 
 def next_experiment(
-    training: Campaign, config: Config, wanted: DesignRequest, executor: Executor | None = None,
+    training: Campaign, config: Config, request: DesignRequest, executor: Executor | None = None,
     on_progress: Callable[[str], None] = lambda words: None,
 ) -> Plan:  # fmt: skip
-    """Design the next experiment. Ctrl-C during the search gives the best so far, before it KeyboardInterrupt.
+    """Design the next experiment.
 
-    Raises UserError for what cannot be designed: a wire, unknown names, limits that not even a weak command keeps.
+    Parameters
+    ----------
+    training
+        Recordings of a module, and the noise of their channels: the experiment is to have the same.
+    config
+        The model to start from.
+    request
+        Rivals or parameters, length, limits, budget.
+    executor
+        Runs the simulations; None: a pool of processes, as many as there are cores.
+    on_progress
+        Called with a line of text at each stage.
+
+    Returns
+    -------
+    Plan
+        The sequence of J_eq, the limits that it keeps under every hypothesis, and what it is expected to tell. Ctrl-C during
+        the search gives the best so far (`interrupted`).
+
+    Raises
+    ------
+    UserError
+        For what cannot be designed: a wire, unknown names, limits that not even a weak command keeps.
+    KeyboardInterrupt
+        For Ctrl-C before the search has begun.
     """
-    begun = time.perf_counter()
-    check_wanted(training, config, wanted)
+    t_start = time.perf_counter()
+    check_request(training, config, request)
     with some_executor(executor) as pool:
-        place = SearchContext(pool, Event(), on_progress, wanted.folders, wanted.seed)
-        found = fitted_hypotheses(training, config, wanted, place)
-        grid, sources = grid_for(training, wanted)
-        run, every = empty_run(training, grid, found[0].factor)
-        limits, more = limits_for(found, wanted, pool)
-        single = len(found) == 1
-        points = tuple(points_of(one, run, CENTRES if single else 1, 0 if single else DRAWS, wanted.seed) for one in found)
-        weights = weights_for(found[0], wanted) if single else np.zeros((0, 0))
-        bench = Bench(points, run, grid, limits, worth_for(found, weights), pool)
-        sought = seek(bench, wanted.budget if single else round(LINEAR * wanted.budget), wanted.seed, on_progress)
-        if sought is None:
-            raise UserError(
-                f'the limits of {limits.temperature:.0f} K and {limits.stress / 1e6:.0f} MPa leave no command: a default '
-                'sequence exceeds them however weak; raise --max-temperature or --max-stress'
-            )
-        settled = None if single else settle_rivals(training, found, bench, sought, wanted, place)
-        plan = assembled(found, bench, sought, settled, weights, sources | more)
-        return replace(plan, every=every, seconds=time.perf_counter() - begun)
+        context = SearchContext(pool, Event(), on_progress, request.folders, request.seed)
+        plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
+        return replace(plan, seconds=time.perf_counter() - t_start)
 
 
-def check_wanted(training: Campaign, config: Config, wanted: DesignRequest) -> None:
+def best_plan(
+    training: Campaign, hypotheses: tuple[ModelHypothesis, ...], request: DesignRequest, context: SearchContext
+) -> Plan:
+    """The design for some fitted hypotheses. Raises UserError for limits that no command keeps, and unknown names."""
+    grid, grid_origins = command_grid(training, request)
+    run, every = blank_run(training, grid, hypotheses[0].noise_factor)
+    limits, origins = operating_limits(hypotheses, request, context.pool)
+    single = len(hypotheses) == 1
+    centres, draws = (PRECISION_CENTRES, 0) if single else (1, DRAWS_PER_POSTERIOR)
+    points = tuple(evaluation_points(hypothesis, run, centres, draws, request.seed) for hypothesis in hypotheses)
+    combinations = parameter_combinations(hypotheses[0], request) if single else np.zeros((0, 0))
+    problem = DesignProblem(points, run, grid, limits, utility_for(hypotheses, combinations), context.pool)
+    outcome = search_design(training, hypotheses, problem, request, context)
+    return replace(plan_from(hypotheses, problem, outcome, grid_origins | origins), every=every)
+
+
+def check_request(training: Campaign, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
     if config.system != 'module':
         raise UserError('next designs commands J_eq of a module; for a wire (system wire) it has no sequence of strain')
-    if len(set(wanted.between)) != len(wanted.between) or len(wanted.between) == 1:
-        raise UserError(f'--between {" ".join(wanted.between)}: expected at least two different explanations')
-    if wanted.between and wanted.parameters:
+    if len(set(request.between)) != len(request.between) or len(request.between) == 1:
+        raise UserError(f'--between {" ".join(request.between)}: expected at least two different explanations')
+    if request.between and request.parameters:
         raise UserError('--between and --parameters ask for different experiments: give one of them')
-    if not (wanted.hold > 0.0 and wanted.length >= 4.0 * wanted.hold):
-        raise UserError(f'--length {wanted.length:g} s with --hold {wanted.hold:g} s: expected at least four holds')
-    for name, value in (('power', wanted.power), ('temperature', wanted.temperature), ('stress', wanted.stress)):
+    if not (request.hold > 0.0 and request.length >= 4.0 * request.hold):
+        raise UserError(f'--length {request.length:g} s with --hold {request.hold:g} s: expected at least four holds')
+    for name, value in (('power', request.power), ('temperature', request.temperature), ('stress', request.stress)):
         if value is not None and not value > 0.0:
             raise UserError(f'--max-{name}: expected more than 0')
 
 
-def fitted_hypotheses(
-    training: Campaign, config: Config, wanted: DesignRequest, place: SearchContext
-) -> tuple[Hypothesis, ...]:
-    """What is to be told apart; a single one where parameters are to be known, or where nothing rivals the best."""
-    bare = bare_fit(training, config, models_of(wanted.model), place)
-    if wanted.parameters:
-        rivals = [('the model', bare)]
-    elif wanted.between:
-        rivals = named_rivals(bare, wanted.between, place)
+def hypotheses_for(
+    training: Campaign, config: Config, request: DesignRequest, context: SearchContext
+) -> tuple[ModelHypothesis, ...]:
+    """What is to be discriminated; a single one where parameters are to be known, or where nothing rivals the best."""
+    base = fit_base_model(training, config, kinetics_to_fit(request.model), context)
+    if request.parameters:
+        rivals = [NamedFit('the model', base)]
+    elif request.between:
+        rivals = named_rivals(base, request.between, context)
     else:
-        rivals = leading_rivals(bare, place)
-    if wanted.model == 'auto':
-        rivals = with_common_kinetics(rivals, place)
-    return hypotheses(training, rivals, place)
+        rivals = leading_rivals(base, context)
+    if request.model == 'auto':
+        rivals = with_common_kinetics(rivals, context)
+    return fit_hypotheses(training, rivals, context)
 
 
-def grid_for(training: Campaign, wanted: DesignRequest) -> tuple[Grid, dict[str, str]]:
-    """The grid of levels; the largest command of the recordings is the limit where none was given."""
-    reached = max(float(np.abs(one.source.values[:, command_column(one.source)]).max()) for one in training.recordings)
-    power = reached if wanted.power is None else wanted.power
-    origin = 'given' if wanted.power is not None else 'the largest command in the recordings'
+def command_grid(training: Campaign, request: DesignRequest) -> tuple[CommandGrid, dict[str, str]]:
+    """The grid of levels, and where its limit comes from: the largest command of the recordings where none was given."""
+    sources = [recording.source for recording in training.recordings]
+    reached = max(float(np.abs(source.values[:, command_column(source)]).max()) for source in sources)
+    power = reached if request.power is None else request.power
+    origin = 'given' if request.power is not None else 'the largest command in the recordings'
     if not power > 0.0:
         raise UserError('the recordings have no command other than zero: give --max-power')
-    return Grid(round(wanted.length / wanted.hold), wanted.hold, power), {'power': origin}
+    return CommandGrid(round(request.length / request.hold), request.hold, power), {'power': origin}
 
 
-def limits_for(found: Sequence[Hypothesis], wanted: DesignRequest, pool: Executor) -> tuple[Limits, dict[str, str]]:
+def operating_limits(
+    hypotheses: Sequence[ModelHypothesis], request: DesignRequest, pool: Executor
+) -> tuple[OperatingLimits, dict[str, str]]:
     """Temperature and stress: as given, or a little above what the recordings reached under any hypothesis."""
-    reached = [shown[0][1:] for one in found for shown in under_recordings(one, pool)]
-    T_E = found[0].fitted.problem.config.parameters['environment.T_E']
-    hottest, tightest = np.max(reached, axis=0)
-    temperature = wanted.temperature or float(T_E + (1.0 + ROOM) * (hottest - T_E))
-    stress = wanted.stress or float((1.0 + ROOM) * tightest)
+    reached = [run for hypothesis in hypotheses for run in simulated_recordings(hypothesis, pool)]
+    T_E = hypotheses[0].fitted.problem.config.parameters['environment.T_E']
+    margin = 1.0 + DESIGN_CRITERIA.limit_margin
+    temperature = request.temperature or float(T_E + margin * (max(run.temperature for run in reached) - T_E))
+    stress = request.stress or float(margin * max(run.stress for run in reached))
     above = 'a tenth above what the recordings reached in the model'
-    return Limits(temperature, stress), {
-        'temperature': 'given' if wanted.temperature else above, 'stress': 'given' if wanted.stress else above,
+    return OperatingLimits(temperature, stress), {
+        'temperature': 'given' if request.temperature else above, 'stress': 'given' if request.stress else above,
     }  # fmt: skip
 
 
-def under_recordings(one: Hypothesis, pool: Executor) -> list[list[Shown]]:
-    """What the fitted hypothesis shows under the recorded commands."""
-    problem, z = one.fitted.problem, one.fitted.z
+def simulated_recordings(hypothesis: ModelHypothesis, pool: Executor) -> list[SimulatedRun]:
+    """The fitted hypothesis under each recorded command."""
+    problem, z = hypothesis.fitted.problem, hypothesis.fitted.z
     config = PickledConfig(problem.fitted(z))
     futures = [
-        pool.submit(one_run, ((config, problem.nuisance(z[place])),), run)
-        for run, place in zip(problem.runs, problem.indices(), strict=True)
+        pool.submit(simulate_points, (ModelPoint(config, problem.nuisance(z[indices])),), run)
+        for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
-    return [shown for shown in (future.result() for future in futures) if shown is not None]
+    return [simulated[0] for simulated in (future.result() for future in futures) if simulated is not None]
 
 
-def weights_for(one: Hypothesis, wanted: DesignRequest) -> Matrix:
-    """The combinations to be known better: parameters by name, or the weakly known directions. Raises UserError."""
-    names = [p.name for p in one.fitted.problem.free]
-    if not wanted.parameters:
-        p = len(names)
-        chosen = weak_directions((one.root @ one.root.T)[:p, :p], WEAK, FEWEST)
-        return np.hstack([chosen, np.zeros((len(chosen), one.shared - p))])
-    for name in wanted.parameters:
+def parameter_combinations(hypothesis: ModelHypothesis, request: DesignRequest) -> Matrix:
+    """The combinations (k, n) to be known better: parameters by name, or the weakly known directions. Raises UserError."""
+    names = [parameter.name for parameter in hypothesis.fitted.problem.free]
+    if not request.parameters:
+        p, covariance = len(names), hypothesis.root @ hypothesis.root.T
+        chosen = weak_directions(covariance[:p, :p], DESIGN_CRITERIA.weak_std, DESIGN_CRITERIA.min_directions)
+        return np.hstack([chosen, np.zeros((len(chosen), hypothesis.shared - p))])
+    for name in request.parameters:
         if name not in names:
             raise UserError(f'--parameters {name}: not fitted here{suggestion(name, names)}; fitted are {", ".join(names)}')
-    return np.eye(one.shared)[[names.index(name) for name in wanted.parameters]]
+    return np.eye(hypothesis.shared)[[names.index(name) for name in request.parameters]]
 
 
-def counted_pairs(found: Sequence[Hypothesis]) -> list[tuple[int, int]]:
-    """Ordered pairs (true, rival) that count: what the recordings have refuted is a rival, not taken for true."""
-    best = max(one.evidence for one in found)
-    alive = [k for k, one in enumerate(found) if one.evidence > best - LEADING]
-    return [(a, b) for a in alive for b in range(len(found)) if a != b]
+def counted_pairs(hypotheses: Sequence[ModelHypothesis]) -> list[RivalPair]:
+    """Pairs that count: what the recordings have refuted is a rival, not taken for true."""
+    limit = max(hypothesis.log_evidence for hypothesis in hypotheses) - DESIGN_CRITERIA.rival_log_evidence
+    return [pair for pair in all_pairs(len(hypotheses)) if hypotheses[pair.true].log_evidence > limit]
 
 
-def worth_for(found: Sequence[Hypothesis], weights: Matrix) -> Worth:
+def utility_for(hypotheses: Sequence[ModelHypothesis], combinations: Matrix) -> Utility:
     """The objective of the search."""
-    if len(found) == 1:
-        return lambda predicted: gain(weights, found[0].root, predicted[0])
-    counted = counted_pairs(found)
-    return lambda predicted: worth_of_ratios(ratios(predicted, counted))
+    if len(hypotheses) == 1:
+        return lambda predictions: information_gain(combinations, hypotheses[0].root, predictions[0])
+    counted = counted_pairs(hypotheses)
+    return lambda predictions: discrimination_utility(evidence_ratios(predictions, counted))
 
 
-def settle_rivals(
-    training: Campaign,
-    found: Sequence[Hypothesis],
-    bench: Bench,
-    sought: SearchResult,
-    wanted: DesignRequest,
-    place: SearchContext,
-) -> RefitResult | None:
-    """The search continued with rivals that are refitted; None where Ctrl-C came first."""
-    (best,) = judged(bench, [sought.parents[0].levels], keep=True)
-    if best is None or sought.interrupted:
-        return None
-    refits = refits_for(training, found, best, counted_pairs(found), place)
-    return settle(refits, bench, sought, wanted.budget, wanted.seed, place.on_progress)
+def search_design(
+    training: Campaign, hypotheses: Sequence[ModelHypothesis], problem: DesignProblem, request: DesignRequest,
+    context: SearchContext,
+) -> SearchOutcome:  # fmt: skip
+    """The linear search, continued with refitted rivals where there are any. Raises UserError if no command is allowed."""
+    single = len(hypotheses) == 1
+    budget = request.budget if single else round(DESIGN_CRITERIA.linear_share * request.budget)
+    linear = search_sequences(problem, budget, request.seed, context.on_progress)
+    if linear is None:
+        limits = problem.limits
+        raise UserError(
+            f'the limits of {limits.temperature:.0f} K and {limits.stress / 1e6:.0f} MPa leave no command: a default '
+            'sequence exceeds them however weak; raise --max-temperature or --max-stress'
+        )
+    if single or linear.interrupted:
+        return SearchOutcome(linear, None)
+    (best,) = evaluate_sequences(problem, [linear.best[0].levels], keep_predictions=True)
+    if best is None:
+        return SearchOutcome(linear, None)
+    refits = refit_problem(training, hypotheses, best, counted_pairs(hypotheses), context)
+    return SearchOutcome(linear, search_with_refits(refits, problem, linear, request.budget, context.on_progress))
 
 
-def assembled(
-    found: tuple[Hypothesis, ...], bench: Bench, sought: SearchResult, settled: RefitResult | None, weights: Matrix,
-    origins: dict[str, str],
-) -> Plan:  # fmt: skip
+def plan_from(
+    hypotheses: tuple[ModelHypothesis, ...], problem: DesignProblem, outcome: SearchOutcome, origins: dict[str, str]
+) -> Plan:
     """All that is reported of the best sequence."""
-    levels = sought.parents[0].levels if settled is None else settled.best.levels
-    best = judged(bench, [levels], keep=True)[0]
-    assert best is not None and best.predicted is not None
-    single = len(found) == 1
-    defaults = [one.predicted for one in sought.defaults if one.predicted is not None]
+    (best,) = evaluate_sequences(problem, [outcome.levels], keep_predictions=True)
+    assert best is not None and best.predictions is not None
+    single = len(hypotheses) == 1
+    evaluated = outcome.linear.defaults
+    defaults = [default.predictions for default in evaluated if default.predictions is not None]
+    gain = InformationGain(best.utility, float(np.mean([default.utility for default in evaluated])))
     return Plan(
-        found, bench.grid, levels, bench.limits, origins,
-        () if single else expectations(found, best.predicted, defaults, settled),
-        knowledge_of(found[0], best.predicted[0], [one[0] for one in defaults]) if single else (),
-        (best.worth, float(np.mean([one.worth for one in sought.defaults]))) if single else (0.0, 0.0),
-        best.predicted, bench.run, 1, sought.count + (settled.count if settled else 0),
-        sought.interrupted or (settled is not None and settled.interrupted), 0.0,
+        hypotheses=hypotheses, grid=problem.grid, levels=outcome.levels, limits=problem.limits, limits_from=origins,
+        expected=() if single else expected_ratios(hypotheses, best.predictions, defaults, outcome.refitted),
+        precision=parameter_precision(hypotheses[0], best.predictions[0], [d[0] for d in defaults]) if single else (),
+        gain=gain if single else InformationGain(0.0, 0.0), predictions=best.predictions, run=problem.run, every=1,
+        evaluated=outcome.count, interrupted=outcome.interrupted, seconds=0.0,
     )  # fmt: skip
 
 
-def expectations(
-    found: Sequence[Hypothesis],
-    best: Sequence[Foretold],
-    defaults: Sequence[Sequence[Foretold]],
-    settled: RefitResult | None,
-) -> tuple[Expected, ...]:
-    """Every ordered pair: designed against the mean of the default sequences; of refitted rivals where there are any."""
-    pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    designed, usual = ratios(best, pairs), [ratios(one, pairs) for one in defaults]
-    means = {(one.true, one.rival): (one.mean, float(np.mean([row[k].mean for row in usual])))
-             for k, one in enumerate(designed)}  # fmt: skip
-    if settled is not None and settled.defaults:
-        means |= {(one.true, one.rival): (one.mean, float(np.mean([row[k].mean for row in settled.defaults])))
-                  for k, one in enumerate(settled.expected)}  # fmt: skip
-    return tuple(Expected(found[a].name, found[b].name, *means[a, b]) for a, b in pairs)
+def expected_ratios(
+    hypotheses: Sequence[ModelHypothesis],
+    best: Sequence[RunPrediction],
+    defaults: Sequence[Sequence[RunPrediction]],
+    refitted: RefitSearchResult | None,
+) -> tuple[ExpectedRatio, ...]:
+    """Every pair: designed against the mean of the default sequences; of refitted rivals where there are any."""
+    pairs = all_pairs(len(hypotheses))
+    means = mean_ratios(evidence_ratios(best, pairs), [evidence_ratios(default, pairs) for default in defaults])
+    if refitted is not None and refitted.defaults:
+        means |= mean_ratios(refitted.best.ratios, [default.ratios for default in refitted.defaults])
+    return tuple(ExpectedRatio(hypotheses[p.true].name, hypotheses[p.rival].name, *means[p]) for p in pairs)
 
 
-def knowledge_of(one: Hypothesis, best: Foretold, defaults: Sequence[Foretold]) -> tuple[Knowledge, ...]:
-    """Every free parameter: how well it is known now and then."""
-    free = one.fitted.problem.free
-    each = np.eye(one.shared)[: len(free)]
-    now, then = known(each, one.root).std, known(each, one.root, best).std
-    usual = np.mean([known(each, one.root, trial).std for trial in defaults], axis=0)
+def mean_ratios(
+    designed: Sequence[EvidenceRatio], defaults: Sequence[Sequence[EvidenceRatio]]
+) -> dict[RivalPair, tuple[float, float]]:
+    """By pair the ratio of the design, and the mean over the default sequences (their ratios in the same order)."""
+    return {
+        ratio.pair: (ratio.mean, float(np.mean([default[k].mean for default in defaults])))
+        for k, ratio in enumerate(designed)
+    }
+
+
+def parameter_precision(
+    hypothesis: ModelHypothesis, best: RunPrediction, defaults: Sequence[RunPrediction]
+) -> tuple[ParameterPrecision, ...]:
+    """Every free parameter: how well it is known now and after the experiment."""
+    free, root = hypothesis.fitted.problem.free, hypothesis.root
+    each = np.eye(hypothesis.shared)[: len(free)]
+    now, designed = combination_precision(each, root).std, combination_precision(each, root, best).std
+    default = np.mean([combination_precision(each, root, prediction).std for prediction in defaults], axis=0)
     return tuple(
-        Knowledge(p.name, p.unit, p.log, *(float(p.scale * std[k]) for std in (now, usual, then)))
+        ParameterPrecision(p.name, p.unit, p.log, *(float(p.scale * std[k]) for std in (now, default, designed)))
         for k, p in enumerate(free)
     )

@@ -1,6 +1,6 @@
-"""What each hypothesis foretells of a command that was not given yet: channels, their derivatives, peaks.
+"""What each hypothesis predicts for a command that was not given yet: channels, their derivatives, peaks.
 
-The derivatives are secants along the columns of the posterior's root, half a standard deviation long: they see the
+The derivatives are secants along the columns of the posterior's root, half a standard deviation long: they describe the
 model on the scale on which it is uncertain, well above the solver's error.
 """
 
@@ -18,48 +18,48 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign, Recording
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
-from sma_sim.evidence.experiment_design.rival_fits import Hypothesis
-from sma_sim.evidence.experiment_design.sequences import Grid, as_input
+from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
+from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-STEP = 0.5  # of a secant, in standard deviations of the posterior
-SAMPLES = 1000  # of a trial at the most; each then counts for several of the measurement
-RTOL = 1e-5  # of the simulations
+SECANT_STEP = 0.5  # in standard deviations of the posterior
+MAX_PREDICTED_SAMPLES = 1000  # of an experiment; each then counts for several of the measurement
+PREDICTION_RTOL = 1e-5  # of the simulations: a hundredth of what a secant changes
 
 
 @dataclass(frozen=True)
-class Limits:
+class OperatingLimits:
     """What no hypothesis may exceed: temperature [K] and stress [Pa] of the wires."""
 
     temperature: float
     stress: float
 
 
-Place = tuple[PickledConfig, Nuisance]  # a model, and what is unknown about the run
+@dataclass(frozen=True)
+class ModelPoint:
+    """A model with values of all unknowns, and the nuisance parameters of the run."""
+
+    config: PickledConfig
+    nuisance: Nuisance
 
 
 @dataclass(frozen=True)
-class Points:
-    """Where a hypothesis is looked at: `centres` times (a centre, its `columns` neighbours), then `draws`.
+class EvaluationPoints:
+    """Where a hypothesis is simulated: `centres` times (a centre, its `columns` neighbours), then `draws`.
 
     `steps` (centres, columns): how far the neighbours lie, in standard deviations.
     """
 
-    at: tuple[Place, ...]
+    points: tuple[ModelPoint, ...]
     steps: Matrix
     draws: int
 
 
-def placed(problem: Problem, z: Vector) -> Place:
-    """The model at z."""
-    return PickledConfig(problem.fitted(z)), problem.nuisance(z)
-
-
 @dataclass(frozen=True)
-class Foretold:
+class RunPrediction:
     """Channels over noise under one command, flattened to (N,): `centres` (c, N), `jacobians` (c, m, N), `draws` (d, N).
 
     Derivatives are by the whitened unknowns: shared ones and starts, prior covariance 1. Then the largest temperature [K]
@@ -72,107 +72,121 @@ class Foretold:
     temperature: float
     stress: float
 
-    def within(self, limits: Limits) -> bool:
+    def is_within(self, limits: OperatingLimits) -> bool:
         """Whether nothing exceeds the limits."""
         return self.temperature <= limits.temperature and self.stress <= limits.stress
 
 
-def empty_run(training: Campaign, grid: Grid, factor: float) -> tuple[FitData, int]:
-    """A run as the recordings are, with their channels and sample rate, measured as zero; its command is still nothing.
+@dataclass(frozen=True)
+class SimulatedRun:
+    """Channels over noise (N,), the largest temperature [K] and stress [Pa] of one simulation."""
 
-    Only every so-many-th sample is looked at (that number comes second); weights count all. `factor` widens the noise.
+    values: Vector
+    temperature: float
+    stress: float
+
+
+def model_point(problem: Problem, z: Vector) -> ModelPoint:
+    """The model at z."""
+    return ModelPoint(PickledConfig(problem.fitted(z)), problem.nuisance(z))
+
+
+def blank_run(training: Campaign, grid: CommandGrid, noise_factor: float) -> tuple[FitData, int]:
+    """A run with the channels and sample rate of the recordings, measured as zero, without a command yet.
+
+    Only every so-many-th sample is simulated (that number comes second); weights count all. `noise_factor` widens the noise.
     """
     first = training.recordings[0]
-    rate = 1.0 / float(np.median(np.concatenate([np.diff(one.time) for one in training.recordings])))
+    rate = 1.0 / float(np.median(np.concatenate([np.diff(recording.time) for recording in training.recordings])))
     time = np.arange(1, int(grid.length * rate) + 1) / rate
-    every = max(1, -(-len(time) // SAMPLES))
+    every = max(1, -(-len(time) // MAX_PREDICTED_SAMPLES))
     channels = {name: np.zeros(len(time)) for name in first.channels}
     T_E = float(first.source.values[0, -1])
     blank = Recording('next', 'module', time, channels, as_input(np.zeros(grid.cells), grid, T_E))
-    run = fit_data(blank, training.noise_std, every, RTOL, step_limited=True)
-    return replace(run, weight=run.weight * np.sqrt(every) / factor), every
+    run = fit_data(blank, training.noise_std, every, PREDICTION_RTOL, step_limited=True)
+    return replace(run, weight=run.weight * np.sqrt(every) / noise_factor), every
 
 
-def points_of(one: Hypothesis, run: FitData, centres: int, draws: int, seed: int) -> Points:
-    """The fitted values with their neighbours, and `draws`; so for `centres` - 1 of the draws too."""
-    problem = replace(one.fitted.problem.at_tolerance(RTOL), runs=(run,), delay=None)
+def evaluation_points(hypothesis: ModelHypothesis, run: FitData, centres: int, draws: int, seed: int) -> EvaluationPoints:
+    """The fitted values with their neighbours, and `draws`; for `centres` - 1 of the draws their neighbours too."""
+    problem = replace(hypothesis.fitted.problem.at_tolerance(PREDICTION_RTOL), runs=(run,), delay=None)
     low, high = problem.limits()
-    n, wires = one.shared, problem.wires
+    n, wires = hypothesis.shared, problem.wires
     root = np.zeros((n + wires, n + wires))
-    root[:n, :n], root[n:, n:] = one.root, np.eye(wires)
-    best = np.clip(np.concatenate([one.fitted.z[:n], one.starts]), low, high)
+    root[:n, :n], root[n:, n:] = hypothesis.root, np.eye(wires)
+    best = np.clip(np.concatenate([hypothesis.fitted.z[:n], hypothesis.starts]), low, high)
     random = np.random.default_rng(seed)
-    drawn = [np.concatenate([draw, random.uniform(-1.0, 1.0, wires)]) for draw in one.draws]
-    at: list[Vector] = []
+    drawn = [np.concatenate([draw, random.uniform(-1.0, 1.0, wires)]) for draw in hypothesis.draws]
+    points: list[Vector] = []
     steps = np.zeros((centres, n + wires))
-    for c, middle in enumerate([best, *drawn[: centres - 1]]):
-        neighbours, steps[c] = neighbours_of(middle, root, low, high)
-        at += [middle, *neighbours]
-    at += drawn[:draws]
-    return Points(tuple(placed(problem, z) for z in at), steps, draws)
+    for c, centre in enumerate([best, *drawn[: centres - 1]]):
+        neighbours, steps[c] = secant_points(centre, root, low, high)
+        points += [centre, *neighbours]
+    points += drawn[:draws]
+    return EvaluationPoints(tuple(model_point(problem, z) for z in points), steps, draws)
 
 
-def neighbours_of(middle: Vector, root: Matrix, low: Vector, high: Vector) -> tuple[list[Vector], Vector]:
+def secant_points(centre: Vector, root: Matrix, low: Vector, high: Vector) -> tuple[list[Vector], Vector]:
     """A point along each column of the root, forwards or, where a bound is near, backwards, and the steps."""
-    found, steps = [], np.zeros(len(middle))
+    points, steps = [], np.zeros(len(centre))
     for k, column in enumerate(root.T):
-        room = [min_ratio(sign * column, middle, low, high) for sign in (1.0, -1.0)]
+        room = [distance_to_bound(sign * column, centre, low, high) for sign in (1.0, -1.0)]
         sign = 1.0 if room[0] >= room[1] else -1.0
-        steps[k] = sign * min(STEP, max(room))
-        found.append(middle + steps[k] * column)
-    return found, steps
+        steps[k] = sign * min(SECANT_STEP, max(room))
+        points.append(centre + steps[k] * column)
+    return points, steps
 
 
-def min_ratio(direction: Vector, at: Vector, low: Vector, high: Vector) -> float:
-    """How far one can go before a bound."""
-    room = np.where(direction > 0.0, high - at, at - low) / np.maximum(np.abs(direction), 1e-300)
+def distance_to_bound(direction: Vector, z: Vector, low: Vector, high: Vector) -> float:
+    """The largest multiple of a direction that stays within the bounds."""
+    room = np.where(direction > 0.0, high - z, z - low) / np.maximum(np.abs(direction), 1e-300)
     return float(room.min())
 
 
-def foretell(points: Sequence[Points], runs: Sequence[FitData], pool: Executor) -> list[list[Foretold | None]]:
-    """What hypotheses foretell, for each run by hypothesis; None where one cannot be run."""
-    futures = [[pool.submit(one_run, part.at, run) for part in points] for run in runs]
+def predict_runs(
+    hypotheses: Sequence[EvaluationPoints], runs: Sequence[FitData], pool: Executor
+) -> list[list[RunPrediction | None]]:
+    """What hypotheses predict, for each run by hypothesis; None where one cannot be simulated."""
+    futures = [[pool.submit(simulate_points, points.points, run) for points in hypotheses] for run in runs]
     return [
-        [gathered(part, future.result()) for part, future in zip(points, row, strict=True)]
-        for row in futures
+        [prediction_from(points, future.result()) for points, future in zip(hypotheses, of_run, strict=True)]
+        for of_run in futures
     ]  # fmt: skip
 
 
-Shown = tuple[Vector, float, float]  # channels over noise (N,), the largest temperature and stress
-
-
-def one_run(at: Sequence[Place], run: FitData) -> list[Shown] | None:
-    """All points of one hypothesis under one command."""
+def simulate_points(points: Sequence[ModelPoint], run: FitData) -> list[SimulatedRun] | None:
+    """All points of one hypothesis under one command; None where one cannot be simulated."""
     try:
-        found = [shown(parcel.config, run, nuisance) for parcel, nuisance in at]
+        simulated = [simulate_run(point.config.config, run, point.nuisance) for point in points]
     except SimulationError:
         return None
-    return found if all(np.isfinite(values).all() for values, _, _ in found) else None
+    return simulated if all(np.isfinite(simulation.values).all() for simulation in simulated) else None
 
 
-def shown(config: Config, run: FitData, nuisance: Nuisance) -> Shown:
+def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedRun:
     """One simulation. Raises SimulationError."""
     columns = model_columns(config, run, nuisance)
     values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
     section = config.parameters['wire.n'] * pi * config.parameters['wire.r0'] ** 2
-    hottest = max(columns['T_1_K'].max(), columns['T_2_K'].max())
-    return values.ravel(), float(hottest), float(max(columns['F_1_N'].max(), columns['F_2_N'].max()) / section)
+    temperature = max(columns['T_1_K'].max(), columns['T_2_K'].max())
+    force = max(columns['F_1_N'].max(), columns['F_2_N'].max())
+    return SimulatedRun(values.ravel(), float(temperature), float(force / section))
 
 
-def gathered(points: Points, found: list[Shown] | None) -> Foretold | None:
-    """The points of one hypothesis in their places."""
-    if found is None:
+def prediction_from(points: EvaluationPoints, simulated: list[SimulatedRun] | None) -> RunPrediction | None:
+    """Centres, derivatives and draws from the simulations of one hypothesis."""
+    if simulated is None:
         return None
-    values = np.array([one[0] for one in found])
+    values = np.array([simulation.values for simulation in simulated])
     centres, columns = points.steps.shape
     block = values[: centres * (columns + 1)].reshape(centres, columns + 1, -1)
     steps = np.where(points.steps == 0.0, np.inf, points.steps)
-    return Foretold(
+    return RunPrediction(
         block[:, 0], (block[:, 1:] - block[:, :1]) / steps[:, :, None], values[len(values) - points.draws :],
-        max(one[1] for one in found), max(one[2] for one in found),
+        max(simulation.temperature for simulation in simulated), max(simulation.stress for simulation in simulated),
     )  # fmt: skip
 
 
-def with_command(run: FitData, levels: Vector, grid: Grid) -> FitData:
+def with_command(run: FitData, levels: Vector, grid: CommandGrid) -> FitData:
     """The run under a command."""
     return replace(run, source=as_input(levels, grid, float(run.source.values[0, -1])))

@@ -1,7 +1,8 @@
 """Designs beyond the linear: every rival is refitted, by simulation, to recordings and experiment together.
 
-The forecasts of `criteria` are right where recordings tell the parameters well. After few, gentle ones a posterior is wide
-and bent, and a rival follows an experiment much further than its derivatives say (docs/explanation/experiment-design.md).
+The predictions of `forecast` are right where recordings determine the parameters well. After few recordings of low power a
+posterior is wide and curved, and a rival follows an experiment much further than its derivatives say
+(docs/explanation/experiment-design.md).
 """
 
 from __future__ import annotations
@@ -21,177 +22,222 @@ from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
+from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import with_command
-from sma_sim.evidence.experiment_design.rival_fits import Hypothesis
-from sma_sim.evidence.experiment_design.sequence_search import Bench, EvaluatedSequence, SearchResult, judged
-from sma_sim.evidence.experiment_design.sequences import changed
-from sma_sim.evidence.experiment_design.utilities import Ratio, ratios, when_refitted, worth_of_ratios
+from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
+from sma_sim.evidence.experiment_design.sequence_search import (
+    DesignProblem,
+    EvaluatedSequence,
+    SequenceSearchResult,
+    evaluate_sequences,
+)
+from sma_sim.evidence.experiment_design.sequences import mutated
+from sma_sim.evidence.experiment_design.utilities import (
+    EvidenceRatio,
+    RivalPair,
+    discrimination_utility,
+    evidence_ratios,
+    refitted_evidence_ratios,
+)
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-Pair = tuple[int, int]
-Judged = tuple[EvaluatedSequence, tuple[Ratio, ...]]  # a sequence, and what is expected of it by pair
-SAMPLES, RTOL = 500, 1e-4  # of a recording, and of its simulation
-FOLLOW = replace(WEAKLY_DAMPED, max_iterations=12, min_decrease=1.0, relative_decrease=1e-3)
-SLOWLY = replace(FOLLOW, damping=FROM_PRIORS.damping)
-ROUGH = 0.03  # of a log evidence ratio: what a step must gain to be followed by another
-TRUTHS = 2  # the fit and draws: a rival that cannot follow the one may follow the other
-SHARE, FEWEST = 0.05, 8  # sequences that rivals are refitted to: this part of the budget, but not fewer
-MOST_PAIRS = 6  # the least told apart, where many explanations are open
-PARENTS, DEFAULTS, AT_ONCE = 4, 2, 4
+REFIT_SAMPLES, REFIT_RTOL = 500, 1e-4  # of a recording, and of its simulation: every sequence costs many refits
+FAST_REFIT = replace(WEAKLY_DAMPED, max_iterations=12, min_decrease=1.0, relative_decrease=1e-3)
+DAMPED_REFIT = replace(FAST_REFIT, damping=FROM_PRIORS.damping)  # another way down, with short steps first
+RATIO_ACCURACY = 0.03  # fraction of a log evidence ratio that a step must gain to be followed by another
+TRUE_VALUES = 2  # the fit and a draw: a rival that cannot follow the one may follow the other
 
 
 @dataclass(frozen=True)
-class Rival:
+class ThinnedRival:
     """A hypothesis on fewer samples: its problem, its optimum z there, the cost, and the mean start (wires,) in z.
 
-    `truths` (TRUTHS, shared unknowns): its fit, and draws from its posterior.
+    `true_values` (TRUE_VALUES, shared unknowns): its fit, and draws from its posterior.
     """
 
     problem: Problem
     z: Vector
     cost: float
     starts: Vector
-    truths: Matrix
+    true_values: Matrix
 
 
 @dataclass(frozen=True)
-class Refits:
-    """What is refitted: all rivals, the ordered pairs (true, rival) that are looked at, and those that count."""
+class RefitProblem:
+    """What is refitted: all rivals, the pairs that are considered, and those that count in the utility."""
 
-    rivals: tuple[Rival, ...]
-    pairs: tuple[Pair, ...]
-    counted: frozenset[Pair]
-    place: SearchContext
+    rivals: tuple[ThinnedRival, ...]
+    pairs: tuple[RivalPair, ...]
+    counted: frozenset[RivalPair]
+    context: SearchContext
 
-    def worth(self, found: Sequence[Ratio]) -> float:
-        """Of what is expected of a sequence."""
-        return worth_of_ratios([one for one in found if (one.true, one.rival) in self.counted])
+    def utility(self, ratios: Sequence[EvidenceRatio]) -> float:
+        """Of a sequence with these expected ratios."""
+        return discrimination_utility([ratio for ratio in ratios if ratio.pair in self.counted])
 
 
 @dataclass(frozen=True)
-class RefitResult:
-    """The best sequence when rivals are refitted, default ones, how many were tried, and whether Ctrl-C ended it."""
+class RefittedSequence:
+    """A sequence, and the log evidence ratios expected of it by pair when rivals are refitted."""
 
-    best: EvaluatedSequence
-    expected: tuple[Ratio, ...]
-    defaults: tuple[tuple[Ratio, ...], ...]
+    sequence: EvaluatedSequence
+    ratios: tuple[EvidenceRatio, ...]
+
+
+@dataclass(frozen=True)
+class RefitSearchResult:
+    """The best sequence when rivals are refitted, the default ones, how many were evaluated, and whether Ctrl-C ended it."""
+
+    best: RefittedSequence
+    defaults: tuple[RefittedSequence, ...]
     count: int
     interrupted: bool
 
 
-def rivals_of(training: Campaign, found: Sequence[Hypothesis], place: SearchContext) -> tuple[Rival, ...]:
+def thinned_rivals(
+    training: Campaign, hypotheses: Sequence[ModelHypothesis], context: SearchContext
+) -> tuple[ThinnedRival, ...]:
     """The hypotheses on fewer samples, each at its optimum there."""
-    every = max(1, max(len(one.time) for one in training.recordings) // SAMPLES)
+    every = max(1, max(len(recording.time) for recording in training.recordings) // REFIT_SAMPLES)
     rivals = []
-    for one in found:
-        full = problem_for(training, one.fitted.problem.config, Options(), every)
-        problem = replace(full, free=one.fitted.problem.free).at_tolerance(RTOL).weighted(np.sqrt(every) / one.factor)
-        fitted = refit(problem, one.fitted.z, place, FOLLOW)
+    for hypothesis in hypotheses:
+        full = problem_for(training, hypothesis.fitted.problem.config, Options(), every)
+        free, weight = hypothesis.fitted.problem.free, np.sqrt(every) / hypothesis.noise_factor
+        problem = replace(full, free=free).at_tolerance(REFIT_RTOL).weighted(weight)
+        fitted = refit(problem, hypothesis.fitted.z, context, FAST_REFIT)
         assert fitted is not None  # it was fitted to these recordings
-        truths = np.vstack([fitted.z[: one.shared], one.draws])[:TRUTHS]
-        rivals.append(Rival(problem, fitted.z, fitted.cost, one.starts, truths))
+        true_values = np.vstack([fitted.z[: hypothesis.shared], hypothesis.draws])[:TRUE_VALUES]
+        rivals.append(ThinnedRival(problem, fitted.z, fitted.cost, hypothesis.starts, true_values))
     return tuple(rivals)
 
 
-def refits_for(
-    training: Campaign, found: Sequence[Hypothesis], best: EvaluatedSequence, counted: Sequence[Pair], place: SearchContext
-) -> Refits:
-    """All ordered pairs, or those of them that the linearly best sequence tells apart the least."""
-    assert best.predicted is not None
-    pairs = [(a, b) for a in range(len(found)) for b in range(len(found)) if a != b]
-    linear = {(one.true, one.rival): one.mean for one in ratios(best.predicted, pairs)}
+def refit_problem(
+    training: Campaign, hypotheses: Sequence[ModelHypothesis], best: EvaluatedSequence,
+    counted: Sequence[RivalPair], context: SearchContext,
+) -> RefitProblem:  # fmt: skip
+    """All pairs, or those of them that the linearly best sequence discriminates the least."""
+    assert best.predictions is not None
+    pairs = all_pairs(len(hypotheses))
+    linear = {ratio.pair: ratio.mean for ratio in evidence_ratios(best.predictions, pairs)}
     pairs.sort(key=lambda pair: (pair not in counted, linear[pair]))
-    return Refits(rivals_of(training, found, place), tuple(pairs[:MOST_PAIRS]), frozenset(counted), place)
+    considered = tuple(pairs[: DESIGN_CRITERIA.max_refitted_pairs])
+    return RefitProblem(thinned_rivals(training, hypotheses, context), considered, frozenset(counted), context)
 
 
-def shown_by(true: Rival, truth: Vector, run: FitData, place: SearchContext) -> FitData | None:
-    """The run as a hypothesis foretells it at one of its truths, without noise; None where it cannot be run."""
+def all_pairs(count: int) -> list[RivalPair]:
+    """Every ordered pair of so many hypotheses."""
+    return [RivalPair(true, rival) for true in range(count) for rival in range(count) if true != rival]
+
+
+def predicted_run(true: ThinnedRival, values: Vector, run: FitData, context: SearchContext) -> FitData | None:
+    """The run as a hypothesis predicts it at some values, without noise; None where it cannot be simulated."""
     blank = replace(run, measured=np.zeros_like(run.measured))
-    there = np.concatenate([truth, true.starts])
-    (shown,) = residuals_at(replace(true.problem, runs=(blank,)), there, place.pool)
-    return None if shown is None else replace(run, measured=shown / run.weight)
+    z = np.concatenate([values, true.starts])
+    (residuals,) = residuals_at(replace(true.problem, runs=(blank,)), z, context.pool)
+    return None if residuals is None else replace(run, measured=residuals / run.weight)
 
 
-def told_enough(base: float, costs: Sequence[float]) -> bool:
-    """Whether the last step took less than a few per cent of what is left above `base`: a ratio is told no finer."""
+def is_ratio_accurate(base: float, costs: Sequence[float]) -> bool:
+    """Whether the last step removed less than a few per cent of what is left above `base`: a ratio needs no more."""
     before, last = costs[-2:]
-    return before - last < ROUGH * (last - base)
+    return before - last < RATIO_ACCURACY * (last - base)
 
 
-def left_by(rival: Rival, true: Rival, truth: Vector, run: FitData, effort: StopCriteria, place: SearchContext) -> float:
-    """Half the squares by which a run that `true` foretells raises the cost of a refitted rival; NaN: cannot be run."""
-    on_progress = shown_by(true, truth, run, place)
-    if on_progress is None:
+def squares_left_by(
+    rival: ThinnedRival, true: ThinnedRival, values: Vector, run: FitData, stop_criteria: StopCriteria,
+    context: SearchContext,
+) -> float:  # fmt: skip
+    """Half the squares by which a run that `true` predicts raises the cost of a refitted rival; NaN: cannot be simulated."""
+    experiment = predicted_run(true, values, run, context)
+    if experiment is None:
         return float('nan')
-    problem = replace(rival.problem, runs=(*rival.problem.runs, on_progress))
-    watched, z = with_early_stopping(place, partial(told_enough, rival.cost)), np.append(rival.z, rival.starts)
+    problem = replace(rival.problem, runs=(*rival.problem.runs, experiment))
+    early, z = with_early_stopping(context, partial(is_ratio_accurate, rival.cost)), np.append(rival.z, rival.starts)
     try:
-        cost = minimize(problem, z, effort, watched).cost
+        cost = minimize(problem, z, stop_criteria, early).cost
     except SimulationError:
         return float('nan')
     return max(cost - rival.cost - 0.5 * float(true.starts @ true.starts), 0.0)
 
 
-def refitted(refits: Refits, bench: Bench, tried: Sequence[EvaluatedSequence], effort: StopCriteria) -> list[Judged]:
-    """What is expected of sequences when rivals are refitted, of those that can be run; nothing after Ctrl-C."""
-    runs = [with_command(bench.run, one.levels, bench.grid) for one in tried]
+def refit_to_sequences(
+    refits: RefitProblem, problem: DesignProblem, sequences: Sequence[EvaluatedSequence], stop_criteria: StopCriteria
+) -> list[RefittedSequence]:
+    """The sequences that can be simulated, with rivals refitted; nothing after Ctrl-C."""
+    context = refits.context
+    runs = [with_command(problem.run, sequence.levels, problem.grid) for sequence in sequences]
     jobs = [
-        partial(left_by, refits.rivals[b], refits.rivals[a], truth, run, effort, refits.place)
-        for run in runs for a, b in refits.pairs for truth in refits.rivals[a].truths
+        partial(squares_left_by, refits.rivals[pair.rival], refits.rivals[pair.true], values, run, stop_criteria, context)
+        for run in runs for pair in refits.pairs for values in refits.rivals[pair.true].true_values
     ]  # fmt: skip
-    left = np.reshape(run_in_threads(jobs, refits.place.stop) if jobs else [], (len(tried), len(refits.pairs), TRUTHS))
-    if refits.place.stop.is_set():
-        return []  # refits that were stopped have not come down
+    shape = len(sequences), len(refits.pairs), TRUE_VALUES
+    left = np.reshape(run_in_threads(jobs, context.stop) if jobs else [], shape)
+    if context.stop.is_set():
+        return []  # refits that were stopped have not converged
     return [
-        (one, tuple(when_refitted(one.predicted, refits.pairs, own)))
-        for one, own in zip(tried, left, strict=True) if one.predicted is not None and np.isfinite(own).all()
-    ]  # fmt: skip
+        RefittedSequence(sequence, tuple(refitted_evidence_ratios(sequence.predictions, refits.pairs, of_sequence)))
+        for sequence, of_sequence in zip(sequences, left, strict=True)
+        if sequence.predictions is not None and np.isfinite(of_sequence).all()
+    ]
 
 
 def with_best_confirmed(
-    refits: Refits, bench: Bench, known: Sequence[Judged], sure: list[EvaluatedSequence]
-) -> list[Judged]:
-    """Sorted by worth; the best has had its rivals refitted on a second way, and is in `sure`.
+    refits: RefitProblem, problem: DesignProblem, known: Sequence[RefittedSequence], confirmed: list[EvaluatedSequence]
+) -> list[RefittedSequence]:
+    """Sorted by utility; the best has had its rivals refitted in a second way, and is in `confirmed`.
 
-    A refit that is held by a valley promises too much, and the best of many is the one that promises most.
+    A refit that ends in a side valley promises too much, and the best of many is the one that promises most.
     """
-    found = sorted(known, key=lambda pair: -refits.worth(pair[1]))
-    while found and not any(found[0][0] is one for one in sure) and not refits.place.stop.is_set():
-        best, expected = found[0]
-        sure.append(best)
-        for _, again in refitted(refits, bench, [best], SLOWLY):
-            found[0] = best, tuple(map(lower, expected, again))
-        found.sort(key=lambda pair: -refits.worth(pair[1]))
-    return found
-
-
-def lower(one: Ratio, other: Ratio) -> Ratio:
-    """The smaller at each draw."""
-    return replace(one, draws=tuple(map(min, one.draws, other.draws)))
-
-
-def settle(
-    refits: Refits, bench: Bench, sought: SearchResult, budget: int, seed: int, on_progress: Callable[[str], None]
-) -> RefitResult | None:
-    """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was judged."""
-    random, count = np.random.default_rng([seed, 1]), max(FEWEST, round(SHARE * budget))
-    on_progress(f'refitting rivals to {count} sequences')
-    defaults, sure = sought.defaults[:DEFAULTS], list[EvaluatedSequence]()
-    known = refitted(refits, bench, defaults, FOLLOW)
-    levels, tried = [one.levels for one in sought.parents[:PARENTS]], len(defaults)
-    while levels and not refits.place.stop.is_set():
-        try:
-            batch = [one for one in judged(bench, levels, keep=True) if one is not None]
-        except KeyboardInterrupt:
-            refits.place.stop.set()
+    ranking = by_refitted_utility(refits, known)
+    while ranking and not refits.context.stop.is_set():
+        best = ranking[0]
+        if any(best.sequence is sequence for sequence in confirmed):
             break
-        tried += len(levels)  # those that exceed a limit too: the search ends
-        known = with_best_confirmed(refits, bench, [*known, *refitted(refits, bench, batch, FOLLOW)], sure)
-        on_progress(f'{tried} of {count} tried with rivals refitted')
-        parents = [one.levels for one, _ in known[:PARENTS]]
-        levels = [changed(parents, bench.grid, random) for _ in range(AT_ONCE)] if parents and tried < count else []
-    usual = tuple(expected for one, expected in known if any(one is default for default in defaults))
-    return RefitResult(*known[0], usual, tried, refits.place.stop.is_set()) if known else None
+        confirmed.append(best.sequence)
+        for again in refit_to_sequences(refits, problem, [best.sequence], DAMPED_REFIT):
+            ranking[0] = replace(best, ratios=tuple(map(lower_ratio, best.ratios, again.ratios)))
+        ranking = by_refitted_utility(refits, ranking)
+    return ranking
+
+
+def by_refitted_utility(refits: RefitProblem, sequences: Sequence[RefittedSequence]) -> list[RefittedSequence]:
+    """The best first."""
+    return sorted(sequences, key=lambda refitted: -refits.utility(refitted.ratios))
+
+
+def lower_ratio(first: EvidenceRatio, second: EvidenceRatio) -> EvidenceRatio:
+    """The smaller at each draw."""
+    return replace(first, draws=tuple(map(min, first.draws, second.draws)))
+
+
+def search_with_refits(
+    refits: RefitProblem, problem: DesignProblem, linear: SequenceSearchResult, budget: int,
+    on_progress: Callable[[str], None],
+) -> RefitSearchResult | None:  # fmt: skip
+    """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was evaluated."""
+    criteria, stop = DESIGN_CRITERIA, refits.context.stop
+    random = np.random.default_rng([refits.context.seed, 1])
+    most = max(criteria.min_refitted, round(criteria.refit_share * budget))
+    on_progress(f'refitting rivals to {most} sequences')
+    defaults, confirmed = linear.defaults[: criteria.refitted_defaults], list[EvaluatedSequence]()
+    known = refit_to_sequences(refits, problem, defaults, FAST_REFIT)
+    levels, count = [sequence.levels for sequence in linear.best[: criteria.refitted_parents]], len(defaults)
+    while levels and not stop.is_set():
+        try:
+            evaluated = evaluate_sequences(problem, levels, keep_predictions=True)
+        except KeyboardInterrupt:
+            stop.set()
+            break
+        batch = [sequence for sequence in evaluated if sequence is not None]
+        count += len(levels)  # those that exceed a limit too: the search ends
+        new = refit_to_sequences(refits, problem, batch, FAST_REFIT)
+        known = with_best_confirmed(refits, problem, [*known, *new], confirmed)
+        on_progress(f'{count} of {most} evaluated with rivals refitted')
+        parents = [refitted.sequence.levels for refitted in known[: criteria.refitted_parents]]
+        more = bool(parents) and count < most
+        levels = [mutated(parents, problem.grid, random) for _ in range(criteria.refitted_batch)] if more else []
+    usual = tuple(refitted for refitted in known if any(refitted.sequence is default for default in defaults))
+    return RefitSearchResult(known[0], usual, count, stop.is_set()) if known else None

@@ -1,4 +1,4 @@
-"""The search for the best sequence: random ones of all shapes, then changes of the best, with a fixed budget."""
+"""The search for the best sequence: random ones of all shapes, then mutations of the best, with a fixed budget."""
 
 from __future__ import annotations
 
@@ -10,95 +10,129 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.experiment_design.forecast import Foretold, Limits, Points, foretell, with_command
-from sma_sim.evidence.experiment_design.sequences import Grid, changed, default_sequence, some_sequence, tidy
+from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
+from sma_sim.evidence.experiment_design.forecast import (
+    EvaluationPoints,
+    OperatingLimits,
+    RunPrediction,
+    predict_runs,
+    with_command,
+)
+from sma_sim.evidence.experiment_design.sequences import (
+    CommandGrid,
+    default_sequence,
+    mutated,
+    quantized,
+    random_sequence,
+)
 
 Vector = NDArray[np.float64]
-Worth = Callable[[Sequence[Foretold]], float]
-BATCH = 8  # sequences that are tried at once: fixed, so that the result does not depend on the number of cores
-DEFAULTS = 8  # default sequences that the design is compared with
-RANDOM_PART = 0.35  # of the budget
-PARENTS = 8
-WEAKER = 0.8  # by which a sequence shrinks that exceeds a limit
-TRIES = 12  # of shrinking
+Utility = Callable[[Sequence[RunPrediction]], float]
 
 
 @dataclass(frozen=True)
-class Bench:
-    """On what sequences are tried."""
+class DesignProblem:
+    """What a sequence is evaluated on: the hypotheses' points, the experiment's samples, limits, and the utility."""
 
-    points: tuple[Points, ...]
+    points: tuple[EvaluationPoints, ...]
     run: FitData
-    grid: Grid
-    limits: Limits
-    worth: Worth
+    grid: CommandGrid
+    limits: OperatingLimits
+    utility: Utility
     pool: Executor
 
 
 @dataclass(frozen=True)
 class EvaluatedSequence:
-    """A sequence of levels [W], what it is worth, and what was foretold (kept for the default ones only)."""
+    """A sequence of levels [W], its utility, and the prediction of each hypothesis (kept where it is needed later)."""
 
     levels: Vector
-    worth: float
-    predicted: tuple[Foretold, ...] | None = None
+    utility: float
+    predictions: tuple[RunPrediction, ...] | None = None
 
 
 @dataclass(frozen=True)
-class SearchResult:
-    """The best sequences, the best first, the default ones, how many were tried, and whether Ctrl-C ended the search."""
+class SequenceSearchResult:
+    """The best sequences, the best first, the default ones, how many were evaluated, and whether Ctrl-C ended the search."""
 
-    parents: tuple[EvaluatedSequence, ...]
+    best: tuple[EvaluatedSequence, ...]
     defaults: tuple[EvaluatedSequence, ...]
     count: int
     interrupted: bool
 
 
-def judged(bench: Bench, batch: Sequence[Vector], keep: bool = False) -> list[EvaluatedSequence | None]:
-    """Sequences tried; None for those that exceed a limit, or that a hypothesis cannot run."""
-    runs = [with_command(bench.run, levels, bench.grid) for levels in batch]
-    found: list[EvaluatedSequence | None] = []
-    for levels, row in zip(batch, foretell(bench.points, runs, bench.pool), strict=True):
-        whole = [one for one in row if one is not None and one.within(bench.limits)]
-        good = len(whole) == len(row)
-        found.append(EvaluatedSequence(levels, bench.worth(whole), tuple(whole) if keep else None) if good else None)
-    return found
+def evaluate_sequences(
+    problem: DesignProblem, sequences: Sequence[Vector], keep_predictions: bool = False
+) -> list[EvaluatedSequence | None]:
+    """Sequences evaluated; None for those that exceed a limit, or that a hypothesis cannot simulate."""
+    runs = [with_command(problem.run, levels, problem.grid) for levels in sequences]
+    evaluated: list[EvaluatedSequence | None] = []
+    for levels, by_hypothesis in zip(sequences, predict_runs(problem.points, runs, problem.pool), strict=True):
+        allowed = [
+            prediction for prediction in by_hypothesis if prediction is not None and prediction.is_within(problem.limits)
+        ]
+        if len(allowed) < len(by_hypothesis):
+            evaluated.append(None)
+            continue
+        kept = tuple(allowed) if keep_predictions else None
+        evaluated.append(EvaluatedSequence(levels, problem.utility(allowed), kept))
+    return evaluated
 
 
-def within_limits(bench: Bench, batch: Sequence[Vector], keep: bool = False) -> list[EvaluatedSequence]:
-    """Sequences tried, those that exceed a limit made weaker until they do not."""
-    done: list[EvaluatedSequence | None] = [None] * len(batch)
-    rest = [tidy(levels, bench.grid) for levels in batch]
-    for _ in range(TRIES):
-        open_ = [k for k, one in enumerate(done) if one is None]
-        if not open_:
+def evaluate_scaled_down(
+    problem: DesignProblem, sequences: Sequence[Vector], keep_predictions: bool = False
+) -> list[EvaluatedSequence]:
+    """Sequences evaluated, those that exceed a limit scaled down until they do not."""
+    done: list[EvaluatedSequence | None] = [None] * len(sequences)
+    levels = [quantized(sequence, problem.grid) for sequence in sequences]
+    for _ in range(DESIGN_CRITERIA.max_scale_downs):
+        missing = [k for k, evaluated in enumerate(done) if evaluated is None]
+        if not missing:
             break
-        for k, one in zip(open_, judged(bench, [rest[k] for k in open_], keep), strict=True):
-            done[k] = one
-            rest[k] = tidy(WEAKER * rest[k], bench.grid)
-    return [one for one in done if one is not None]
+        again = evaluate_sequences(problem, [levels[k] for k in missing], keep_predictions)
+        for k, evaluated in zip(missing, again, strict=True):
+            done[k] = evaluated
+            levels[k] = quantized(DESIGN_CRITERIA.scale_down * levels[k], problem.grid)
+    return [evaluated for evaluated in done if evaluated is not None]
 
 
-def seek(bench: Bench, budget: int, seed: int, on_progress: Callable[[str], None]) -> SearchResult | None:
+def search_sequences(
+    problem: DesignProblem, budget: int, seed: int, on_progress: Callable[[str], None]
+) -> SequenceSearchResult | None:
     """The best of about `budget` sequences; None where not even a weak one keeps the limits. Ctrl-C: the best so far."""
-    random = np.random.default_rng(seed)
-    on_progress('trying default sequences')
-    defaults = within_limits(bench, [default_sequence(bench.grid, random) for _ in range(DEFAULTS)], keep=True)
+    criteria, random = DESIGN_CRITERIA, np.random.default_rng(seed)
+    on_progress('evaluating default sequences')
+    first = [default_sequence(problem.grid, random) for _ in range(criteria.default_sequences)]
+    defaults = evaluate_scaled_down(problem, first, keep_predictions=True)
     if not defaults:
         return None
-    best = sorted((EvaluatedSequence(one.levels, one.worth) for one in defaults), key=lambda one: -one.worth)
-    count = DEFAULTS
+    best = by_utility([EvaluatedSequence(default.levels, default.utility) for default in defaults])
+    count, interrupted = criteria.default_sequences, False
     try:
         while count < budget:
-            if count < RANDOM_PART * budget:
-                fresh = within_limits(bench, [some_sequence(bench.grid, random) for _ in range(BATCH)])
-            else:
-                parents = [one.levels for one in best]
-                children = [changed(parents, bench.grid, random) for _ in range(BATCH)]
-                fresh = [one for one in judged(bench, children) if one is not None]
-            count += BATCH
-            best = sorted([*best, *fresh], key=lambda one: -one.worth)[:PARENTS]
-            on_progress(f'{count} of {budget} sequences tried, worth {best[0].worth:.2f} (default {defaults[0].worth:.2f})')
+            new = new_sequences(problem, best, random, count < criteria.random_share * budget)
+            count += criteria.batch
+            best = by_utility([*best, *new])[: criteria.parents]
+            on_progress(
+                f'{count} of {budget} sequences evaluated, utility {best[0].utility:.2f} (default {defaults[0].utility:.2f})'
+            )
     except KeyboardInterrupt:
-        return SearchResult(tuple(best), tuple(defaults), count, True)
-    return SearchResult(tuple(best), tuple(defaults), count, False)
+        interrupted = True
+    return SequenceSearchResult(tuple(best), tuple(defaults), count, interrupted)
+
+
+def new_sequences(
+    problem: DesignProblem, best: Sequence[EvaluatedSequence], random: np.random.Generator, explore: bool
+) -> list[EvaluatedSequence]:
+    """A batch of random sequences (`explore`), or of mutations of the best, evaluated."""
+    batch = range(DESIGN_CRITERIA.batch)
+    if explore:
+        return evaluate_scaled_down(problem, [random_sequence(problem.grid, random) for _ in batch])
+    parents = [sequence.levels for sequence in best]
+    children = evaluate_sequences(problem, [mutated(parents, problem.grid, random) for _ in batch])
+    return [child for child in children if child is not None]
+
+
+def by_utility(sequences: Sequence[EvaluatedSequence]) -> list[EvaluatedSequence]:
+    """The best first."""
+    return sorted(sequences, key=lambda sequence: -sequence.utility)

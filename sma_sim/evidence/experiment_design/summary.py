@@ -1,63 +1,74 @@
-"""A design as plain data for programs, and what it cannot do in words for people."""
+"""A design as plain data for programs, and what it cannot decide in words for people."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
-from sma_sim.evidence.experiment_design.design import Plan
+from sma_sim.evidence.experiment_design.plan import ParameterPrecision, Plan
+from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import as_rows
 
 
-def as_data(plan: Plan) -> dict[str, Any]:
+def plan_data(plan: Plan) -> dict[str, Any]:
     """Everything, SI units, log evidence in natural units; JSON's types only."""
     times, levels = as_rows(plan.levels, plan.grid)
     return {
-        'kind': 'rivals' if plan.rivals else 'parameters',
+        'kind': 'rivals' if plan.discriminates else 'parameters',
         'length_s': plan.grid.length,
         'hold_s': plan.grid.hold,
         'sequence': {'time_s': times.tolist(), 'J_eq_W': levels.tolist()},
-        'hypotheses': [
-            {
-                'name': one.name, 'model': one.fitted.problem.config.model, 'log_evidence': one.evidence,
-                'error': one.fitted.error * one.factor, 'parameters': one.fitted.values,
-            }
-            for one in plan.hypotheses
-        ],
+        'hypotheses': [hypothesis_data(hypothesis) for hypothesis in plan.hypotheses],
         'expected_log_evidence_ratio': [
-            {'true': one.true, 'rival': one.rival, 'designed': one.designed, 'default': one.default}
-            for one in plan.expected
+            {'true': ratio.true, 'rival': ratio.rival, 'designed': ratio.designed, 'default': ratio.default}
+            for ratio in plan.expected
         ],
-        'inseparable': [list(pair) for pair in plan.inseparable],
-        'parameters': {
-            one.name: {
-                'std_now': one.now, 'std_default': one.default, 'std_designed': one.designed, 'log': one.log,
-                'unit': one.unit,
-            }
-            for one in plan.knowledge
-        },
-        'information_nat': {'designed': plan.gains[0], 'default': plan.gains[1]},
+        'inseparable': [list(pair) for pair in plan.indistinguishable],
+        'parameters': {parameter.name: precision_data(parameter) for parameter in plan.precision},
+        'information_nat': {'designed': plan.gain.designed, 'default': plan.gain.default},
         'limits': {
             'power_W': plan.grid.power, 'temperature_K': plan.limits.temperature, 'stress_Pa': plan.limits.stress,
-            'from': plan.limits_from,
+            'from': dict(plan.limits_from),
         },
         'reached': {
             'power_W': plan.reached['power'],
             'temperature_K': plan.reached['temperature'],
             'stress_Pa': plan.reached['stress'],
         },
-        'tried': plan.tried,
+        'tried': plan.evaluated,
         'interrupted': plan.interrupted,
         'seconds': plan.seconds,
     }  # fmt: skip
 
 
-def inseparable_words(plan: Plan) -> Iterator[str]:
+def hypothesis_data(hypothesis: ModelHypothesis) -> dict[str, Any]:
+    """One fitted hypothesis."""
+    return {
+        'name': hypothesis.name,
+        'model': hypothesis.fitted.problem.config.model,
+        'log_evidence': hypothesis.log_evidence,
+        'error': hypothesis.fitted.error * hypothesis.noise_factor,
+        'parameters': hypothesis.fitted.values,
+    }
+
+
+def precision_data(parameter: ParameterPrecision) -> dict[str, Any]:
+    """Standard deviations of one parameter."""
+    return {
+        'std_now': parameter.now,
+        'std_default': parameter.default,
+        'std_designed': parameter.designed,
+        'log': parameter.log,
+        'unit': parameter.unit,
+    }
+
+
+def indistinguishable_sentences(plan: Plan) -> Iterator[str]:
     """Which pairs no experiment tells apart, with the number."""
-    expected = {(one.true, one.rival): one.designed for one in plan.expected}
-    for a, b in plan.inseparable:
+    expected = {(ratio.true, ratio.rival): ratio.designed for ratio in plan.expected}
+    for a, b in plan.indistinguishable:
         most = max(expected[a, b], expected[b, a])
         yield (
-            f'no experiment on these channels tells {a} from {b} apart: the best of {plan.tried} sequences is expected '
+            f'no experiment on these channels tells {a} from {b} apart: the best of {plan.evaluated} sequences is expected '
             f'to bring a log evidence ratio of {most:.2g} (3 is odds of 20 to 1)'
         )

@@ -22,10 +22,10 @@ from sma_sim.evidence.latent_input.sensitivities import (
     binned,
     initialized,
     input_effect,
-    interpolated,
     knot_grid,
     sensor_responses,
     submit_responses,
+    time_function_at,
     with_rows_at_knots,
 )
 from sma_sim.model.config import Config
@@ -188,7 +188,7 @@ class LinearizationPoint:
         for port, u in self.inputs[k].items():
             if port.hook == 'sensing':
                 row = run.channels.index(CHANNELS[port.component])
-                offsets[row] += interpolated(grid, u, run.time - delay) * run.weight[row]
+                offsets[row] += time_function_at(grid, u, run.time - delay) * run.weight[row]
         return offsets
 
     def residuals(self, pool: Executor) -> list[Matrix | None]:

@@ -177,7 +177,7 @@ def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
     return responses
 
 
-def interpolated(grid: KnotGrid, values: Vector, time: Vector) -> Vector:
+def time_function_at(grid: KnotGrid, values: Vector, time: Vector) -> Vector:
     """The function through values (knots,) at times (k,) [s], as time_functions/time_function.py has it."""
     at = np.clip((time - grid.knots[0]) / grid.spacing, 0.0, len(values) - 1.000001)
     k = at.astype(np.int64)
@@ -192,7 +192,7 @@ def sensor_responses(port: Port, run: FitData, grid: KnotGrid, delay: float) -> 
     row = run.channels.index(CHANNELS[port.component])
     change = np.zeros_like(run.weight)
     for k, values in enumerate(port.probe * np.eye(len(grid.knots))):
-        change[row] = interpolated(grid, values, run.time - delay) * run.weight[row]
+        change[row] = time_function_at(grid, values, run.time - delay) * run.weight[row]
         responses[k] = binned(change, run, grid)
     return responses
 

@@ -19,7 +19,7 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 POSITIVE_GRIDS = ('width', 'wavenumber', 'time_constant', 'frequency', 'fixed')  # shapes that are fitted as logarithms
-MAX_COEFFICIENT_RATIO = 20.0  # to the linear estimate: beyond it the regression said nothing of the term
+MAX_COEFFICIENT_RATIO = 20.0  # to the linear estimate: beyond it the regression did not see the term
 PRIOR_WIDTH = 0.15  # of a shape, as a fraction of its realistic range: a step of the grid
 
 

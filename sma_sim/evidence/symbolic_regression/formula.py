@@ -12,7 +12,7 @@ from sma_sim.evidence.symbolic_regression.augmented_fit import POSITIVE_GRIDS
 from sma_sim.evidence.symbolic_regression.code_generation import kernel_return, load_generated, port_lines
 from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
-from sma_sim.evidence.symbolic_regression.terms import Shape, Term, factor, per_unit
+from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, factor, per_unit
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.parameters import Parameter
 
@@ -97,7 +97,7 @@ class Formula:
                 parameters.append(self.shape_parameter(names[shape.name], shape, rounded(value), limits))
         return tuple(parameters)
 
-    def shape_parameter(self, name: str, shape: Shape, value: float, limits: tuple[float, float]) -> Parameter:
+    def shape_parameter(self, name: str, shape: ShapeParameter, value: float, limits: tuple[float, float]) -> Parameter:
         """One shape parameter; its realistic range is what these recordings could tell."""
         low, high = min(rounded(limits[0], BOUND_DIGITS), value), max(rounded(limits[1], BOUND_DIGITS), value)
         width = high - low

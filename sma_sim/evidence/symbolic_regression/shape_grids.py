@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
-from sma_sim.evidence.symbolic_regression.terms import Shape, Term
+from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
 Vector = NDArray[np.float64]
@@ -43,7 +43,7 @@ class VisitedRanges:
         return float(np.percentile(values, TRIMMED_PERCENT)), float(np.percentile(values, 100.0 - TRIMMED_PERCENT))
 
 
-def grid_values(shape: Shape, ranges: VisitedRanges) -> tuple[float, ...]:
+def grid_values(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[float, ...]:
     """The grid of one shape parameter; empty for a threshold or width of a variable that stays where it is."""
     if shape.grid == 'fixed':
         return shape.values
@@ -65,7 +65,7 @@ def grid_values(shape: Shape, ranges: VisitedRanges) -> tuple[float, ...]:
     return tuple(2.0 * math.pi * PERIODS_PER_RANGE / (high - low))
 
 
-def shape_limits(shape: Shape, ranges: VisitedRanges) -> tuple[float, float]:
+def shape_limits(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[float, float]:
     """The values that data of these ranges can tell, with some margin: the realistic range in the file."""
     if shape.grid == 'phase':
         return -2.0 * math.pi, 3.0 * math.pi

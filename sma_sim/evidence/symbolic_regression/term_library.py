@@ -1,18 +1,18 @@
-"""The terms that a physicist would try at each port; docs/explanation/equations.md lists them."""
+"""The candidate terms of each port; docs/explanation/equations.md lists them."""
 
 from __future__ import annotations
 
 from functools import cache
 
-from sma_sim.evidence.symbolic_regression.terms import Shape, Term, times
+from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, times
 
 SWITCH_TIME = 0.3  # [s] over which a switch in time is smoothed: below it the solver only takes more steps
 MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
 # A hat function of time: no term of a formula, but the basis of a partial-residual plot.
 HAT_FUNCTION = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
-    Shape('t_0', 's', 'instant'), Shape('width', 's', 'time_constant')))  # fmt: skip
-DECAY_POWER = Shape('power', '-', 'fixed', values=(1.5,), description='how fast it decays with the distance')
+    ShapeParameter('t_0', 's', 'instant'), ShapeParameter('width', 's', 'time_constant')))  # fmt: skip
+DECAY_POWER = ShapeParameter('power', '-', 'fixed', values=(1.5,), description='how fast it decays with the distance')
 CONSTANT = Term('constant', '1.0', '-', ('constant',))
 
 
@@ -23,9 +23,9 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
     """
     u = f'({value} - {offset})' if offset else value
     in_brackets = u if offset else f'({u})'
-    at = Shape(f'{name}_0', unit, 'threshold', variable, description=f'{name} at which it begins, or its middle')
-    width = Shape('width', unit, 'width', variable, description='width')
-    wavenumber = Shape(
+    at = ShapeParameter(f'{name}_0', unit, 'threshold', variable, description=f'{name} at which it begins, or its middle')
+    width = ShapeParameter('width', unit, 'width', variable, description='width')
+    wavenumber = ShapeParameter(
         'k', f'rad/({unit})' if unit != 'rad' else '-', 'wavenumber', variable, description='2 pi over the period'
     )
     away = f'{value} - {{{at.name}}}'
@@ -43,17 +43,17 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
         Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (
-            wavenumber, Shape('phase', 'rad', 'phase', description='phase'))),
+            wavenumber, ShapeParameter('phase', 'rad', 'phase', description='phase'))),
     ]  # fmt: skip
 
 
 @cache
 def of_time() -> tuple[Term, ...]:
     """Functions of time: drift, settling, a switch, the onset of a drift, oscillation, a duty cycle."""
-    instant = Shape('t_0', 's', 'instant', description='instant, counted from the beginning of the run')
-    time_constant = Shape('tau', 's', 'time_constant', description='time constant')
-    frequency = Shape('f', 'Hz', 'frequency', description='frequency')
-    phase = Shape('phase', 'rad', 'phase', description='phase at the beginning of the run')
+    instant = ShapeParameter('t_0', 's', 'instant', description='instant, counted from the beginning of the run')
+    time_constant = ShapeParameter('tau', 's', 'time_constant', description='time constant')
+    frequency = ShapeParameter('f', 'Hz', 'frequency', description='frequency')
+    phase = ShapeParameter('phase', 'rad', 'phase', description='phase at the beginning of the run')
     angle = '2.0 * math.pi * {f} * s.t + {phase}'
     on = ('t',)
     return (
@@ -66,9 +66,9 @@ def of_time() -> tuple[Term, ...]:
     )
 
 
-def filtered(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str, start: str = '0.0') -> Term:
+def averaged_term(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str, start: str = '0.0') -> Term:
     """A term `expression` that reads ``m.z``, the slow first-order average of `value`."""
-    time_constant = Shape('tau', 's', 'time_constant', description='time constant')
+    time_constant = ShapeParameter('tau', 's', 'time_constant', description='time constant')
     return Term(name, expression, unit, (*variables, 'memory'), (time_constant,), f'({value} - m.z) / {{tau}}', start, 10.0)
 
 
@@ -86,8 +86,8 @@ def heat_terms() -> tuple[Term, ...]:
         Term('exchange', 's.T_other - s.T', 'K', ('T_other', 'T')),
         *of_time(),
         *(times(above, term) for term in of_time()),
-        filtered('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
-        filtered('slow_other', '(s.T_other - s.T_E)', 'K', ('T_other',), 'm.z'),
+        averaged_term('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
+        averaged_term('slow_other', '(s.T_other - s.T_E)', 'K', ('T_other',), 'm.z'),
     )
 
 
@@ -98,39 +98,41 @@ def power_terms() -> tuple[Term, ...]:
     return (
         *(term for term in of_variable('J', 's.J', 'W', 'J') if term.name in ('J', 'J_square', 'J_cube', 'J_above')),
         Term('J_bent', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (
-            Shape('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
+            ShapeParameter('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
         times(command, Term('x', 's.x', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
         *(times(command, term) for term in of_time()),
-        filtered('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
+        averaged_term('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
     )  # fmt: skip
 
 
 @cache
 def strain_terms() -> tuple[Term, ...]:
     """Offsets of strain, or shifts of both transformation stresses: of temperature, time and the history of the wire."""
-    reach = Shape('z_0', '-', 'fixed', values=(1.0, 5.0), description='transformation after which 63 % of it is reached')
-    hot = Shape('T_0', 'K', 'threshold', 'T', description='temperature at which it begins')
-    scale = Shape('T_w', 'K', 'fixed', values=(10.0, 25.0), description='temperature over which it grows e-fold')
+    reach = ShapeParameter(
+        'z_0', '-', 'fixed', values=(1.0, 5.0), description='transformation after which 63 % of it is reached'
+    )
+    threshold = ShapeParameter('T_0', 'K', 'threshold', 'T', description='temperature at which it begins')
+    scale = ShapeParameter('T_w', 'K', 'fixed', values=(10.0, 25.0), description='temperature over which it grows e-fold')
     return (
         CONSTANT,
         *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
         *of_time(),
         Term('worked', 'm.z', '-', ('dx', 'memory'), (), 'abs(s.dx)'),
         Term('trained', '1.0 - math.exp(-m.z / {z_0})', '-', ('dx', 'memory'), (reach,), 'abs(s.dx)'),
-        Term('hot_time', 'm.z', 'K s', ('T', 'memory'), (hot,), 'max(0.0, s.T - {T_0})', scale=100.0),
+        Term('hot_time', 'm.z', 'K s', ('T', 'memory'), (threshold,), 'max(0.0, s.T - {T_0})', scale=100.0),
         Term('activated', 'm.z', 's', ('T', 'memory'), (scale,), 'math.exp((s.T - s.T_E - 30.0) / {T_w})', scale=10.0),
-        filtered('slow_T', '(s.T - s.T_E)', 'K', ('T',), 'm.z'),
+        averaged_term('slow_T', '(s.T - s.T_E)', 'K', ('T',), 'm.z'),
     )
 
 
 def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> list[Term]:
     """Dry friction, and hysteresis that begins elastically and may relax at rest."""
-    speed = Shape('w', f'{unit}/s', 'fixed', values=(scale, 10.0 * scale), description='speed of full friction')
-    reach = Shape(
+    speed = ShapeParameter('w', f'{unit}/s', 'fixed', values=(scale, 10.0 * scale), description='speed of full friction')
+    reach = ShapeParameter(
         'z_0', unit, 'fixed', values=(0.3 * scale, scale, 3.0 * scale), description='travel over which it builds up'
     )
-    leak = Shape('tau', 's', 'time_constant', description='time in which it decays at rest')
+    leak = ShapeParameter('tau', 's', 'time_constant', description='time in which it decays at rest')
     on = (f'd{variable}', 'memory')
     return [
         Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
@@ -175,7 +177,7 @@ def stiffness_terms() -> tuple[Term, ...]:
     return (
         Term('bending', 's.alpha ** 2', 'rad^2', ('alpha',)),
         warmth,
-        filtered('slow_warmth', f'({MEAN_T})', 'K', ('T',), 'm.z'),
+        averaged_term('slow_warmth', f'({MEAN_T})', 'K', ('T',), 'm.z'),
         *of_time(),
     )
 
@@ -183,7 +185,7 @@ def stiffness_terms() -> tuple[Term, ...]:
 @cache
 def sensor_terms() -> tuple[Term, ...]:
     """An error of the shown value."""
-    play = Shape('half', 'unit', 'width', 'value', description='half of the play')
+    play = ShapeParameter('half', 'unit', 'width', 'value', description='half of the play')
     rate = 's.dU_x if s.channel == 0.0 else s.dU_y if s.channel == 1.0 else s.dalpha'
     ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, ({rate}) * m.z)))'
     return (

@@ -12,8 +12,8 @@ MAX_SHAPES = 3  # of one term: parameters of the compiled kernel are declared fo
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A parameter inside a term: `grid` says how its values to try follow from the data.
+class ShapeParameter:
+    """A parameter inside a term: `grid` names how its first values follow from the data.
 
     threshold: over the range of the variable `of`; width: fractions of that range; wavenumber: whole and half waves within
     it [rad per unit]; phase: a half turn (the sign of the coefficient does the rest); instant: over the run; time_constant:
@@ -39,7 +39,7 @@ class Term:
     value: str
     unit: str
     variables: tuple[str, ...]
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[ShapeParameter, ...] = ()
     rate: str = ''
     start: str = '0.0'
     scale: float = 1.0

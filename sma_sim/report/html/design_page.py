@@ -10,9 +10,9 @@ import numpy as np
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.experiment_design.curves import HypothesisCurves, best_hypothesis
-from sma_sim.evidence.experiment_design.design import Plan
+from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
-from sma_sim.evidence.experiment_design.summary import inseparable_words
+from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
@@ -24,17 +24,17 @@ COMMAND_HEIGHT, CHANNEL_HEIGHT = 110, 125  # [px]
 
 def write_design_page(path: Path, plan: Plan, curves: Sequence[HypothesisCurves]) -> None:
     """The page of a design and of what its hypotheses predict. Raises UserError."""
-    if plan.rivals:
-        expected = [*lead(plan), rival_table(plan), Bullets(list(inseparable_words(plan)))]
-        first = Section('What the experiment is expected to say', expected)
+    if plan.discriminates:
+        expected = [*lead(plan), rival_table(plan), Bullets(list(indistinguishable_sentences(plan)))]
+        first = Section('What the experiment is expected to tell', expected)
     else:
-        first = Section('What to know better', [*lead(plan), knowledge_table(plan)])
+        first = Section('What to know better', [*lead(plan), precision_table(plan)])
     sections = [first, Section('The sequence', [prediction_plot(plan, curves)])]
-    if plan.rivals:
+    if plan.discriminates:
         sections.append(Section('What a refitted rival cannot follow', [remainder_plot(plan, curves)]))
     sections.append(Section('Limits', [limits_table(plan)]))
     names = ' or '.join(hypothesis.name for hypothesis in plan.hypotheses)
-    write_page(path, f'Next experiment: {names}' if plan.rivals else 'Next experiment', sections)
+    write_page(path, f'Next experiment: {names}' if plan.discriminates else 'Next experiment', sections)
 
 
 def lead(plan: Plan) -> Iterator[Block]:
@@ -42,14 +42,16 @@ def lead(plan: Plan) -> Iterator[Block]:
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield Paragraph(
         f'{rows} levels in {plan.grid.length:g} s, held for {plan.grid.hold:g} s or longer: '
-        f'the best of {plan.tried} sequences.',
+        f'the best of {plan.evaluated} sequences.',
         'lead',
     )
 
 
 def rival_table(plan: Plan) -> Block:
     """Expected evidence, designed and default."""
-    rows = [(f'{pair.true} against {pair.rival}', f'{pair.designed:.4g}', f'{pair.default:.4g}') for pair in plan.expected]
+    rows = [
+        (f'{ratio.true} against {ratio.rival}', f'{ratio.designed:.4g}', f'{ratio.default:.4g}') for ratio in plan.expected
+    ]
     caption = (
         'Expected log evidence ratio, natural, if the first is true; 3 is odds of 20 to 1. '
         'Default: the mean of several sequences of random steps.'
@@ -57,12 +59,9 @@ def rival_table(plan: Plan) -> Block:
     return Table(('if true, against', 'designed', 'default'), rows, caption)
 
 
-def knowledge_table(plan: Plan) -> Block:
+def precision_table(plan: Plan) -> Block:
     """Standard deviations of the parameters."""
-    rows = [
-        (known.name, *(f'{std:.3g}' for std in (known.now, known.default, known.designed)), known.shown_unit)
-        for known in plan.knowledge
-    ]
+    rows = [(p.name, *(f'{std:.3g}' for std in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision]
     return Table(('standard deviation of', 'now', 'after a default', 'after the design', 'unit'), rows)
 
 
@@ -145,6 +144,6 @@ def remainder_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:
         figure.update_yaxes(title_text=name, row=channel + 2, col=1)
     caption = (
         f'If {plan.hypotheses[best_hypothesis(plan)].name} is true: channels less those of the rival after it was refitted '
-        'to recordings and experiment together (linearised), in units of the noise of one sample (the band is +-1).'
+        'to recordings and experiment together (linearized), in units of the noise of one sample (the band is +-1).'
     )
     return Plot(figure, caption, height)

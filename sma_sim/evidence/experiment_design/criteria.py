@@ -1,0 +1,65 @@
+"""The settings by which the design of an experiment decides and spends its effort."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DesignCriteria:
+    """When hypotheses are rivals, when an experiment decides between them, and how the search spends its budget.
+
+    Attributes
+    ----------
+    rival_log_evidence
+        Log evidence behind the best within which an explanation is a rival: beyond it the recordings have refuted it.
+    decisive_log_evidence
+        Expected log evidence ratio below which an experiment decides nothing: strong evidence begins at 3 (Kass and Raftery,
+        J. Am. Stat. Assoc. 90, 1995). Where equations make a pair indistinguishable, the best of many sequences promises up
+        to 2.7.
+    weak_std, min_directions
+        A combination of parameters is weakly known if its standard deviation exceeds this fraction of its prior's; at least
+        so many are considered.
+    limit_margin
+        By which a default limit exceeds what the recordings reached, of the rise above rest.
+    linear_share
+        Of the budget, where rivals are refitted afterwards: the linear prediction is rough there.
+    random_share
+        Of the linear search's budget that is spent on random sequences before the best are mutated.
+    batch
+        Sequences that are evaluated at once: fixed, so that the result does not depend on the number of cores.
+    default_sequences
+        With which the design is compared; their mean is what a recording made without a design brings.
+    parents
+        Sequences that are kept for mutation.
+    scale_down, max_scale_downs
+        Factor by which a sequence shrinks that exceeds a limit, and how often.
+    refit_share, min_refitted
+        Sequences to which rivals are refitted: this share of the budget, but not fewer.
+    max_refitted_pairs
+        Pairs of rivals that are refitted, the least discriminated ones: their number grows with the square of the rivals.
+    refitted_parents, refitted_defaults, refitted_batch
+        As above, of the search with refits, which costs a hundred times as much by sequence.
+    """
+
+    rival_log_evidence: float = 10.0
+    decisive_log_evidence: float = 3.0
+    weak_std: float = 0.1
+    min_directions: int = 3
+    limit_margin: float = 0.1
+    linear_share: float = 0.4
+    random_share: float = 0.35
+    batch: int = 8
+    default_sequences: int = 8
+    parents: int = 8
+    scale_down: float = 0.8
+    max_scale_downs: int = 12
+    refit_share: float = 0.05
+    min_refitted: int = 8
+    max_refitted_pairs: int = 6
+    refitted_parents: int = 4
+    refitted_defaults: int = 2
+    refitted_batch: int = 4
+
+
+DESIGN_CRITERIA = DesignCriteria()

@@ -1,0 +1,155 @@
+"""A designed experiment: the request for it, the sequence, and what it is expected to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
+from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
+from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
+from sma_sim.evidence.experiment_design.sequences import CommandGrid
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """What to design.
+
+    Attributes
+    ----------
+    between
+        Names of rival explanations: effects, several joined by `+`, or `nothing`.
+    parameters
+        Names of parameters that are to be known better, instead. With neither: the explanations that rival the best.
+    length, hold
+        Of the experiment, and the least time of a level [s].
+    power, temperature, stress
+        Limits: of the command [W], of the wires [K, Pa]. None: from the recordings.
+    model
+        Kinetics: hybrid, mas or auto.
+    budget
+        Sequences that are evaluated.
+    seed
+        Of the search and of the draws from posteriors.
+    folders
+        Of the user's effects.
+    """
+
+    between: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    length: float = 100.0
+    hold: float = 0.5
+    power: float | None = None
+    temperature: float | None = None
+    stress: float | None = None
+    model: str = 'auto'
+    budget: int = 120
+    seed: int = 0
+    folders: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class ExpectedRatio:
+    """Log evidence ratio expected for `true` against `rival`: under the design, under default sequences (mean of them)."""
+
+    true: str
+    rival: str
+    designed: float
+    default: float
+
+
+@dataclass(frozen=True)
+class ParameterPrecision:
+    """Standard deviation of a parameter (of its logarithm if `log`): now, after a default sequence, after the design."""
+
+    name: str
+    unit: str
+    log: bool
+    now: float
+    default: float
+    designed: float
+
+    @property
+    def shown_unit(self) -> str:
+        """Of the standard deviations."""
+        return 'of the logarithm' if self.log else self.unit
+
+
+@dataclass(frozen=True)
+class InformationGain:
+    """Information [nat] on the combinations of parameters considered: by the design, by default sequences (mean)."""
+
+    designed: float
+    default: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The design.
+
+    Attributes
+    ----------
+    hypotheses
+        What is discriminated; a single one where parameters are to be known better.
+    grid, levels
+        The command: levels (cells,) [W] on the grid.
+    limits, limits_from
+        What no hypothesis exceeds, and where each limit comes from, in words.
+    expected
+        Log evidence ratios between hypotheses; none where parameters are to be known better.
+    precision
+        Of every free parameter; none between hypotheses.
+    gain
+        Information on the parameters.
+    predictions
+        By hypothesis, under the design.
+    run, every
+        The experiment's samples and weights, each sample for `every` of the measurement.
+    evaluated
+        Number of sequences.
+    interrupted, seconds
+        Whether Ctrl-C ended the search, and how long it took.
+    """
+
+    hypotheses: tuple[ModelHypothesis, ...]
+    grid: CommandGrid
+    levels: Vector
+    limits: OperatingLimits
+    limits_from: Mapping[str, str]
+    expected: tuple[ExpectedRatio, ...]
+    precision: tuple[ParameterPrecision, ...]
+    gain: InformationGain
+    predictions: tuple[RunPrediction, ...]
+    run: FitData
+    every: int
+    evaluated: int
+    interrupted: bool
+    seconds: float
+
+    @property
+    def discriminates(self) -> bool:
+        """Whether hypotheses are compared (else parameters are to be known better)."""
+        return bool(self.expected)
+
+    @property
+    def reached(self) -> dict[str, float]:
+        """Largest power [W], temperature [K] and stress [Pa] of a wire under any hypothesis and draw of its posterior."""
+        return {
+            'power': float(abs(self.levels).max()),
+            'temperature': max(prediction.temperature for prediction in self.predictions),
+            'stress': max(prediction.stress for prediction in self.predictions),
+        }
+
+    @property
+    def indistinguishable(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of hypotheses that the best sequence does not tell apart, whichever is true."""
+        expected = {(ratio.true, ratio.rival): ratio.designed for ratio in self.expected}
+        decisive = DESIGN_CRITERIA.decisive_log_evidence
+        return tuple((a, b) for (a, b), ratio in expected.items() if a < b and max(ratio, expected[b, a]) < decisive)
