@@ -50,7 +50,7 @@ SLOW_AS_PYTHON = (
 )  # fmt: skip
 COMPILED_TESTS = (
     'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
-    'reference', 'plot', 'packaging', 'messages',
+    'reference', 'init', 'plot', 'packaging', 'messages', 'paper', 'interpreted',
 )  # fmt: skip
 ESTIMATION_TESTS = (
     'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
