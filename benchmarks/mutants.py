@@ -95,9 +95,14 @@ def changes(node: ast.AST) -> Iterator[ast.expr]:
     elif isinstance(node, ast.IfExp):
         yield ast.IfExp(node.test, node.orelse, node.body)
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float, bool):
-        yield ast.Constant(
-            not node.value if isinstance(node.value, bool) else node.value * 2 if node.value > 1 else node.value + 1
-        )
+        yield ast.Constant(other_number(node.value))
+
+
+def other_number(value: bool | int | float) -> bool | int | float:
+    """The negated truth, the next integer, twice a number (one for zero)."""
+    if isinstance(value, bool):
+        return not value
+    return value + 1 if isinstance(value, int) or value == 0.0 else 2.0 * value
 
 
 def expressions(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr]]:
