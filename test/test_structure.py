@@ -12,13 +12,7 @@ from sma_sim.evidence.model_selection.criteria import SelectionCriteria
 PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
 MOST_ARGUMENTS, MOST_IN_SOLVER = 6, 8
 MOST_THRESHOLDS = 40
-STILL_LONG = {
-    'challenge/make.py:make_challenge', 'model/structures/beam.py:beam_forces', 'model/system.py:flow',
-    'model/system.py:wire_rates', 'model/transformation.py:transforming_fraction', 'model/transformation.py:fraction_rate',
-    'model/transformation.py:added', 'model/transformation.py:memory_drift', 'solver/events.py:crossing',
-    'solver/events.py:guard_at', 'solver/integrate.py:integrate', 'solver/integrate.py:integrate_held',
-    'solver/integrate.py:run_segment', 'solver/integrate.py:sample_step', 'solver/stepper.py:flow_at',
-}  # fmt: skip
+STILL_LONG = {'challenge/make.py:make_challenge'}
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}
 
