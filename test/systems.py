@@ -114,7 +114,9 @@ def raw_run(model, source, sample_times, max_step=np.inf, max_steps=10_000_000):
     run = new_run(model, stretches.values[0], work)
     log = new_log(sample_times)
     samples, jumps = log.samples, log.jumps
-    status = package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(max_step, max_steps), log)
+    status = package_compiler().function(integrate)(
+        stretches, run, model.compiled, work, Limits(max_step, max_steps, 0.0), log
+    )
     wires = [
         {name: samples[:, Y_WIRE + i * PER_WIRE + k] for k, name in enumerate(WIRE_COLUMNS)} for i in range(model.wires)
     ]
@@ -134,6 +136,6 @@ def smooth_state(model, J_eq, after):
     work = new_work(model)
     run = new_run(model, u, work)
     stretches = InputStretches(np.array([0.0, after]), np.array([u, u]), np.zeros((2, 2)), False)
-    package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000), new_log())
+    package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000, 0.0), new_log())
     y, mode, x_frozen = run.state
     return evaluate(model, y, u, np.zeros(2), mode, x_frozen)

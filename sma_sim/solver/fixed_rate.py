@@ -36,6 +36,7 @@ from sma_sim.solver.simulate import (
     new_work,
     notes_on_start,
     reason_of,
+    stall_step,
     trajectory,
 )
 from sma_sim.solver.stepper import Segment
@@ -86,7 +87,7 @@ class FixedRateRun:
     def advance(self, inputs: NDArray[np.float64], every: int, samples: NDArray[np.float64]) -> int:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
         self.run.count[:N_JUMPS] = 0
-        limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs))
+        limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
         held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
         log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)

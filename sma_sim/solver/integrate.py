@@ -27,13 +27,15 @@ from sma_sim.solver.stepper import (
     with_smooth,
 )  # fmt: skip
 
-COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE = range(5)
+COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE, STALLED = range(6)
 REASONS = (
     'end of the input',
     'step limit reached',
     'step size underflow: the equations are too stiff or singular here',
     'a state is no longer finite',
     'a rate is not a finite number here: look at the effects and the parameters',
+    'stalled: the last steps are so short that the run would not end; a rate switches too fast to be followed here: check '
+    'the effects and the parameters, or raise solver.rtol',
 )
 RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 
@@ -43,23 +45,24 @@ WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J', 'd
 PER_WIRE = 10
 
 # Counters and controls of a run.
-N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_SIZE = range(6)
-C_H, C_LAST_JUMP, C_BURST, C_DWELL, C_SIZE = 0, 1, 3, 5, 7
+N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_SIZE = range(7)
+C_H, C_LAST_JUMP, C_BURST, C_DWELL, C_WINDOW, C_SIZE = 0, 1, 3, 5, 7, 8
 
 
 class Run(NamedTuple):
     """A run in progress; all arrays are changed in place, so that a run can be continued."""
 
     state: SystemState
-    control: Vector  # step size, per wire: time of the last jump, recent jumps, dwell
+    control: Vector  # step size; per wire: time of the last jump, recent jumps, dwell; start of the window of steps
     count: Integers
 
 
 class Limits(NamedTuple):
-    """What bounds a run."""
+    """What bounds a run. It is stalled when WINDOW steps in a row are shorter than `stall_step` [s] in the mean."""
 
     max_step: float
     max_steps: int
+    stall_step: float
 
 
 class InputStretches(NamedTuple):
@@ -95,6 +98,7 @@ LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
 AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
+WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
 NO_JUMP = 2.0  # as a fraction of a step
 
 
@@ -212,6 +216,8 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
         rest = segment.t_end - t
         clipped = h >= rest or h > 0.999999 * rest
         step = rest if clipped else min(h, 0.5 * rest) if h > 0.6 * rest else h
+        if is_stalled(t, run, limits):
+            return STALLED, h
         error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
         factor = min(2.5, max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
@@ -226,6 +232,17 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
                 return NOT_FINITE, h
         if h < MIN_STEP * (t - segment.t_0) + 1e-3 * MIN_STEP:
             return STEP_UNDERFLOW if np.isfinite(error) else RATE_NOT_FINITE, h
+
+
+def is_stalled(t: float, run: Run, limits: Limits) -> bool:
+    """Count a step that is about to be tried at time t; whether the last WINDOW of them led nowhere."""
+    steps = run.count[N_WINDOW]
+    run.count[N_WINDOW] = steps + 1
+    if 0 < steps < WINDOW:
+        return False
+    stalled = steps > 0 and t - run.control[C_WINDOW] < WINDOW * limits.stall_step
+    run.control[C_WINDOW], run.count[N_WINDOW] = t, 1
+    return stalled
 
 
 def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System, w: Work, log: Log) -> None:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import O_EPS, O_SIZE, InputPoint, System, SystemState
+from sma_sim.model.layout import O_EPS, O_S_A, O_S_M, O_SIZE, InputPoint, System, SystemState
 from sma_sim.model.material import heat_capacity
-from sma_sim.model.parameters import beam_constants, wire_constants
+from sma_sim.model.parameters import DEFAULTS, beam_constants, wire_constants
+from sma_sim.model.system import flow
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table, own_scratch
 from sma_sim.solver.equilibrium import start
@@ -35,6 +36,7 @@ from sma_sim.solver.integrate import (
     PER_WIRE,
     REASONS,
     SAMPLE_SIZE,
+    STALLED,
     STEP_UNDERFLOW,
     Y_SENSED,
     Y_WIRE,
@@ -44,7 +46,7 @@ from sma_sim.solver.integrate import (
     Run,
     integrate,
 )  # fmt: skip
-from sma_sim.solver.stepper import Evaluation, Work
+from sma_sim.solver.stepper import ORDER, Evaluation, Work
 
 Vector = NDArray[np.float64]
 
@@ -158,6 +160,8 @@ class Model:
 
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
+STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
+NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
@@ -215,6 +219,12 @@ def continued(model: Model, initial_state: Run) -> Run:
     y, mode, x_frozen = initial_state.state
     state = SystemState(y.copy(), mode.copy(), x_frozen.copy())
     return Run(state, initial_state.control.copy(), np.zeros_like(initial_state.count))
+
+
+def stall_step(model: Model) -> float:
+    """The mean step [s] below which a run is stalled: it needs 100 s of computing and more for 1 s of a robot's time."""
+    tightness = min(1.0, model.config.parameters['solver.rtol'] / DEFAULTS['solver.rtol'].default)
+    return float(STALL_STEP * tightness ** (1.0 / ORDER))
 
 
 def check_start(model: Model, strains: Vector) -> None:
@@ -282,7 +292,7 @@ def simulate(
     run = continued(model, initial_state) if initial_state else new_run(model, values[0], work)
     start_notes = () if initial_state else notes_on_start(model, run)
     asked = asked_times(source, sample_times)
-    limits = Limits(max_step, max_steps)
+    limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
     log = Log(np.full((len(asked), SAMPLE_SIZE), np.nan), asked, np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)))
@@ -321,6 +331,8 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
 def reason_of(status: int, model: Model, run: Run) -> str:
     """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
     p = model.compiled
+    if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
+        return narrow
     for i in range(p.wires):
         y, T = run.state.y, run.state.y[p.first_T + i]
         x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
@@ -331,6 +343,24 @@ def reason_of(status: int, model: Model, run: Run) -> str:
                 f'(1/E_M - 1/E_A) sigma_T^2 (1 - x_M); check wire.sigma_T, wire.c_V and why wire.E_M is above wire.E_A'
             )
     return REASONS[status]
+
+
+def narrow_hysteresis(model: Model, run: Run) -> str:
+    """What stalls the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
+    p, y = model.compiled, run.state.y
+    point = InputPoint(np.zeros(2 if p.module else 3), np.zeros(2 if p.module else 3))
+    found = Evaluation(np.zeros_like(y), np.zeros((p.wires, O_SIZE)))
+    flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
+    dsigma = model.config.parameters['wire.dsigma']
+    for i in range(p.wires):
+        height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
+        if not height > NARROW:
+            return (
+                f'stalled: the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
+                f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
+                f'sigma_M, or choose the hybrid model'
+            )
+    return ''
 
 
 def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:

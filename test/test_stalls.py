@@ -1,0 +1,71 @@
+"""No run of effects in their realistic ranges stalls; one that has to stop says why, after a fixed number of steps."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from systems import active, make_model
+
+from sma_sim import module_input, simulate
+from sma_sim.model.effects.library import clausius_clapeyron_mismatch
+from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.fixed_rate import simulate_fixed_rate
+from sma_sim.solver.integrate import WINDOW
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
+from fuzz_effects import fuzz  # noqa: E402
+
+HELD = module_input([0.0, 40.0], [30.0, 30.0])
+
+
+def test_hysteresis_that_narrows_with_temperature_is_followed():
+    narrowing = active('clausius_clapeyron_mismatch', delta=-4.1e5)
+    run = simulate(make_model('module', 'mas', [narrowing], solver__rtol=6e-5), HELD, 10.0)
+    assert run.completed and run.steps < 2_000
+    assert run['T_1_K'].max() > 420.0  # where in proportion to T the hysteresis would have been inverted
+
+
+def test_height_of_the_hysteresis_falls_smoothly_to_its_limit():
+    model = make_model('wire')
+    w, parameters = model.compiled.wire, type('P', (), {'delta': -4e5})
+
+    def height(T):
+        s_A, s_M = clausius_clapeyron_mismatch.shifts(type('S', (), {'T': T}), w, parameters)
+        return (w.dsigma + s_A - s_M) / w.dsigma
+
+    T_knee = w.T0 + 0.8 * w.dsigma / 4e5
+    assert height(w.T0) == 1.0 and height(T_knee - 6.0) == pytest.approx(0.2 + 6.0 * 4e5 / w.dsigma)
+    assert height(T_knee + 1e-9) == pytest.approx(height(T_knee - 1e-9), abs=1e-9)
+    slopes = [(height(T_knee + h + 1e-4) - height(T_knee + h)) / 1e-4 for h in (-1e-3, 1e-3)]
+    assert slopes[0] == pytest.approx(-4e5 / w.dsigma, rel=1e-5) and slopes[1] == pytest.approx(slopes[0], rel=1e-3)
+    assert height(2000.0) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize('fixed_steps', [False, True])
+def test_a_stalled_run_stops_and_says_why(fixed_steps):
+    model = make_model('module', 'mas', wire__dsigma=1e3)
+    run = simulate_fixed_rate(model, HELD, 1000.0, 10.0) if fixed_steps else simulate(model, HELD, 10.0)
+    assert not run.completed and run.steps <= 5 * WINDOW
+    for words in ('stalled', 'the hysteresis of wire 1 is only', 'check wire.dsigma', 'hybrid model'):
+        assert words in run.reason
+    assert np.isfinite(run['alpha_rad']).all()
+
+
+def test_tight_tolerances_do_not_look_stalled():
+    run = simulate(make_model('module', solver__rtol=1e-12), module_input([0.0, 1.0], [30.0, 0.0]), 10.0)
+    assert run.completed and run.steps > 1_000
+
+
+def test_random_effects_with_realistic_values():
+    """A few of the runs of benchmarks/fuzz_effects.py."""
+    numbers = fuzz(0, 60)
+    assert numbers['completed'] == 60
+    assert numbers['most_steps'] < 20_000
+
+
+def test_runs_do_not_share_scratch_memory():
+    p = make_model(effects=[active('gravity')]).compiled
+    mine = own_scratch(p)
+    assert mine.effects.s is not p.effects.s and mine.effects.out is not p.effects.out
+    assert mine.effects.s.shape == p.effects.s.shape and mine.effects.parameters is p.effects.parameters
