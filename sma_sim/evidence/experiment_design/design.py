@@ -130,7 +130,7 @@ def next_experiment(
         For Ctrl-C before the search has begun.
     """
     t_start = time.perf_counter()
-    check_request(training, config, request)
+    check_design_request(training, config, request)
     with some_executor(executor) as pool:
         context = SearchContext(pool, Event(), on_progress, request.folders, request.seed)
         plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
@@ -153,7 +153,7 @@ def best_plan(
     return replace(plan_from(hypotheses, problem, outcome, grid_origins | origins), every=every)
 
 
-def check_request(training: Campaign, config: Config, request: DesignRequest) -> None:
+def check_design_request(training: Campaign, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
     if config.system != 'module':
         raise UserError('next designs commands J_eq of a module; for a wire (system wire) it has no sequence of strain')

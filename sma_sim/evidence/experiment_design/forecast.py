@@ -143,7 +143,7 @@ def distance_to_bound(direction: Vector, z: Vector, low: Vector, high: Vector) -
     return float(room.min())
 
 
-def predict_runs(
+def predict_hypotheses(
     hypotheses: Sequence[EvaluationPoints], runs: Sequence[FitData], pool: Executor
 ) -> list[list[RunPrediction | None]]:
     """What hypotheses predict, for each run by hypothesis; None where one cannot be simulated."""

@@ -15,7 +15,7 @@ from sma_sim.evidence.experiment_design.forecast import (
     EvaluationPoints,
     OperatingLimits,
     RunPrediction,
-    predict_runs,
+    predict_hypotheses,
     with_command,
 )
 from sma_sim.evidence.experiment_design.sequences import (
@@ -67,7 +67,7 @@ def evaluate_sequences(
     """Sequences evaluated; None for those that exceed a limit, or that a hypothesis cannot simulate."""
     runs = [with_command(problem.run, levels, problem.grid) for levels in sequences]
     evaluated: list[EvaluatedSequence | None] = []
-    for levels, by_hypothesis in zip(sequences, predict_runs(problem.points, runs, problem.pool), strict=True):
+    for levels, by_hypothesis in zip(sequences, predict_hypotheses(problem.points, runs, problem.pool), strict=True):
         allowed = [
             prediction for prediction in by_hypothesis if prediction is not None and prediction.is_within(problem.limits)
         ]

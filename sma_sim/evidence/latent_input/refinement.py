@@ -90,7 +90,9 @@ def refine_hypotheses(
         refined = [hypothesis for hypothesis in refined if is_contender(hypothesis, refined[0], ratio)]
         if all(hypothesis.converged for hypothesis in refined):
             break
-        context.on_progress(f'simulating {joined_names([hypothesis for hypothesis in refined if not hypothesis.converged])}')
+        context.on_progress(
+            f'simulating {hypothesis_names([hypothesis for hypothesis in refined if not hypothesis.converged])}'
+        )
         try:
             refined = run_in_threads([partial(relinearized, hypothesis, context) for hypothesis in refined], stop)
         except Stopped:
@@ -102,7 +104,7 @@ def refine_hypotheses(
     return by_squares([*refined, *given_up, *single_wire_variants(near, context)])
 
 
-def joined_names(refined: Sequence[RefinedHypothesis]) -> str:
+def hypothesis_names(refined: Sequence[RefinedHypothesis]) -> str:
     """Their names, for a message."""
     return ', '.join(hypothesis.hypothesis.name for hypothesis in refined)
 
@@ -126,7 +128,7 @@ def single_wire_variants(refined: Sequence[RefinedHypothesis], context: SearchCo
     ]  # fmt: skip
     if not variants:
         return []
-    context.on_progress(f'simulating {joined_names(variants)}')
+    context.on_progress(f'simulating {hypothesis_names(variants)}')
     try:
         return run_in_threads(
             [partial(two_steps, variant, context) for variant in variants], context.stop, workers_of(context.pool)
