@@ -16,8 +16,8 @@ from hypothesis import strategies as some
 
 from sma_sim import UserError, find_effects
 from sma_sim.cli import diagnose, next
+from sma_sim.cli.common.input_files import read_module_input
 from sma_sim.cli.main import main
-from sma_sim.cli.simulate import read_module_input
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.data import (
+    EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
     check_outputs,
@@ -20,7 +21,6 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last

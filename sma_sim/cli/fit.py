@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.data import (
+    EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
     check_outputs,
@@ -31,8 +32,6 @@ from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
-
-EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
 
 
 def add_parser(verbs: Any) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.data import (
+    EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
     check_outputs,
@@ -19,7 +20,6 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
-from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.data import (
+    EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
     check_outputs,
@@ -20,7 +21,6 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
-from sma_sim.cli.fit import EXIT_INTERRUPTED
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import next_experiment

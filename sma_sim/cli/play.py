@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sma_sim.cli.common.input_files import read_module_input
 from sma_sim.cli.common.options import ProgressLine, add_namespace_option
-from sma_sim.cli.simulate import read_module_input
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.entry import NO_ROS

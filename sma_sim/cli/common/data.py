@@ -22,6 +22,8 @@ from sma_sim.evidence.estimation.executors import dask_executor, some_executor
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
+EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
+
 
 def add_data_options(parser: argparse.ArgumentParser) -> None:
     """``DATA...`` and options about them, ``--report``, ``--json``, ``--scheduler``."""
