@@ -27,6 +27,13 @@ class FragmentLibrary(codegen.JITCodeLibrary):
 
     inlined = True
 
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Take in the code, and say whether callers inline it."""
+        for function in ir_module.functions:
+            if not self.inlined and not function.is_declaration:
+                function.attributes.add('noinline')
+        super().add_ir_module(ir_module)
+
     def finalize(self) -> None:
         """Nothing more is added; neither optimized nor made into machine code."""
         self._finalized = True
@@ -37,8 +44,6 @@ class FragmentLibrary(codegen.JITCodeLibrary):
         for function in module.functions:
             if not function.is_declaration and function.linkage == binding.Linkage.external:
                 function.linkage = 'linkonce_odr'
-                if not self.inlined:
-                    function.add_function_attribute('noinline')
         return module
 
     def with_callees(self, seen: set[Any]) -> Iterator[Any]:
