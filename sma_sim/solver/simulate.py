@@ -161,6 +161,7 @@ class Model:
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
+GIVEN_WAY = 0.5 * math.pi  # [rad] of the plate: far beyond what the wires can bend a beam to
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
@@ -331,6 +332,11 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
 def reason_of(status: int, model: Model, run: Run) -> str:
     """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
     p = model.compiled
+    if status != COMPLETED and p.module and not abs(run.state.y[2]) < GIVEN_WAY:
+        return (
+            f'the beam has given way: the plate has turned by {abs(run.state.y[2]):.3g} rad, no pose is stable under these '
+            'forces; check the effects on structure_force (one that softens the beam), beam.E, beam.h and plate.W'
+        )
     if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
         return narrow
     for i in range(p.wires):
