@@ -83,10 +83,8 @@ class Trajectory:
         Why the run ended, and whether that is the end of its input.
     steps, rejected, chattering : int
         Accepted and rejected steps; wires that were held in a mode to stop chattering.
-    state : Run
-        Where the run ended, to continue from.
-    notes : tuple of str
-        Remarks, for instance about a start that was moved.
+    state, notes : Run, tuple of str
+        Where the run ended, to continue from; remarks, for instance about a start that was moved.
     """
 
     time: Vector
@@ -111,13 +109,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Model:
-    """A model ready to run; what it needs is compiled, or loaded, when it is first used.
-
-    Attributes
-    ----------
-    config : Config
-        Parameters, system, kinetics and effects.
-    """
+    """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used."""
 
     config: Config = field(default_factory=Config)
 
