@@ -23,7 +23,7 @@ import numpy as np
 from cases import add_options, solved
 
 from sma_sim import Campaign, Input, Recording
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -59,7 +59,7 @@ POSE = ('U_x', 'U_y', 'alpha')
 
 def robot_of(pair: Sequence[str], seed: int) -> tuple[Robot, Any]:
     """The robot that has the first effect of a pair, and the model to start from."""
-    made = make_challenge(seed, kinds=[pair[0]], duration=5.0, rate=10.0)
+    made = make_challenge(seed, kinds=[pair[0]], plan=RecordingPlan(duration=5.0, rate=10.0))
     return made.robot, made.nominal
 
 

@@ -24,7 +24,7 @@ from typing import Any
 from cases import add_options, solved
 
 from sma_sim.challenge.files import write_challenge
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.recording import Campaign
 from sma_sim.evidence.data.recordings import read_campaign
 from sma_sim.evidence.diagnosis.diagnose import diagnose
@@ -144,7 +144,11 @@ def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
 def made(name: str, folder: Path) -> Path:
     """The folder of a challenge."""
     seed, kinds = CASES[name]
-    write_challenge(make_challenge(seed, len(kinds), kinds=kinds, forces=True, duration=50.0, rate=20.0), folder, 'csv')
+    write_challenge(
+        make_challenge(seed, len(kinds), kinds=kinds, forces=True, plan=RecordingPlan(duration=50.0, rate=20.0)),
+        folder,
+        'csv',
+    )
     return folder
 
 

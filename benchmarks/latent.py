@@ -14,7 +14,7 @@ from typing import Any
 
 from cases import add_options, solved
 
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.latent_input.latent_search import latent
 from sma_sim.evidence.latent_input.results import Latent
 
@@ -46,7 +46,9 @@ def main() -> None:
 def solve(kind: str, seed: int, channels: str, duration: float, rate: float, pool: Executor) -> dict[str, Any]:
     """Make one case, and say which port is named."""
     kinds = [] if kind == 'none' else [kind]
-    case = make_challenge(seed, len(kinds), None, kinds, channels == 'forces', duration=duration, rate=rate)
+    case = make_challenge(
+        seed, len(kinds), None, kinds, channels == 'forces', plan=RecordingPlan(duration=duration, rate=rate)
+    )
     found = latent(case.campaign, case.nominal, executor=pool)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kstest, kstwo
 
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation.calibrate import multistart_search
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for
@@ -40,7 +40,7 @@ LEVELS = (0.01, 0.05, 0.1, 0.25, 0.5)
 def solve(number: int, pool: Executor) -> dict[str, Any]:
     """The smallest family p-value of one robot that lacks nothing, and which effect has it."""
     forces = number % 2 == 0
-    made = make_challenge(FIRST_SEED + number, 0, forces=forces, rate=RATE)
+    made = make_challenge(FIRST_SEED + number, 0, forces=forces, plan=RecordingPlan(rate=RATE))
     training = replace(made.campaign, recordings=made.campaign.recordings[:TRAINING])
     config = replace(made.nominal, model='mas')
     bare = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))

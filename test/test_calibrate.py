@@ -21,7 +21,7 @@ from sma_sim import (
     simulate,
     wire_input,
 )  # fmt: skip
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
 from sma_sim.evidence.estimation.free_parameters import choose_free
 
@@ -141,7 +141,7 @@ def test_further_starts_are_reported(small):
 
 
 def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
-    case = make_challenge(1, 0, None, (), False, duration=60.0, rate=10.0)
+    case = make_challenge(1, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
     training = replace(case.campaign, recordings=case.campaign.recordings[:2])
     found = calibrate(training, case.nominal, Options(model='mas', intervals=False))
     assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads

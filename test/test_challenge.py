@@ -12,7 +12,7 @@ from sma_sim.challenge.draw import (
     UNCERTAIN_PARAMETERS,
     draw_random_command,
 )
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, REST_DURATION, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
@@ -29,7 +29,7 @@ LIBRARY = (
     'driver_deadband', 'power_gain_mismatch', 'sensor_bias', 'sensor_gain', 'sensor_lag',
     'sensor_misalignment',
 )  # fmt: skip
-SHORT = {'duration': 20.0, 'rate': 10.0}
+SHORT = RecordingPlan(duration=20.0, rate=10.0)
 COMMAND = module_input([0.0, 4.0, 9.0], [12.0, -11.0, -11.0])
 RATE = 50.0
 
@@ -58,7 +58,7 @@ def test_every_effect_of_the_library_has_a_truth_and_there_are_others():
 
 @pytest.mark.parametrize('name', truths())
 def test_every_truth_runs_and_changes_something(name):
-    challenge = make_challenge(3, kinds=[name], rate=10.0)
+    challenge = make_challenge(3, kinds=[name], plan=RecordingPlan(rate=10.0))
     (effect,) = challenge.answer.effects
     assert effect.name == name and effect.variables and challenge.robot.hidden[0].truth.name == name
     assert max(effect.influence.values()) > 0.02  # the tolerance of the runs is 100 times finer
@@ -70,7 +70,7 @@ def test_every_truth_runs_and_changes_something(name):
 
 
 def test_a_seed_decides_everything():
-    one, again, other = (make_challenge(seed, forces=True, **SHORT) for seed in (7, 7, 8))
+    one, again, other = (make_challenge(seed, forces=True, plan=SHORT) for seed in (7, 7, 8))
     assert one.answer == again.answer and one.answer != other.answer
     for first, second in zip(one.campaign.recordings, again.campaign.recordings, strict=True):
         assert all((first.channels[name] == second.channels[name]).all() for name in NOISE_STD)
@@ -80,7 +80,7 @@ def test_a_seed_decides_everything():
 
 
 def test_parameters_are_off_as_promised():
-    answers = [make_challenge(seed, 0, **SHORT).answer for seed in range(4)]
+    answers = [make_challenge(seed, 0, plan=SHORT).answer for seed in range(4)]
     for answer in answers:
         off = {name: abs(true / nominal - 1.0) for name, (nominal, true) in answer.parameters.items()}
         assert off.pop('wire.l0') <= MAX_LENGTH_DEVIATION
@@ -90,7 +90,7 @@ def test_parameters_are_off_as_promised():
 
 
 def test_noise_is_as_told_and_nothing_else_is_added():
-    challenge = make_challenge(5, 1, forces=True, duration=60.0)
+    challenge = make_challenge(5, 1, forces=True, plan=RecordingPlan(duration=60.0))
     for recording in challenge.campaign.recordings:
         time, true = challenge.robot.measure(recording.source, 50.0)
         assert (time == recording.time).all() and len(time) == 3000
@@ -103,15 +103,15 @@ def test_noise_is_as_told_and_nothing_else_is_added():
 
 def test_number_and_kind_of_effects_can_be_asked_for():
     for seed in range(6):
-        two = make_challenge(seed, 2, outside=True, runs=3, duration=1.0).answer
+        two = make_challenge(seed, 2, outside=True, plan=RecordingPlan(runs=3, duration=1.0)).answer
         assert len(two.effects) == 2 and not any(effect.library for effect in two.effects)
         assert two.verdict == 'unknown_effect' and two.library_names == ()
-        inside = make_challenge(seed, 1, outside=False, duration=1.0).answer
+        inside = make_challenge(seed, 1, outside=False, plan=RecordingPlan(duration=1.0)).answer
         assert inside.effects[0].library and inside.verdict == 'missing_effect'
-    pair = make_challenge(1, kinds=['gravity', 'truth_fan'], duration=1.0).answer
+    pair = make_challenge(1, kinds=['gravity', 'truth_fan'], plan=RecordingPlan(duration=1.0)).answer
     assert [effect.name for effect in pair.effects] == ['truth_gravity', 'truth_fan'] and pair.verdict == 'unknown_effect'
-    assert set(make_challenge(1, 0, duration=1.0).campaign.noise_std) == {'U_x', 'U_y', 'alpha'}
-    drawn = {len(make_challenge(seed, duration=1.0).answer.effects) for seed in range(10)}
+    assert set(make_challenge(1, 0, plan=RecordingPlan(duration=1.0)).campaign.noise_std) == {'U_x', 'U_y', 'alpha'}
+    drawn = {len(make_challenge(seed, plan=RecordingPlan(duration=1.0)).answer.effects) for seed in range(10)}
     assert drawn == {0, 1, 2}
 
 
@@ -123,15 +123,15 @@ def test_number_and_kind_of_effects_can_be_asked_for():
         ({'kinds': ['gravity'], 'effects': 0}, '--effects 0 with 1 named'),
         ({'kinds': ['gravity', 'fan', 'slack']}, '--effects 3 with 3 named'),
         ({'effects': 3}, 'expected 0, 1 or 2'),
-        ({'runs': 2}, '2 runs: expected at least 3'),
-        ({'duration': 0.5}, 'expected at least 1 s'),
-        ({'rate': float('nan')}, 'expected at least 1 s'),
+        ({'plan': RecordingPlan(runs=2)}, '2 runs: expected at least 3'),
+        ({'plan': RecordingPlan(duration=0.5)}, 'expected at least 1 s'),
+        ({'plan': RecordingPlan(rate=float('nan'))}, 'expected at least 1 s'),
         ({'seed': -1}, 'seed -1: expected a whole number'),
     ],
 )
 def test_wrong_wishes_are_told(words, message):
     with pytest.raises(UserError, match=message):
-        make_challenge(**({'seed': 1, 'duration': 1.0} | words))
+        make_challenge(**({'seed': 1, 'plan': RecordingPlan(duration=1.0)} | words))
 
 
 def test_robots_that_break_are_drawn_again(monkeypatch):
@@ -147,7 +147,7 @@ def test_robots_that_break_are_drawn_again(monkeypatch):
         return measured(self, source, rate)
 
     monkeypatch.setattr(Robot, 'measure', sometimes)
-    second = make_challenge(1, 0, **SHORT)
+    second = make_challenge(1, 0, plan=SHORT)
     assert second.robot.parameters == calls[-1].parameters != calls[0].parameters
 
     def never(self, source, rate):
@@ -155,7 +155,7 @@ def test_robots_that_break_are_drawn_again(monkeypatch):
 
     monkeypatch.setattr(Robot, 'measure', never)
     with pytest.raises(UserError, match='no robot that works'):
-        make_challenge(1, 0, **SHORT)
+        make_challenge(1, 0, plan=SHORT)
 
 
 # That truths are true
@@ -241,7 +241,7 @@ def test_sensors_show_what_they_say():
 
 
 def test_influence_is_what_is_changed_over_the_noise():
-    effect = make_challenge(2, kinds=['sensor_bias'], **SHORT).answer.effects[0]
+    effect = make_challenge(2, kinds=['sensor_bias'], plan=SHORT).answer.effects[0]
     for name in ('U_x', 'U_y', 'alpha'):
         assert effect.influence[name] == pytest.approx(abs(effect.parameters[f'zero_{name}'][0]) / NOISE_STD[name])
     pose = [effect.influence[name] for name in ('U_x', 'U_y', 'alpha')]

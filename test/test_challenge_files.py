@@ -12,7 +12,7 @@ import pytest
 from sma_sim import UserError, read_config
 from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.files import open_answer, write_challenge
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD
 from sma_sim.challenge.score import read_verdict, score_verdict, verdict_from
 from sma_sim.challenge.truth import truths
@@ -22,13 +22,13 @@ from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.config import Config
 
-SHORT = {'duration': 20.0, 'rate': 10.0}
+SHORT = RecordingPlan(duration=20.0, rate=10.0)
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'challenges.md'
 
 
 @pytest.mark.parametrize('format', ['mcap', 'csv'])
 def test_files_hold_what_was_made(tmp_path, format):
-    challenge = make_challenge(3, kinds=['gravity', 'fan'], forces=True, **SHORT)
+    challenge = make_challenge(3, kinds=['gravity', 'fan'], forces=True, plan=SHORT)
     write_challenge(challenge, tmp_path / 'case', format)
     assert sorted(file.name for file in (tmp_path / 'case').iterdir()) == [
         'answer.sealed', 'meta.json', 'nominal.yaml', *(f'run{k}.{format}' for k in (1, 2, 3))
@@ -53,7 +53,7 @@ def test_files_hold_what_was_made(tmp_path, format):
 
 
 def test_nothing_gives_the_answer_away(tmp_path):
-    write_challenge(make_challenge(3, kinds=['gravity', 'fan'], **SHORT), tmp_path / 'case', 'csv')
+    write_challenge(make_challenge(3, kinds=['gravity', 'fan'], plan=SHORT), tmp_path / 'case', 'csv')
     for file in (tmp_path / 'case').iterdir():
         assert not any(word in file.read_text() for word in ('gravity', 'fan', 'truth', 'seed'))
 
@@ -79,7 +79,7 @@ def changed(path, change):
     ],
 )
 def test_damaged_answers_are_told(tmp_path, damage, message):
-    write_challenge(make_challenge(3, 0, **SHORT), tmp_path / 'case', 'csv')
+    write_challenge(make_challenge(3, 0, plan=SHORT), tmp_path / 'case', 'csv')
     damage(tmp_path / 'case' / 'answer.sealed')
     with pytest.raises(UserError, match=message):
         open_answer(tmp_path / 'case')

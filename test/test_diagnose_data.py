@@ -10,7 +10,7 @@ from campaigns import NOISE
 
 from sma_sim import Campaign, Config, Recording, module_input
 from sma_sim.challenge.files import recording_columns, write_challenge
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import diagnose as diagnose_command
 from sma_sim.cli.common.data import read_data
 from sma_sim.cli.main import main
@@ -29,7 +29,7 @@ QUICK = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
 @pytest.fixture(scope='module')
 def robot():
     """A robot that lacks gravity: three short runs."""
-    return make_challenge(2, 1, kinds=['gravity'], forces=True, duration=20.0, rate=10.0)
+    return make_challenge(2, 1, kinds=['gravity'], forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))
 
 
 @pytest.fixture(scope='module')
@@ -47,7 +47,7 @@ def without(recording, *channels, empty=()):
 
 def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     """Two runs of a robot that lacks nothing: none is held out, and that is said."""
-    robot = make_challenge(2, 0, forces=True, duration=20.0, rate=10.0)
+    robot = make_challenge(2, 0, forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))
     one, two, _ = robot.campaign.recordings
     runs = Campaign((without(one, 'F_1', 'F_2'), without(two, 'U_x', empty=('F_1',))), robot.campaign.noise_std)
     found = diagnose(runs, robot.nominal, request=QUICK)

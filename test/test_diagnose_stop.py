@@ -11,7 +11,7 @@ import time
 import pytest
 
 from sma_sim.challenge.files import write_challenge
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.model.config import read_config
 from sma_sim.model.effects.discovery import find_effects
@@ -23,7 +23,9 @@ PATIENCE = 300.0  # [s]
 def case(tmp_path_factory):
     """A small robot that lacks gravity."""
     folder = tmp_path_factory.mktemp('stop') / 'case'
-    write_challenge(make_challenge(2, kinds=['gravity'], forces=True, duration=30.0, rate=10.0), folder, 'csv')
+    write_challenge(
+        make_challenge(2, kinds=['gravity'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0)), folder, 'csv'
+    )
     return folder
 
 

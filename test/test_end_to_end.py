@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 import sma_sim.challenge.truths  # noqa: E402
 from sma_sim.challenge.files import write_challenge  # noqa: E402
-from sma_sim.challenge.make import make_challenge  # noqa: E402
+from sma_sim.challenge.make import RecordingPlan, make_challenge  # noqa: E402
 from sma_sim.cli.main import main  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 
@@ -94,7 +94,9 @@ def test_robot_to_improved_model(tmp_path):
 def test_unlisted_effect_to_a_node_that_has_it(tmp_path):
     """A force that no library knows: its equation is proposed, written, and runs in the node as it was fitted."""
     case = tmp_path / 'case'
-    write_challenge(make_challenge(seed=4, kinds=['shaking_table'], duration=30.0, rate=10.0), case, 'csv')
+    write_challenge(
+        make_challenge(seed=4, kinds=['shaking_table'], plan=RecordingPlan(duration=30.0, rate=10.0)), case, 'csv'
+    )
     better, verdict, nominal = tmp_path / 'better.yaml', tmp_path / 'verdict.json', case / 'nominal.yaml'
     words = ['--config', str(nominal), '--model', 'mas', '--json', str(verdict), '-o', str(better)]
     assert main(['diagnose', str(case), *words]) == 0

@@ -9,7 +9,7 @@ import pytest
 from campaigns import command, config
 
 from sma_sim import Effect, Parameter, find_effects, simulate
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
@@ -131,7 +131,7 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
 @pytest.fixture(scope='module')
 def ripple():
     """A moment that is periodic in the angle, on short runs, and what is proposed for it."""
-    case = make_challenge(seed=4, kinds=['harness_ripple'], duration=40.0, rate=10.0)
+    case = make_challenge(seed=4, kinds=['harness_ripple'], plan=RecordingPlan(duration=40.0, rate=10.0))
     training, held = hold_out_last(case.campaign, None)
     with ThreadPoolExecutor(2) as pool:
         context = SearchContext(pool, Event())

@@ -8,7 +8,7 @@ import pytest
 from campaigns import NOISE, campaign, config
 
 from sma_sim.challenge.files import write_challenge
-from sma_sim.challenge.make import make_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import PORTS, ports_of
@@ -42,7 +42,7 @@ BY_NAME = {port.name: port for port in PORTS}
 
 @pytest.fixture(scope='module')
 def shaken():
-    case = make_challenge(7, kinds=['shaking_table'], forces=True, duration=30.0, rate=10.0)
+    case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
     return case, latent(case.campaign, case.nominal)
 
 
@@ -59,7 +59,7 @@ def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
 
 
 def test_with_nothing_missing_no_port_is_named():
-    case = make_challenge(8, effects=0, forces=True, duration=30.0, rate=10.0)
+    case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
     found = latent(case.campaign, case.nominal)
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(verdict_sentences(found))).startswith('none')
@@ -213,7 +213,7 @@ def test_hypotheses_and_reasons():
 @pytest.mark.slow
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
-    case = make_challenge(8, kinds=['supply_limit'], duration=30.0, rate=10.0)
+    case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=30.0, rate=10.0))
     found = latent(case.campaign, case.nominal)
     best, *others = found.findings
     assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2

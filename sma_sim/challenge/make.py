@@ -26,6 +26,18 @@ Measured = tuple[Vector, Mapping[str, Vector]]  # times and channels
 
 
 @dataclass(frozen=True)
+class RecordingPlan:
+    """How many recordings a challenge has, their `duration` [s] and `rate` [samples/s]."""
+
+    runs: int = MIN_RUNS
+    duration: float = DEFAULT_DURATION
+    rate: float = DEFAULT_RATE
+
+
+DEFAULT_PLAN = RecordingPlan()
+
+
+@dataclass(frozen=True)
 class Challenge:
     """Recordings and the model that the user starts from; the robot behind them and the answer."""
 
@@ -41,17 +53,15 @@ def make_challenge(
     outside: bool | None = None,
     kinds: Sequence[str] = (),
     forces: bool = False,
-    runs: int = MIN_RUNS,
-    duration: float = DEFAULT_DURATION,
-    rate: float = DEFAULT_RATE,
+    plan: RecordingPlan = DEFAULT_PLAN,
 ) -> Challenge:
     """The challenge of a seed, always the same one.
 
     `effects` (0 to 2) hidden effects, `kinds` by name among them, the others drawn outside the library or not as `outside`
-    says; None leaves it to the seed. `runs` recordings of `duration` [s] at `rate` [1/s], of the pose, with `forces` of the
-    wires' forces as well. Raises UserError.
+    says; None leaves it to the seed. The recordings of `plan` hold the pose, with `forces` the wires' forces as well. Raises
+    UserError.
     """
-    check_request(seed, runs, duration, rate)
+    check_request(seed, plan)
     chosen = draw_truths(np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, kinds)
     nominal = nominal_for(chosen)
     for attempt in range(MAX_ATTEMPTS):
@@ -62,10 +72,10 @@ def make_challenge(
         hidden = tuple(Hidden(truth, truth.draw(stream_of(truth, seed, attempt))) for truth in chosen)
         robot = Robot(draw_parameters(nominal.parameters, streams[PARAMETER_STREAM]), hidden)
         T_E = nominal.parameters['environment.T_E']
-        commands = [draw_random_command(duration, T_E, streams[COMMAND_STREAM]) for _ in range(runs)]
+        commands = [draw_random_command(plan.duration, T_E, streams[COMMAND_STREAM]) for _ in range(plan.runs)]
         try:
-            measured = [robot.measure(command, rate) for command in commands]
-            effects_found = tuple(hidden_effect(entry, robot, commands, measured, rate, forces) for entry in hidden)
+            measured = [robot.measure(command, plan.rate) for command in commands]
+            effects_found = tuple(hidden_effect(entry, robot, commands, measured, plan.rate, forces) for entry in hidden)
         except BrokenRobot:
             continue
         noise_std = {name: std for name, std in NOISE_STD.items() if forces or name in POSE_CHANNELS}
@@ -96,8 +106,9 @@ def nominal_for(chosen: Sequence[Truth]) -> Config:
     return Config(parameters)
 
 
-def check_request(seed: int, runs: int, duration: float, rate: float) -> None:
+def check_request(seed: int, plan: RecordingPlan) -> None:
     """Raise UserError for a challenge that cannot be made."""
+    runs, duration, rate = plan.runs, plan.duration, plan.rate
     if seed < 0:
         raise UserError(f'seed {seed}: expected a whole number, 0 or more')
     if runs < MIN_RUNS:

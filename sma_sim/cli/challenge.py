@@ -10,7 +10,7 @@ from typing import Any
 
 from sma_sim.challenge.answer import Answer
 from sma_sim.challenge.files import NOMINAL_FILE, WRITERS, check_new, open_answer, write_challenge
-from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, make_challenge
+from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, RecordingPlan, make_challenge
 from sma_sim.challenge.score import VerdictScore, read_verdict, score_verdict
 from sma_sim.cli.common.options import announce_compilation
 
@@ -50,8 +50,8 @@ def write_new(arguments: argparse.Namespace) -> int:
     check_new(arguments.out)
     announce_compilation()
     challenge = make_challenge(
-        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces, arguments.runs,
-        arguments.duration, arguments.rate,
+        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces,
+        RecordingPlan(arguments.runs, arguments.duration, arguments.rate),
     )  # fmt: skip
     write_challenge(challenge, arguments.out, arguments.format)
     first = challenge.campaign.recordings[0]
