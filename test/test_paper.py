@@ -199,4 +199,4 @@ def test_files_that_come_meanwhile_are_left_alone(monkeypatch, tmp_path):
     assert main(['paper', '--out', str(out)]) == 2
     assert os.listdir(tmp_path) == ['paper'] and os.listdir(out) == ['notes.txt']
     with pytest.raises(UserError, match='holds other files'):
-        verb.check_place(out, True)
+        verb.check_output_folder(out, True)
