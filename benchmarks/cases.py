@@ -23,7 +23,7 @@ Solve = Callable[..., Result]  # of a case's entries and an executor
 def add_options(parser: argparse.ArgumentParser, file: str, minutes: float) -> None:
     """What all benchmarks of cases ask."""
     parser.add_argument('--file', type=Path, default=Path(file), help='of finished cases, a line of JSON each')
-    parser.add_argument('--minutes', type=float, default=minutes, help='no case is begun later; 0: only the table')
+    parser.add_argument('--minutes', type=float, default=minutes, help='no case starts later; 0: only the table')
     parser.add_argument('--at-once', type=int, default=1, help='cases side by side, each on its share of the cores')
 
 

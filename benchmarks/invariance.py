@@ -1,4 +1,4 @@
-"""Does a diagnosis say the same of the same data in another dress?
+"""Is a diagnosis invariant under the form of its data: order, names, units, rates?
 
     python benchmarks/invariance.py [--cases NAME ...] [--folder DIR ...] [--minutes 60] [--at-once 2]
 

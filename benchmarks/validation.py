@@ -150,7 +150,7 @@ def main() -> None:
     """Measure what is missing, write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--parts', nargs='+', choices=[part.name for part in PARTS], metavar='NAME', help='all by default')
-    parser.add_argument('--minutes', type=float, default=600.0, help='nothing is begun later; 0: only write the page')
+    parser.add_argument('--minutes', type=float, default=600.0, help='nothing starts later; 0: only write the page')
     parser.add_argument('--shared', type=Path, default=ROOT.parent / 'shared', help='folder with reference/ and measured/')
     parser.add_argument('--folder', type=Path, default=ROOT / 'benchmarks' / 'results', help='of finished parts')
     parser.add_argument('--list', action='store_true', help='name the parts and how long they take')

@@ -217,7 +217,7 @@ def test_wrong_campaigns_are_said(small):
 
 
 def test_a_start_has_several_optima():
-    """The right parameters foretell all three runs: the third from near sigma_A, where the middle does not lead."""
+    """The right parameters predict all three runs: the third from near sigma_A, where the middle does not lead."""
     made = make_challenge(1089, 0)
     truth = Config(dict(made.robot.parameters), 'module', 'mas')
     assert all(fit.error < 1.05 for fit in held_out(truth, made.campaign))

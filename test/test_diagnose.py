@@ -199,7 +199,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
 
 
 def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
-    """Weak commands tell little of the martensite; a strong one is foretold badly, and one model explains them all."""
+    """Weak commands tell little of the martensite; a strong one is predicted badly, and one model explains them all."""
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)
     powers = {1: 0.75, 2: 0.75, 3: 15.0}
     runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
@@ -219,7 +219,7 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     ('family_p', 'fall', 'part', 'accepted'),
     [
         (0.01, 0.05, 0.05, True), (0.4, 0.5, 0.5, True),
-        (0.4, 0.5, 0.1, False),  # foretells better than a model that is far off, and hardly fits better: holds it back
+        (0.4, 0.5, 0.1, False),  # predicts better than a model that is far off, and hardly fits better: holds it back
         (0.4, 0.1, 0.5, False), (0.01, 0.02, 0.5, False),
     ],
 )  # fmt: skip

@@ -53,7 +53,7 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
     found = calibrate(many, config(), FEW)
     monkeypatch.setattr(run_subset, 'MAX_RUNS', 100)
     at_once = calibrate(many, config(), FEW)
-    assert abs(found.cost - at_once.cost) < 0.1 * SAME_OPTIMUM  # descents end where the next step is foretold to gain less
+    assert abs(found.cost - at_once.cost) < 0.1 * SAME_OPTIMUM  # descents end where the next step is predicted to gain less
     for name, value in at_once.values.items():
         assert found.values[name] == pytest.approx(value, rel=2e-3)
 

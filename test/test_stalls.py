@@ -10,10 +10,10 @@ from systems import active, make_model
 from sma_sim import module_input, simulate
 from sma_sim.model.effects.library import clausius_clapeyron_mismatch
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.integrate import WINDOW
+from sma_sim.solver.integrate import N_TIGHTENED, WINDOW
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
-from fuzz_effects import fuzz  # noqa: E402
+from fuzz_effects import TIMES, drawn, fuzz  # noqa: E402
 
 HELD = module_input([0.0, 40.0], [30.0, 30.0])
 
@@ -56,6 +56,14 @@ def test_a_beam_that_gives_way_says_so(kinetics):
     run = simulate(make_model('module', kinetics, [softening]), HELD, 10.0)
     assert not run.completed and run.steps <= 5 * WINDOW
     assert 'the beam has given way' in run.reason and 'structure_force' in run.reason
+
+
+def test_friction_that_switches_within_the_tolerance_is_resolved():
+    """Dry friction of the joint, fully developed at 1 mrad/s: steps that do not see it lead nowhere."""
+    model, command = drawn(1165)
+    run = simulate(model, command, TIMES)
+    assert run.completed and run.state.count[N_TIGHTENED] == 1
+    assert run.steps < 3 * WINDOW
 
 
 def test_tight_tolerances_do_not_look_stalled():

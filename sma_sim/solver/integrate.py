@@ -45,7 +45,7 @@ WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J', 'd
 PER_WIRE = 10
 
 # Counters and controls of a run.
-N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_SIZE = range(7)
+N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_TIGHTENED, N_SIZE = range(8)
 C_H, C_LAST_JUMP, C_BURST, C_DWELL, C_WINDOW, C_SIZE = 0, 1, 3, 5, 7, 8
 
 
@@ -99,6 +99,7 @@ AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
+TIGHTER = 1e-2  # of the tolerance of the plate's rates, where friction switches within it
 NO_JUMP = 2.0  # as a fraction of a step
 
 
@@ -216,7 +217,7 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
         rest = segment.t_end - t
         clipped = h >= rest or h > 0.999999 * rest
         step = rest if clipped else min(h, 0.5 * rest) if h > 0.6 * rest else h
-        if is_stalled(t, run, limits):
+        if is_stalled(t, run, limits) and not tighten_rates(run, p, w):
             return STALLED, h
         error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
@@ -243,6 +244,20 @@ def is_stalled(t: float, run: Run, limits: Limits) -> bool:
     stalled = steps > 0 and t - run.control[C_WINDOW] < WINDOW * limits.stall_step
     run.control[C_WINDOW], run.count[N_WINDOW] = t, 1
     return stalled
+
+
+def tighten_rates(run: Run, p: System, w: Work) -> bool:
+    """Tighten the tolerance of the plate's rates, once a run; whether that was done.
+
+    They are scaled as undamped vibrations. Friction that switches over a much smaller speed is then not resolved, and a
+    short step may repeat the same error for ever; resolved, it takes no more steps than usual.
+    """
+    if not p.module or run.count[N_TIGHTENED] > 0:
+        return False
+    run.count[N_TIGHTENED] = 1
+    for i in range(Y_RATE, Y_RATE + 3):
+        w.weight[i] *= TIGHTER
+    return True
 
 
 def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System, w: Work, log: Log) -> None:

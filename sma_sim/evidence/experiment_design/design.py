@@ -127,7 +127,7 @@ def next_experiment(
     UserError
         For what cannot be designed: a wire, unknown names, limits that not even a weak command keeps.
     KeyboardInterrupt
-        For Ctrl-C before the search has begun.
+        For Ctrl-C before the search has started.
     """
     t_start = time.perf_counter()
     check_design_request(training, config, request)
