@@ -7,14 +7,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from sma_sim.model.config import Config
-from sma_sim.ros.entry import Runner, run_node
+from sma_sim.ros.entry import Program, Runner, run_node
 
-NODE_NAME = 'sma_model_check'
+PROGRAM = Program(
+    'sma_model_check',
+    'Runs the model beside a robot and warns when the measurement departs from it.',
+    'check.noise_alpha:=1.0e-3',
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the model beside a robot; the exit code of `entry.run_node`."""
-    return run_node(NODE_NAME, model_check, arguments)
+    return run_node(PROGRAM, model_check, arguments)
 
 
 def model_check(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:

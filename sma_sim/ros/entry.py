@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from sma_sim.model.config import Config
@@ -17,7 +19,26 @@ NO_ROS = (
     'rclpy, the Python client of ROS 2, is not installed here ({reason}).\n'
     "Install it with: pip install 'sma_sim[kilted]' (or sma_sim[jazzy]), or source a ROS 2 workspace."
 )
+USAGE = """usage: {name} [--help] [--ros-args ROS-ARGUMENTS]
+
+{purpose}
+
+ROS arguments come after --ros-args:
+  -p NAME:=VALUE       one parameter, such as -p {example}
+  --params-file FILE   a ROS 2 parameter file (`sma-sim init` writes one)
+  -r __ns:=/NAME       the namespace of the topics
+  -r FROM:=TO          another name for a topic
+Ctrl-C ends the node. Exit code: 0 when stopped, 2 for wrong arguments or parameters, 1 for a failed run."""
 WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError')  # what rclpy raises for them
+
+
+@dataclass(frozen=True)
+class Program:
+    """A command that is a node: its name, what it is for, and a parameter as an example in its messages."""
+
+    name: str
+    purpose: str
+    example: str
 
 
 class Runner(Protocol):
@@ -41,8 +62,40 @@ def short_message(error: Exception) -> str:
     return str(error).split(', at ')[0].replace('\n', ' ')
 
 
-def run_node(name: str, make: Maker, arguments: list[str] | None) -> int:
+def outside_ros_args(arguments: Sequence[str]) -> list[str]:
+    """The arguments that rcl ignores: those before --ros-args, or after the -- that ends it."""
+    ignored, of_ros = [], False
+    for word in arguments:
+        if word == '--ros-args':
+            of_ros = True
+        elif of_ros:
+            of_ros = word != '--'
+        else:
+            ignored.append(word)
+    return ignored
+
+
+def answered(program: Program, arguments: Sequence[str]) -> int | None:
+    """The exit code for arguments that start no node (--help, and those that are not ROS arguments); None for the others."""
+    ignored = outside_ros_args(arguments)
+    if not ignored:
+        return None
+    if {'-h', '--help'} & set(ignored):
+        print(USAGE.format(**vars(program)))
+        return 0
+    given = shlex.join(ignored)
+    form = given if ignored[0].startswith('-') else f'-p {program.example}'
+    print(f'{program.name}: {given}: only ROS arguments are taken, after --ros-args, as in\n'
+          f'  {program.name} --ros-args {form}\nSee {program.name} --help.', file=sys.stderr)  # fmt: skip
+    return 2
+
+
+def run_node(program: Program, make: Maker, arguments: list[str] | None) -> int:
     """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
+    name = program.name
+    code = answered(program, sys.argv[1:] if arguments is None else arguments)
+    if code is not None:
+        return code
     try:
         import rclpy
     except ImportError as error:

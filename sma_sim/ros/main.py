@@ -7,14 +7,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from sma_sim.model.config import Config
-from sma_sim.ros.entry import Runner, run_node
+from sma_sim.ros.entry import Program, Runner, run_node
 
-NODE_NAME = 'sma_module_sim'
+PROGRAM = Program(
+    'sma_module_sim',
+    'Simulates a module: takes commands [W] on J_eq, publishes joint_states, wire_states and others.',
+    'node.record:=run1',
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the simulated module; the exit code of `entry.run_node`."""
-    return run_node(NODE_NAME, simulation, arguments)
+    return run_node(PROGRAM, simulation, arguments)
 
 
 def simulation(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:
