@@ -14,8 +14,9 @@ import threading
 import time
 
 import rclpy
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -62,7 +63,7 @@ class AlphaController(Node):
         self.command = self.create_publisher(Float64, 'J_eq', 10)
         self.create_subscription(JointState, 'joint_states', self.on_joint_state, 10)
         self.create_subscription(Float64, 'alpha_target', self.on_target, 10)
-        self.add_on_set_parameters_callback(self.on_parameters)
+        self.add_post_set_parameters_callback(self.on_parameters)  # after all of a request were accepted
         self.watch = self.create_timer(WATCH_PERIOD, self.on_watch, clock=rclpy.clock.Clock())
         self.get_logger().info('waiting for joint_states')
 
@@ -80,13 +81,12 @@ class AlphaController(Node):
                 self.target = parameter.value
             elif parameter.name in ('kp', 'ki'):
                 setattr(self.law, parameter.name, parameter.value)
-        return SetParametersResult(successful=True)
 
     def on_target(self, message):
         """Take a new target, if it is an angle."""
         _, low, high, _, _ = PARAMETERS['alpha_target']
         if low <= message.data <= high:
-            self.target = message.data
+            self.set_parameters([Parameter('alpha_target', value=message.data)])  # on_parameters takes it from there
         else:
             self.warn(f'alpha_target = {message.data} rad refused: expected {low:.4g} to {high:.4g}')
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
-from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
@@ -89,11 +89,23 @@ class Loop(ros_client.Simulation):
         super().__exit__(*words)
 
 
+def target_of(loop):
+    request = GetParameters.Request(names=['alpha_target'])
+    return loop.call(GetParameters, 'alpha_controller/get_parameters', request).values[0].double_value
+
+
 def test_reaches_its_target_and_another_one():
     with Loop('-p', 'alpha_target:=0.05') as loop:
         loop.until(lambda: loop.stays_at(0.05, 1e-3), 60.0)
         loop.targets.publish(Float64(data=-0.06))
         loop.until(lambda: loop.stays_at(-0.06, 1e-3), 60.0)
+        assert target_of(loop) == -0.06  # the parameter shows what is in force
+        mixed = [Parameter('alpha_target', value=0.05).to_parameter_msg(), Parameter('J_max', value=5.0).to_parameter_msg()]
+        request = SetParametersAtomically.Request(parameters=mixed)
+        assert not loop.call(
+            SetParametersAtomically, 'alpha_controller/set_parameters_atomically', request
+        ).result.successful
+        assert target_of(loop) == -0.06 and loop.stays_at(-0.06, 1e-3)
         gain = [Parameter('kp', value=500.0).to_parameter_msg(), Parameter('J_max', value=5.0).to_parameter_msg()]
         answers = loop.call(SetParameters, 'alpha_controller/set_parameters', SetParameters.Request(parameters=gain)).results
         assert [answer.successful for answer in answers] == [True, False]

@@ -6,6 +6,8 @@ import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -60,6 +62,43 @@ def test_as_fast_as_possible_and_diagnostics():
         assert status.name == '/sma_module_sim' and status.message == 'running'
         assert values['overruns'] == '0' and values['rejected commands'] == '0'
         assert float(values['real-time factor']) > 0.0 and math.isfinite(float(values['simulated time [s]']))
+        assert one.stop()[0] == 0
+
+
+def T_E_parameter(one):
+    """The parameter environment.T_E [K]."""
+    return call(one, GetParameters, 'get_parameters', names=['environment.T_E']).values[0].double_value
+
+
+def test_a_refused_set_of_parameters_changes_nothing():
+    topics = ((JointState, 'joint_states'), (Float64, 'T_E_applied'))
+    with ros_client.Simulation(topics=topics) as one:
+        one.until(lambda: one.seen['joint_states'] and one.seen['T_E_applied'], ros_client.FIRST_MESSAGE)
+        values = [Parameter('environment.T_E', value=350.0).to_parameter_msg()]
+        refused = (
+            Parameter('use_sim_time', value=True),
+            Parameter('use_sim_time', value='yes'),
+            Parameter('wire.r0', value=1.0),
+        )
+        for other in refused:
+            request = {'parameters': [*values, other.to_parameter_msg()]}
+            assert not call(one, SetParametersAtomically, 'set_parameters_atomically', **request).result.successful
+        count = len(one.seen['joint_states'])
+        one.until(lambda: len(one.seen['joint_states']) > count + 20)
+        assert [message.data for message in one.seen['T_E_applied']] == [298.0] and T_E_parameter(one) == 298.0
+        assert call(one, SetParameters, 'set_parameters', parameters=values).results[0].successful
+        one.until(lambda: one.seen['T_E_applied'][-1].data == 350.0)
+        assert one.stop()[0] == 0
+
+
+def test_the_parameter_shows_the_ambient_temperature_in_force():
+    topics = ((JointState, 'joint_states'), (Float64, 'T_E_applied'))
+    with ros_client.Simulation(topics=topics) as one:
+        ambient = one.publisher(Temperature, 'ambient_temperature')
+        one.until(lambda: one.seen['T_E_applied'], ros_client.FIRST_MESSAGE)
+        ambient.publish(Temperature(temperature=40.0))
+        one.until(lambda: one.seen['T_E_applied'][-1].data == pytest.approx(313.15))
+        assert T_E_parameter(one) == one.seen['T_E_applied'][-1].data
         assert one.stop()[0] == 0
 
 

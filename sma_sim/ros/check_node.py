@@ -61,7 +61,7 @@ class ModelCheck:
         self._diagnostics = Diagnostics(node)
         self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
         self._robot = RobotSubscriptions(node, config)
-        follow_live_parameters(node, self._robot.set_T_E, use_sim_time)
+        follow_live_parameters(node, self._robot.apply_T_E, use_sim_time)
         node.create_service(Trigger, '~/reset', self._reset)
 
     def begin(self, stop: threading.Event) -> None:

@@ -9,12 +9,14 @@ import math
 from collections import deque
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.parameters import DEFAULTS
 
+ENVIRONMENT = 'environment.T_E'
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 
 
@@ -77,22 +79,30 @@ class Command:
 
 
 class Ambient:
-    """The ambient temperature T_E [K] in force: the parameter's, until a message or a new value of it arrives."""
+    """The ambient temperature T_E [K] in force, which the parameter environment.T_E always shows."""
 
     def __init__(self, node: Node, T_E: float) -> None:
-        self._logger = node.get_logger()
-        self.T_E = T_E
+        self._node, self._logger = node, node.get_logger()
+        self.T_E = self._initial = T_E
         self.rejected = 0
 
     def receive(self, message: Temperature) -> None:
         """Take a temperature in deg C; refuse one out of range."""
         T_E = self.accepted(message)
         if T_E is not None:
-            self.T_E = T_E
+            self._set_parameter(T_E)
+
+    def reset(self) -> None:
+        """The temperature of the start again."""
+        self._set_parameter(self._initial)
+
+    def apply(self) -> None:
+        """Take the parameter's value. It is read here, so that what is set last is in force, from whichever thread."""
+        self.T_E = float(self._node.get_parameter(ENVIRONMENT).value)
 
     def accepted(self, message: Temperature) -> float | None:
         """The temperature [K] that a message tells, None for one out of range."""
-        low, high = DEFAULTS['environment.T_E'].bounds
+        low, high = DEFAULTS[ENVIRONMENT].bounds
         kelvin = float(message.temperature) + ZERO_CELSIUS
         if low <= kelvin <= high:
             return kelvin
@@ -104,10 +114,7 @@ class Ambient:
         )
         return None
 
-    def set(self, kelvin: float) -> str:
-        """Take a new value of the parameter; what is wrong with it, if anything."""
-        low, high = DEFAULTS['environment.T_E'].bounds
-        if not low <= kelvin <= high:
-            return f'environment.T_E = {kelvin} K: expected {low:g} to {high:g} K'
-        self.T_E = kelvin
-        return ''
+    def _set_parameter(self, kelvin: float) -> None:
+        """Set the parameter, which has `apply` called; each change of it is an event on /parameter_events."""
+        if kelvin != self.T_E:
+            self._node.set_parameters([Parameter(ENVIRONMENT, Parameter.Type.DOUBLE, kelvin)])

@@ -67,7 +67,7 @@ class ModuleSimulation:
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             node.create_subscription(kind, topic, receive, 10)
         self._graph_check = GraphCheck(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUT_TOPICS)
-        follow_live_parameters(node, self._ambient.set, use_sim_time)
+        follow_live_parameters(node, self._ambient.apply, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""

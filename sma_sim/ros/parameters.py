@@ -10,12 +10,15 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType, SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
 from sma_sim.model.effects.discovery import find_effects
-from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
+from sma_sim.model.parameters import DEFAULTS, SETTINGS
+from sma_sim.model.parameters import Parameter as NumberParameter
+from sma_sim.ros.command import ENVIRONMENT
 
-LIVE = ('environment.T_E',)
+LIVE = (ENVIRONMENT,)
 OF_ROS = ('use_sim_time', 'start_type_description_service')
 LIST_DESCRIPTIONS = {
     'effects.active': 'names of the active effects',
@@ -90,7 +93,7 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
             declare_number(node, f'effects.{name}.{parameter.name}', parameter, value)
 
 
-def declare_number(node: Node, name: str, parameter: Parameter, value: float) -> None:
+def declare_number(node: Node, name: str, parameter: NumberParameter, value: float) -> None:
     """Declare one number with its unit, range and description."""
     low, high = parameter.bounds
     # rclpy compares with the range, which NaN (chosen at the start) would fail
@@ -105,18 +108,32 @@ def declare_number(node: Node, name: str, parameter: Parameter, value: float) ->
     node.declare_parameter(name, float(value), descriptor, ignore_override=True)
 
 
-def follow_live_parameters(node: Node, set_T_E: Callable[[float], str], use_sim_time: bool) -> None:
-    """Hand new values of environment.T_E [K] to `set_T_E`, which says what is wrong with one, if anything."""
+def follow_live_parameters(node: Node, apply_T_E: Callable[[], object], use_sim_time: bool) -> None:
+    """Call `apply_T_E` whenever environment.T_E has a new value.
 
-    def take(parameters: list[Any]) -> SetParametersResult:
+    A new value is only validated before it is set: another parameter of the same request may still be refused.
+    """
+
+    def validate(parameters: list[Any]) -> SetParametersResult:
         for parameter in parameters:
             wrong = ''
-            if parameter.name == 'environment.T_E':
-                wrong = set_T_E(float(parameter.value))
+            if parameter.name == ENVIRONMENT and parameter.type_ == Parameter.Type.DOUBLE:  # rclpy refuses the other types
+                wrong = refused_T_E(float(parameter.value))
             elif parameter.name == 'use_sim_time' and parameter.value != use_sim_time:
                 wrong = 'use_sim_time: give it when the node starts (-p use_sim_time:=true)'
             if wrong:
                 return SetParametersResult(successful=False, reason=wrong)
         return SetParametersResult(successful=True)
 
-    node.add_on_set_parameters_callback(take)
+    def apply(parameters: list[Any]) -> None:
+        if any(parameter.name == ENVIRONMENT for parameter in parameters):
+            apply_T_E()
+
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(apply)
+
+
+def refused_T_E(kelvin: float) -> str:
+    """Why an ambient temperature is refused; empty where it is not."""
+    low, high = DEFAULTS[ENVIRONMENT].bounds
+    return '' if low <= kelvin <= high else f'{ENVIRONMENT} = {kelvin} K: expected {low:g} to {high:g} K'

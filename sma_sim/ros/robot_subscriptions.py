@@ -134,12 +134,10 @@ class RobotSubscriptions:
         values += [(nearest(queue, now.stamp, half, math.nan),) for queue in temperatures]
         return np.concatenate(values)
 
-    def set_T_E(self, kelvin: float) -> str:
-        """A new value of the parameter environment.T_E; what is wrong with it, if anything."""
-        wrong = self.ambient.set(kelvin)
-        if not wrong:
-            self._hear(time.time_ns(), T_E, kelvin, applied=False)
-        return wrong
+    def apply_T_E(self) -> None:
+        """Take the new value of the parameter environment.T_E."""
+        self.ambient.apply()
+        self._hear(time.time_ns(), T_E, self.ambient.T_E, applied=False)
 
     def rejected(self) -> dict[str, int]:
         """How often what was wrong, by words for it."""
