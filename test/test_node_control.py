@@ -102,6 +102,23 @@ def test_the_parameter_shows_the_ambient_temperature_in_force():
         assert one.stop()[0] == 0
 
 
+def test_reset_brings_back_the_ambient_temperature_of_the_start():
+    topics = ((JointState, 'wire_states'), (Temperature, 'wire_1/temperature'), (Float64, 'T_E_applied'))
+    with ros_client.Simulation('-p', 'environment.T_E:=300.0', topics=topics) as one:
+        heat, applied, wires = (one.seen[topic] for topic in ('wire_1/temperature', 'T_E_applied', 'wire_states'))
+        ambient = one.publisher(Temperature, 'ambient_temperature')
+        one.until(lambda: wires, ros_client.FIRST_MESSAGE)
+        first = list(wires[0].effort)
+        ambient.publish(Temperature(temperature=60.0))
+        one.until(lambda: heat and heat[-1].temperature > 50.0)
+        assert 'ambient temperature' in call(one, Trigger, 'reset').message
+        one.until(lambda: applied[-1].data == 300.0 and heat[-1].temperature == pytest.approx(300.0 - 273.15))
+        count = len(wires)
+        one.until(lambda: len(wires) > count + 20)
+        assert list(wires[-1].effort) == pytest.approx(first, rel=1e-6) and T_E_parameter(one) == 300.0
+        assert one.stop()[0] == 0
+
+
 class Clock:
     """A clock that only moves when told to, or when someone sleeps."""
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 DIAGNOSTICS_PERIOD = 1.0  # [s]
+RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
 SERVICE_TIMEOUT = 5.0  # [s] that a service waits for the simulating thread
 
 
@@ -56,7 +57,7 @@ class Control:
         return self._ask('step', 'one step made', response)
 
     def _reset(self, _: Any, response: Any) -> Any:
-        return self._ask('reset', 'at the start again, heating off until the next command', response)
+        return self._ask('reset', RESET_DONE, response)
 
     def _ask(self, action: str, answer: str, response: Any) -> Any:
         request = Request(action)

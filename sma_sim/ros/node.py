@@ -148,6 +148,7 @@ class ModuleSimulation:
 
     def _reset(self) -> None:
         self.command.clear()
+        self._ambient.reset()
         self._new_run()
         self._begin()
         self._schedule.restart()
