@@ -1,11 +1,13 @@
 """Pausing, stepping, resetting, and the schedule of the steps."""
 
 import math
+import signal
+import time
 
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
@@ -119,6 +121,47 @@ def test_reset_brings_back_the_ambient_temperature_of_the_start():
         assert one.stop()[0] == 0
 
 
+def diagnosed(one):
+    """The latest status of the node, and its values by name."""
+    status = one.seen['/diagnostics'][-1].status[0]
+    return status, {value.key: value.value for value in status.values}
+
+
+def test_diagnostics_tell_of_the_command_and_its_publishers():
+    words = ('-p', 'node.command_timeout:=0.5', '-r', 'J_eq:=/heater/power')
+    with ros_client.Simulation(*words, topics=((DiagnosticArray, '/diagnostics'),)) as one:
+        command = one.publisher(Float64, '/heater/power')
+        one.until(lambda: one.seen['/diagnostics'], ros_client.FIRST_MESSAGE)
+        status, values = diagnosed(one)
+        assert status.hardware_id == 'simulated SMA module' and values['command'] == 'none since the start'
+        assert abs(float(values['stamps behind the clock [s]'])) < 60.0
+        command.publish(Float64(data=5.0))
+        one.until(lambda: 'command timed out' in diagnosed(one)[0].message)
+        status, values = diagnosed(one)
+        assert status.level == DiagnosticStatus.WARN and values['command timeouts'] == '1'
+        second = one.publisher(Float64, '/heater/power')
+        one.until(lambda: 'J_eq has several publishers' in diagnosed(one)[0].message)
+        one.node.destroy_publisher(second)
+        command.publish(Float64(data=0.0))
+        one.until(lambda: 'several' not in diagnosed(one)[0].message and diagnosed(one)[1]['command'] == 'timed out')
+        assert 'timed out' not in diagnosed(one)[0].message  # it was zero
+        assert one.stop()[0] == 0
+
+
+def test_an_overrun_is_in_the_diagnosis_for_ten_seconds():
+    """The node is stopped for a second; the total stays."""
+    with ros_client.Simulation(topics=((DiagnosticArray, '/diagnostics'),)) as one:
+        one.until(lambda: one.seen['/diagnostics'], ros_client.FIRST_MESSAGE)
+        before = int(diagnosed(one)[1]['overruns'])
+        one.process.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        one.process.send_signal(signal.SIGCONT)
+        one.until(lambda: 'overruns in the last 10 s' in diagnosed(one)[0].message)
+        one.until(lambda: 'overruns' not in diagnosed(one)[0].message)
+        assert int(diagnosed(one)[1]['overruns']) > before
+        assert one.stop()[0] == 0
+
+
 class Clock:
     """A clock that only moves when told to, or when someone sleeps."""
 
@@ -214,3 +257,14 @@ def test_a_clock_that_jumps(clock):
     assert plan.wait() == schedule.Due(0, moved=100.0) and plan.overruns == 1
     other.now += 5_000_000
     assert plan.wait().steps == 5
+
+
+def test_recent_growth_is_forgotten_and_the_total_is_not_needed_again(clock):
+    recent = schedule.RecentCount(10.0)
+    assert recent(0) == 0 and recent(3) == 3
+    clock.now += 6.0
+    assert recent(3) == 3 and recent(4) == 4
+    clock.now += 6.0
+    assert recent(4) == 1
+    clock.now += 6.0
+    assert recent(4) == 0

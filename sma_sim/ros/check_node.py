@@ -58,7 +58,7 @@ class ModelCheck:
         self._heated: set[float] = set()  # signs of the commands since the model started
         self._forget_verdict()
         self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUT_TOPICS.items()}
-        self._diagnostics = Diagnostics(node)
+        self._diagnostics = Diagnostics(node, 'robot beside the model')
         self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
         self._robot = RobotSubscriptions(node, config)
         follow_live_parameters(node, self._robot.apply_T_E, use_sim_time)

@@ -17,6 +17,8 @@ from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.parameters import DEFAULTS
 
 ENVIRONMENT = 'environment.T_E'
+NO_COMMAND, IN_FORCE = 'none since the start', 'in force'  # states of the command
+TIMED_OUT, TURNED_OFF = 'timed out', 'timed out, heating turned off'  # the former was zero already
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 
 
@@ -33,6 +35,8 @@ class Command:
         self._mailbox: deque[float] = deque(maxlen=1)
         self.rejected = 0
         self.clipped = 0
+        self.timeouts = 0
+        self.state = NO_COMMAND
         self._turn_off()
 
     def receive(self, message: Float64) -> None:
@@ -61,16 +65,20 @@ class Command:
     def clear(self) -> None:
         """Forget the commands so far: heating is off until the next one."""
         self._mailbox.clear()
+        self.state = NO_COMMAND
         self._turn_off()
 
     def at(self, t: float) -> float:
         """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
         if self._mailbox:  # only this thread takes from it, so there is still one below
             self._J_eq, self._taken_at = self._mailbox.pop(), t
+            self.state = IN_FORCE
         elif self._timeout > 0.0 and t - self._taken_at > self._timeout:
             self._logger.warning(
                 f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
             )
+            self.state = TURNED_OFF if self._J_eq else TIMED_OUT
+            self.timeouts += 1
             self._turn_off()
         return self._J_eq
 

@@ -70,10 +70,10 @@ class Control:
 
 
 class Diagnostics:
-    """A status on /diagnostics."""
+    """A status on /diagnostics; `hardware_id` says what it is about."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, hardware_id: str) -> None:
+        self._node, self._hardware_id = node, hardware_id
         self._topic = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def publish(self, message: str, warn: bool, values: Mapping[str, Any]) -> None:
@@ -82,6 +82,7 @@ class Diagnostics:
             level=DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
             name=self._node.get_fully_qualified_name(),
             message=message,
+            hardware_id=self._hardware_id,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])

@@ -14,10 +14,10 @@ def type_name(kind: Any) -> str:
 
 
 class GraphCheck:
-    """Looks for others that publish the topics which `owned` says have one publisher, and for other types on `inputs`."""
+    """Looks for others that publish topics of `owned`, for two publishers of `command`, and for other types on `inputs`."""
 
-    def __init__(self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any]) -> None:
-        self._node, self._owned, self._inputs = node, owned, inputs
+    def __init__(self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any], command: str = '') -> None:
+        self._node, self._owned, self._inputs, self._command = node, owned, inputs, command
         self._logged: set[str] = set()
 
     def look(self) -> list[str]:
@@ -25,8 +25,10 @@ class GraphCheck:
         found = [
             f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'
             for topic in self._owned
-            if self._node.count_publishers(topic) > 1
+            if self._publishers(topic) > 1
         ]
+        if self._command and self._publishers(self._command) > 1:
+            found.append(f'{self._command} has several publishers: the last message is in force')
         for topic, expected in self._inputs.items():
             kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
             found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
@@ -34,3 +36,7 @@ class GraphCheck:
             self._node.get_logger().warning(words)
         self._logged |= set(found)
         return found
+
+    def _publishers(self, topic: str) -> int:
+        """How many there are, also for a topic that was given another name (count_publishers knows no remapping)."""
+        return len(self._node.get_publishers_info_by_topic(topic))

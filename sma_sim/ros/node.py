@@ -18,19 +18,20 @@ from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
-from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
+from sma_sim.ros.command import TURNED_OFF, WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.recorder import Recorder
-from sma_sim.ros.schedule import ClockSchedule, Schedule, Speed, WallSchedule
+from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
 CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
 INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
+OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
 PAUSED_SLEEP = 0.01  # [s] between two looks for a request while paused
 CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
@@ -62,11 +63,13 @@ class ModuleSimulation:
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         beam = beam_constants(config.parameters)
         self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
-        self._control, self._diagnostics = Control(node), Diagnostics(node)
+        self._control, self._diagnostics = Control(node), Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             node.create_subscription(kind, topic, receive, 10)
-        self._graph_check = GraphCheck(node, ['joint_states', *(['/clock'] if self._is_clock else [])], INPUT_TOPICS)
+        owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
+        self._graph_check = GraphCheck(node, owned, INPUT_TOPICS, command='J_eq')
+        self._recent_overruns = RecentCount(OVERRUN_WINDOW)
         follow_live_parameters(node, self._ambient.apply, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:
@@ -216,12 +219,16 @@ class ModuleSimulation:
 
     def _diagnose(self) -> None:
         recorder, schedule = self._publishers.recorder, self._schedule
+        overruns = self._recent_overruns(schedule.overruns)
         recording = 'no' if recorder is None else f'failed: {recorder.failed}' if recorder.failed else 'yes'
         values = {
             'simulated time [s]': f'{self._run.time:.3f}',
             'real-time factor': f'{self._speed.since_last(self._run.time):.4f}',
             'overruns': schedule.overruns,
             'time left behind [s]': f'{schedule.lost:.3f}',
+            'stamps behind the clock [s]': self._lag(),
+            'command': self.command.state,
+            'command timeouts': self.command.timeouts,
             'rejected commands': self.command.rejected,
             'clipped commands': self.command.clipped,
             'rejected ambient temperatures': self._ambient.rejected,
@@ -231,12 +238,19 @@ class ModuleSimulation:
         if recorder is not None:
             values |= {'bag': str(recorder.path), 'messages in the bag': recorder.count}
         problems = [
-            f'{schedule.overruns} overruns' if schedule.overruns else '',
+            f'{overruns} overruns in the last {OVERRUN_WINDOW:g} s' if overruns else '',
+            f'command {self.command.state}' if self.command.state == TURNED_OFF else '',
             f'recording {recording}' if recorder is not None and recorder.failed else '',
             *self._graph_check.look(),
         ]
         words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]
         self._diagnostics.publish('; '.join(words), warn=len(words) > 1, values=values)
+
+    def _lag(self) -> str:
+        """By how much the last stamp is behind the clock of the node [s]."""
+        if self._is_clock:
+            return '0.000'  # the stamps are the clock
+        return f'{(int(self._node.get_clock().now().nanoseconds) - self._time(self._epoch)) / 1e9:.3f}'
 
 
 def largest_divisor(number: int, most: float) -> int:

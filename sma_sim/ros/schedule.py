@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -101,6 +102,24 @@ class ClockSchedule:
             return Due(0, moved=moved)
         self._made += steps
         return Due(steps)
+
+
+class RecentCount:
+    """How much a total has grown over the last `window` seconds of wall time, as far as it was asked for."""
+
+    def __init__(self, window: float) -> None:
+        self._window, self._total = window, 0
+        self._increases: deque[tuple[float, int]] = deque()
+
+    def __call__(self, total: int) -> int:
+        """The growth; `total` is the count in all."""
+        now = time.monotonic()
+        if total > self._total:
+            self._increases.append((now, total - self._total))
+            self._total = total
+        while self._increases and now - self._increases[0][0] > self._window:
+            self._increases.popleft()
+        return sum(increase for _, increase in self._increases)
 
 
 class Speed:
