@@ -74,6 +74,25 @@ def test_one_version_and_every_ros_package_is_declared():
                 assert PYTHON.get(name, name) in declared, f'{file.name} imports {name}: add it to package.xml'
 
 
+# Keys of https://github.com/ros/rosdistro, rosdep/base.yaml and python.yaml, looked up on 2026-11-22 for Ubuntu noble, on
+# which Jazzy and Kilted are. There are none for plotly, threadpoolctl, distributed, and none that is called python3-mcap.
+ROSDEP_KEYS = {
+    'python3-numpy', 'python3-scipy', 'python3-yaml', 'python3-matplotlib', 'python3-numba', 'python3-rosbags-pip',
+    'mcap-ros2-support', 'python3-hypothesis', 'python3-pytest', 'python3-pytest-xdist', 'python3-selenium',
+    'python3-jinja2', 'python3-setuptools',
+}  # fmt: skip
+ROS_PACKAGES = {  # released in both
+    'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs', 'diagnostic_msgs',
+    'visualization_msgs', 'geometry_msgs', 'rosgraph_msgs', 'launch', 'launch_ros', 'ament_index_python',
+}  # fmt: skip
+
+
+def test_rosdep_knows_every_key():
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    keys = {element.text for element in manifest if element.tag.endswith('depend')}
+    assert len(keys) > 15 and keys - ROSDEP_KEYS - ROS_PACKAGES == set()
+
+
 def test_contributing_names_what_exists():
     """Folders and tests for each thing to add; the tests that it names run by pytest."""
     text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')

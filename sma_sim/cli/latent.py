@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.data import (
@@ -15,6 +14,7 @@ from sma_sim.cli.common.data import (
     print_progress,
     print_written,
     read_data,
+    report_path,
     system_words,
     table_text,
     write_json,
@@ -32,7 +32,7 @@ def add_parser(verbs: Any) -> None:
         'latent', help='find the quantity that is missing, and where it acts, where no known effect explains the error'
     )
     add_data_options(parser)
-    parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=Path)
+    parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=report_path)
     parser.add_argument('--no-fit', action='store_true', help='--config is calibrated: fit starts and delay only')
     add_search_options(parser, 'of the tests by chance')
     add_config_options(parser)

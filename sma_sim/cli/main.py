@@ -9,6 +9,7 @@ import traceback
 from importlib import import_module
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.optional import missing
 
 VERBS = (
     'tour', 'init', 'simulate', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'play', 'plot', 'bag', 'effects',
@@ -36,10 +37,20 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f'{name}: stopped', file=sys.stderr)
         return 130
+    except ModuleNotFoundError as error:
+        if not isinstance(missing(error, name), UserError):
+            return report_fault(name)
+        print(missing(error, name), file=sys.stderr)
+        return 2
     except Exception:
-        traceback.print_exc()
-        print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
-        return 1
+        return report_fault(name)
+
+
+def report_fault(name: str) -> int:
+    """Print the exception that is being handled as a fault of ours; the exit code."""
+    traceback.print_exc()
+    print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
+    return 1
 
 
 def parser_for(words: list[str]) -> argparse.ArgumentParser:

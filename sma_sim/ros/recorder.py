@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.model.errors import UserError
+from sma_sim.model.optional import missing
 
 FLUSH_PERIOD = 0.6  # [s]; what is older survives a kill; each flush adds to the bag's index
 FIRST_FLUSH = 0.05  # [s]
@@ -27,6 +27,10 @@ class Recorder:
         self, path: Path, topics: Sequence[tuple[str, str]], about: Mapping[str, str], most_megabytes: float,
         longest: float, on_failure: Callable[[str], object],
     ) -> None:  # fmt: skip
+        try:  # only here, so that a node that records nothing needs neither rosbags nor mcap
+            from sma_sim.evidence.data.rosbag.writer import BagWriter
+        except ModuleNotFoundError as error:
+            raise missing(error, f'node.record = {path}: a bag') from error
         try:
             self._bag = BagWriter(path, about, round(most_megabytes * MEGABYTE), round(longest * 1e9))
             for name, kind in topics:

@@ -21,6 +21,7 @@ from sma_sim.evidence.data.train_test_split import held_out_files, split_campaig
 from sma_sim.evidence.estimation.executors import dask_executor, some_executor
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.optional import require
 
 EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
 
@@ -39,9 +40,18 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         help='standard deviation of the noise of a channel, SI (default: meta.json, else estimated)',
     )  # fmt: skip
     add_namespace_option(parser)
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='page to write, with figures')
+    parser.add_argument('--report', type=report_path, metavar='FILE.html', help='page to write, with figures')
     parser.add_argument('--json', type=Path, metavar='FILE.json', help='file to write, for programs')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
+
+
+def report_path(text: str) -> Path:
+    """The file of a report. Refused without plotly, before hours of work."""
+    try:
+        require('plotly.subplots', 'a report')
+    except UserError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return Path(text)
 
 
 def system_words(arguments: argparse.Namespace) -> list[str]:

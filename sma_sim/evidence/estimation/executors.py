@@ -5,13 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
-
-from threadpoolctl import threadpool_limits
 
 from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config
@@ -52,16 +50,27 @@ def workers_of(executor: Executor) -> int:
     return most if isinstance(most, int) else os.cpu_count() or 1
 
 
+def one_thread_for_linear_algebra() -> AbstractContextManager[object]:
+    """A context in which BLAS starts no threads of its own, where threadpoolctl is installed."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ModuleNotFoundError:
+        return nullcontext()
+    limits: AbstractContextManager[object] = threadpool_limits(1, 'blas')
+    return limits
+
+
 @contextmanager
 def some_executor(executor: Executor | None) -> Iterator[Executor]:
     """The given executor, or threads on all cores (compiled runs release the interpreter lock).
 
     Linear algebra then keeps to the thread that asks for it: a second set of threads would fight with these over the cores.
+    Without threadpoolctl, for which rosdep has no key, it does not, and only time is lost.
     """
     if executor is not None:
         yield executor
         return
-    with threadpool_limits(1, 'blas'), ThreadPoolExecutor(os.cpu_count()) as threads:
+    with one_thread_for_linear_algebra(), ThreadPoolExecutor(os.cpu_count()) as threads:
         yield threads
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.optional import require
 from sma_sim.report.palette import BLUE, GREY, RED
 
 Vector = NDArray[np.float64]
@@ -21,9 +22,8 @@ FONT = {'family': 'system-ui, -apple-system, Segoe UI, Roboto, sans-serif', 'siz
 
 def new_figure(rows: int = 1, heights: Sequence[float] | None = None, gap: float = 0.02) -> Any:
     """An empty figure: `rows` of axes below each other that share their x axis."""
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(
+    subplots = require('plotly.subplots', 'a report')
+    figure = subplots.make_subplots(
         rows=rows, cols=1, shared_xaxes=True, row_heights=None if heights is None else list(heights), vertical_spacing=gap
     )
     figure.update_layout(
