@@ -4,6 +4,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float32, Float64  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
+from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.ros.markers import MODE_RGBA  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,6 +31,55 @@ def seconds(time):
 
 def stamps(messages):
     return np.array([seconds(message.header.stamp) for message in messages])
+
+
+def smallest_lag(one, count=100):
+    """By how much the stamps are behind the computer's clock on arrival [s], at best of some messages."""
+    seen = one.seen['joint_states']
+    seen.clear()
+    lags = []
+
+    def enough():
+        if seen:
+            lags.append(time.time() - seconds(seen[-1].header.stamp))
+            seen.clear()
+        return len(lags) >= count
+
+    one.until(enough)
+    return min(lags)
+
+
+def pause_for_a_second(one):
+    paused = one.node.create_client(SetBool, '/sma_module_sim/pause')
+    one.until(paused.service_is_ready)
+    for data in (True, False):
+        future = paused.call_async(SetBool.Request(data=data))
+        one.until(future.done)
+        end = time.monotonic() + 1.0
+        one.until(lambda end=end: time.monotonic() > end)
+
+
+def test_stamps_are_those_of_the_computers_clock(tmp_path):
+    """From the start, also while a bag is being made; after a pause; after a reset. The bag keeps simulated time."""
+    with ros_client.Simulation('-p', f'node.record:={tmp_path / "bag"}', topics=(JOINTS,)) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        assert abs(smallest_lag(one)) < 0.015
+        pause_for_a_second(one)
+        assert abs(smallest_lag(one)) < 0.015
+        reset = one.node.create_client(Trigger, '/sma_module_sim/reset')
+        future = reset.call_async(Trigger.Request())
+        one.until(future.done)
+        assert abs(smallest_lag(one)) < 0.015
+        assert one.stop()[0] == 0
+    assert np.diff(read_bag(tmp_path / 'bag')['time_s']).max() < 0.011
+
+
+def test_stamps_that_count_simulated_time():
+    with ros_client.Simulation('-p', 'node.stamps_follow_clock:=false', topics=(JOINTS,)) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        pause_for_a_second(one)
+        assert smallest_lag(one) > 0.9
+        assert one.stop()[0] == 0
 
 
 def test_the_node_is_the_clock():

@@ -205,6 +205,26 @@ def test_schedule_never_answers_an_overrun_with_a_burst(clock):
     assert clock.now - begin == pytest.approx(0.1) and plan.overruns == 1 and plan.lost == pytest.approx(4.99)
 
 
+def test_the_anchor_of_the_stamps_follows_the_clock_after_an_overrun_and_a_restart(clock):
+    plan = schedule.WallSchedule(100.0, 1.0, lambda: round(clock.now * 1e9))
+    steps = 0
+
+    def behind():
+        """The clock less the stamp of the end of the last step [s]."""
+        return clock.now - (plan.anchor / 1e9 + steps / 100.0)
+
+    for _ in range(10):
+        steps += plan.wait().steps
+    assert behind() == pytest.approx(0.0)
+    clock.now += 5.0
+    steps = plan.wait().steps  # since the anchor
+    assert plan.overruns == 1 and behind() == pytest.approx(0.0)
+    clock.now += 3.0
+    plan.restart()
+    steps = plan.wait().steps
+    assert plan.overruns == 1 and behind() == pytest.approx(0.0)
+
+
 def test_fast_steps_are_made_together(clock):
     plan = schedule.WallSchedule(rate=20_000.0, factor=1.0)
     assert sum(plan.wait().steps for _ in range(100)) == 2000 and clock.now == pytest.approx(100.1)

@@ -27,7 +27,8 @@ WRONG_NUMBERS = {
     'infinite': lambda p: math.inf,
 }
 WRONG_WORDS = {'system': ['robot', 3, True], 'model': ['mass', 3.0], 'effects.active': [3, [1.0], ['nothing']],
-               'effects.paths': [3, ['/nowhere']], 'node.record': [3, True], 'node.publish_clock': ['maybe', 3]}  # fmt: skip
+               'effects.paths': [3, ['/nowhere']], 'node.record': [3, True], 'node.publish_clock': ['maybe', 3],
+               'node.stamps_follow_clock': ['maybe', 3]}  # fmt: skip
 
 
 @pytest.fixture(scope='module')

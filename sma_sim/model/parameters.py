@@ -137,6 +137,7 @@ SETTINGS: Mapping[str, Setting] = {
     for group, one in (
         ('node', Setting('record', '', 'folder of the bag to write (rosbag2, mcap); none: nothing is recorded')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
+        ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),
         *(('check', Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states"))
           for name in ('U_x', 'U_y', 'alpha')),
     )

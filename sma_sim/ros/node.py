@@ -74,7 +74,7 @@ class ModuleSimulation:
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
-        while self._follows and self._node.get_clock().now().nanoseconds == 0 and not stop.is_set():
+        while self._follows and self._now() == 0 and not stop.is_set():
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
             time.sleep(PAUSED_SLEEP)
         self._begin()
@@ -86,7 +86,6 @@ class ModuleSimulation:
     def spin(self, stop: threading.Event) -> None:
         """Step in time until `stop` is set. Raises SimulationError."""
         diagnose_at = time.monotonic() + DIAGNOSTICS_PERIOD
-        self._schedule.restart()
         while not stop.is_set():
             request = self._control.next_request()
             if request is not None:
@@ -110,10 +109,12 @@ class ModuleSimulation:
 
     def _new_schedule(self, use_sim_time: bool) -> Schedule:
         if not use_sim_time:
-            return WallSchedule(self._rate, self._settings['real_time_factor'])
+            factor = self._settings['real_time_factor']
+            follows = factor == 1.0 and not self._is_clock and bool(self._config.settings['node.stamps_follow_clock'])
+            return WallSchedule(self._rate, factor, self._now if follows else None)
         if self._settings['real_time_factor'] != 1.0:
             self._logger.warning('use_sim_time: /clock sets the pace, node.real_time_factor is not used')
-        return ClockSchedule(self._rate, lambda: int(self._node.get_clock().now().nanoseconds))
+        return ClockSchedule(self._rate, self._now)
 
     def _new_run(self) -> None:
         self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]))
@@ -122,11 +123,13 @@ class ModuleSimulation:
 
     def _begin(self) -> None:
         """Simulated time 0: its stamp, a new bag, the first sample."""
-        self._epoch = 0 if self._is_clock else int(self._node.get_clock().now().nanoseconds)
-        self._log_epoch = self._epoch
+        self._log_epoch = 0 if self._is_clock else self._now()
+        self._start_recording()  # before the clock of the steps starts: it takes a while
+        self._schedule.restart()
+        self._anchor = self._schedule.anchor
+        self._epoch = 0 if self._is_clock else self._anchor or self._now()
         seconds, nanoseconds = divmod(self._epoch, 10**9)
         self._logger.info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
-        self._start_recording()
         self._publish()
 
     def _start_recording(self) -> None:
@@ -154,7 +157,6 @@ class ModuleSimulation:
         self._ambient.reset()
         self._new_run()
         self._begin()
-        self._schedule.restart()
         self._speed = Speed()
 
     def _carry_out(self, request: Request) -> None:
@@ -169,7 +171,9 @@ class ModuleSimulation:
         due = self._schedule.wait()
         if self._schedule.anchor != self._anchor:  # stamps are those of the clock that is followed
             self._anchor = self._schedule.anchor
-            self._epoch = self._anchor - round(self._run.k * 1e9 / self._rate)
+            epoch = self._anchor - round(self._run.k * 1e9 / self._rate)
+            # The computer's clock may be behind the stamps, after many single steps: stamps go back with /clock only.
+            self._epoch = epoch if self._follows else max(epoch, self._epoch)
         if due.moved > 0.0:
             self._logger.warning(
                 f'{due.moved:.2f} s behind the clock: simulated time stands still for as long',
@@ -204,6 +208,10 @@ class ModuleSimulation:
         if self._applied_T_E != T_E:
             self._applied_T_E = T_E
             self._publishers.send('T_E_applied', now, Float64(data=T_E))
+
+    def _now(self) -> int:
+        """The time of the clock of the node [ns]; 0 before /clock was heard of."""
+        return int(self._node.get_clock().now().nanoseconds)
 
     def _time(self, epoch: int) -> int:
         """The time [ns] of the end of the last step."""
@@ -250,7 +258,7 @@ class ModuleSimulation:
         """By how much the last stamp is behind the clock of the node [s]."""
         if self._is_clock:
             return '0.000'  # the stamps are the clock
-        return f'{(int(self._node.get_clock().now().nanoseconds) - self._time(self._epoch)) / 1e9:.3f}'
+        return f'{(self._now() - self._time(self._epoch)) / 1e9:.3f}'
 
 
 def largest_divisor(number: int, most: float) -> int:

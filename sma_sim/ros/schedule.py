@@ -36,9 +36,13 @@ class Schedule(Protocol):
 
 
 class WallSchedule:
-    """`rate` steps per simulated second, `factor` simulated seconds per second; 0: as fast as possible."""
+    """`rate` steps per simulated second, `factor` simulated seconds per second; 0: as fast as possible.
 
-    def __init__(self, rate: float, factor: float) -> None:
+    `now` tells the time [ns] that stamps follow; without it they follow none, and `anchor` stays 0.
+    """
+
+    def __init__(self, rate: float, factor: float, now: Callable[[], int] | None = None) -> None:
+        self._now = now
         pace = rate * factor
         self._steps = max(1, round(pace * SHORTEST_SLEEP)) if factor > 0.0 else max(1, round(rate * SHORTEST_SLEEP))
         self._period = self._steps / pace if factor > 0.0 else 0.0
@@ -48,6 +52,8 @@ class WallSchedule:
     def restart(self) -> None:
         """The next step is due one period from now."""
         self._due = time.monotonic() + self._period
+        if self._now is not None:
+            self.anchor = self._now()
 
     def wait(self) -> Due:
         """Sleep until the next steps are due; nothing is due yet when that takes long."""
@@ -64,6 +70,8 @@ class WallSchedule:
             self.overruns += 1
             self.lost += late
             self._due += late
+            if self._now is not None:
+                self.anchor = self._now() - round(self._period * 1e9)
             return Due(self._steps, moved=late)
         return Due(self._steps)
 
