@@ -23,9 +23,13 @@ SERVICE_TIMEOUT = 5.0  # [s] that a service waits for the simulating thread
 
 @dataclass(eq=False)
 class Request:
-    """What a service asks of the simulating thread (`step` or `reset`), which sets `done` afterwards."""
+    """What a service asks of the simulating thread (`step` or `reset`), which sets `done` afterwards.
+
+    `refused` says why it was not carried out.
+    """
 
     action: str
+    refused: str = ''
     done: threading.Event = field(default_factory=threading.Event)
 
 
@@ -35,6 +39,7 @@ class Control:
     def __init__(self, node: Node) -> None:
         self.paused = False
         self._requests: deque[Request] = deque()
+        self._requested = threading.Event()
         node.create_service(SetBool, '~/pause', self._pause)
         node.create_service(Trigger, '~/step', self._step)
         node.create_service(Trigger, '~/reset', self._reset)
@@ -42,6 +47,17 @@ class Control:
     def next_request(self) -> Request | None:
         """The oldest request that waits, which the caller must carry out; None where there is none."""
         return self._requests.popleft() if self._requests else None
+
+    def wait(self, longest: float) -> None:
+        """Return when a request arrives, after `longest` seconds at the latest."""
+        self._requested.wait(longest)
+        self._requested.clear()
+
+    def refuse_requests(self, reason: str) -> None:
+        """Answer the requests that wait, at a time when none can be carried out."""
+        while (request := self.next_request()) is not None:
+            request.refused = reason
+            request.done.set()
 
     def _pause(self, request: Any, response: Any) -> Any:
         was, self.paused = self.paused, bool(request.data)
@@ -62,10 +78,15 @@ class Control:
     def _ask(self, action: str, answer: str, response: Any) -> Any:
         request = Request(action)
         self._requests.append(request)
-        response.success = request.done.wait(SERVICE_TIMEOUT)
+        self._requested.set()
+        answered = request.done.wait(SERVICE_TIMEOUT)
+        response.success = answered and not request.refused
         with suppress(ValueError):  # nobody took it
             self._requests.remove(request)
-        response.message = answer if response.success else f'the simulation did not answer within {SERVICE_TIMEOUT:g} s'
+        if response.success:
+            response.message = answer
+        else:
+            response.message = request.refused or f'the simulation did not answer within {SERVICE_TIMEOUT:g} s'
         return response
 
 

@@ -32,7 +32,7 @@ from sma_sim.solver.simulate import Model
 CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
 INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
 OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
-PAUSED_SLEEP = 0.01  # [s] between two looks for a request while paused
+PAUSED_SLEEP = 0.01  # [s] after which a paused node looks at its clock again
 CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
 
@@ -76,7 +76,8 @@ class ModuleSimulation:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
         while self._follows and self._now() == 0 and not stop.is_set():
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
-            time.sleep(PAUSED_SLEEP)
+            self._control.refuse_requests('waiting for /clock: nothing runs yet')
+            self._control.wait(PAUSED_SLEEP)
         self._begin()
         self._logger.info(
             f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
@@ -91,7 +92,7 @@ class ModuleSimulation:
             if request is not None:
                 self._carry_out(request)
             elif self._control.paused:
-                time.sleep(PAUSED_SLEEP)
+                self._control.wait(PAUSED_SLEEP)
                 self._schedule.restart()
             else:
                 self._step_in_time()
