@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
@@ -26,6 +27,19 @@ if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
 else:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+@contextmanager
+def listener(domain):
+    """A plain node in a domain."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain))
+    node = rclpy.create_node('listener', context=context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
 
 
 class Simulation:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numba
 import pytest
 
+from sma_sim.cli.main import main
 from sma_sim.solver import first_start
 from sma_sim.solver.compile import OUT_OF_LINE, Compiler, content_key, reachable, write_source
 from sma_sim.solver.fragments import on_compiled
@@ -139,3 +140,24 @@ def test_a_person_reads_how_long_the_first_start_takes(monkeypatch):
     assert lines[1] == f'compiling the equations: about {0.5 * (total - 10):.0f} s on this machine'
     assert 'done, about' in lines[2] and lines[-1] == f'compiled in {0.5 * total:.0f} s' and not on_compiled
     assert 4 <= len(lines) <= 7
+
+
+def test_compile_leaves_nothing_for_the_first_start(capsys):
+    """Here it has been done; with an empty cache see below."""
+    assert main(['compile']) == 0
+    said = capsys.readouterr()
+    assert 'native code in' in said.out or 'nothing is compiled' in said.out
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_after_compile(tmp_path):
+    environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path)}
+    words = [sys.executable, '-m', 'sma_sim.cli.main', 'compile']
+    first, second = (
+        subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, check=True) for _ in range(2)
+    )
+    assert 'compiling' in first.stderr and str(tmp_path) in first.stdout and second.stderr == ''
+    files = sorted(tmp_path.rglob('*.nb?'))
+    words = ['-c', 'from sma_sim.solver.warm_up import compile_fixed_rate; compile_fixed_rate()']
+    subprocess.run([sys.executable, *words], cwd=ROOT, env=environment, check=True)
+    assert files and sorted(tmp_path.rglob('*.nb?')) == files

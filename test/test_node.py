@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -170,11 +171,16 @@ def test_wrong_parameter_files_stop_the_node(tmp_path, content, message):
 
 
 def test_ctrl_c_ends_the_first_compilation(tmp_path):
-    environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path), 'PYTHONUNBUFFERED': '1'}
+    environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path), 'PYTHONUNBUFFERED': '1', 'ROS_DOMAIN_ID': '103'}
     process = subprocess.Popen(
         [sys.executable, '-m', 'sma_sim.ros.main'], cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True
     )
     assert any('compiling' in line for line in process.stderr)
+    with ros_client.listener(environment['ROS_DOMAIN_ID']) as listener:
+        end = time.monotonic() + 4.0
+        while time.monotonic() < end:  # a node that compiles would answer nothing: it is not there yet
+            assert 'sma_module_sim' not in listener.get_node_names()
+            time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, log = process.communicate(timeout=60)
     assert process.returncode == 0 and 'Traceback' not in log and 'running' not in log, log

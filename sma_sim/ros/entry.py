@@ -113,6 +113,7 @@ def run_node(program: Program, make: Maker, arguments: list[str] | None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     try:
+        compile_first(name)
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         return serve_node(name, make, stop, working)
     except UserError as error:
@@ -129,18 +130,25 @@ def run_node(program: Program, make: Maker, arguments: list[str] | None) -> int:
         rclpy.try_shutdown()
 
 
+def compile_first(name: str) -> None:
+    """Compile the equations before there is a node: one that compiles would be in the graph and answer nothing."""
+    from sma_sim.solver.first_start import FIXED_RATE, announce_compilation
+    from sma_sim.solver.warm_up import compile_fixed_rate
+
+    announce_compilation(lambda line: print(f'{name}: {line}', file=sys.stderr, flush=True), FIXED_RATE)
+    compile_fixed_rate()
+
+
 def serve_node(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
     from sma_sim.ros.parameters import configure
-    from sma_sim.solver.first_start import FIXED_RATE, announce_compilation
     from sma_sim.solver.simulate import SimulationError
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
     config, settings = configure(node)
-    announce_compilation(node.get_logger().info, FIXED_RATE)
     runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
     working.set()
     executor = SingleThreadedExecutor()

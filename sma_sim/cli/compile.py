@@ -1,0 +1,30 @@
+"""`sma-sim compile`: compiles the equations now, as in the build of a container, instead of at the first start."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from sma_sim.cli.common.options import announce_compilation
+from sma_sim.solver.compile import cache_folder, content_key, is_interpreted
+from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation
+
+
+def add_parser(verbs: Any) -> None:
+    """Declare the verb."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        'compile', help='compile the equations now, for instance while a container is built, instead of at the first start'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(_: argparse.Namespace) -> int:
+    """Compile for the commands and for the nodes, where it has not been done."""
+    announce_compilation()
+    compile_simulation()
+    compile_fixed_rate()
+    if is_interpreted():
+        print('nothing is compiled: NUMBA_DISABLE_JIT is set')
+    else:
+        print(f'native code in {cache_folder(content_key())}')
+    return 0
