@@ -76,7 +76,8 @@ def fuzz(first: int, count: int) -> dict[str, Any]:
         run = simulate(model, command, TIMES)
         seconds = time.thread_time() - start
         finite = all(np.isfinite(column).all() for column in run.columns.values())
-        ends['completed' if run.completed and finite else run.reason if finite else 'not finite'] += 1
+        reason = run.reason.partition(':')[0]  # what follows has numbers of its own
+        ends['completed' if run.completed and finite else reason if finite else 'not finite'] += 1
         steps.append(run.steps)
         chattering += run.chattering > 0
         longest, slowest = max(longest, (run.steps, k)), max(slowest, (seconds, k))
