@@ -37,12 +37,12 @@ def resident_memory(process: int) -> float:
 class Module:
     """One node with its bag, and what a client sees of it."""
 
-    def __init__(self, client: Any, name: str, folder: str) -> None:
+    def __init__(self, client: Any, name: str, folder: str, *arguments: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64
 
-        words = ['--ros-args', '-r', f'__ns:=/{name}', '-p', f'node.record:={folder}/{name}']
+        words = ['--ros-args', '-r', f'__ns:=/{name}', '-p', f'node.record:={folder}/{name}', *arguments]
         self.process = subprocess.Popen([sys.executable, '-m', 'sma_sim.ros.main', *words], stderr=subprocess.DEVNULL)
         self.name = name
         self.stamps: list[float] = []
