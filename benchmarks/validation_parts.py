@@ -185,8 +185,8 @@ PARTS = (
     Part('soak', 'The node for ten minutes', 21, script('soak'), 'One module, then two, each recording its own bag.'),
     Part('flood', 'Two nodes under a flood of commands', 39, script('flood'),
          'Half an hour with two modules that record: `left` follows a /clock that stands still for 5 of 30 s, `right` the '
-         'computer\'s clock and is paused as long; 1000 commands per second to each. `wrong_statuses`: those on /diagnostics '
-         'that do not say what was done.'),
+         'computer\'s clock and is paused as long; 1000 commands per second to each. `wrong_statuses`: those '
+         'on /diagnostics that do not say what was done.'),
     Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '60'),
          'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; '
          'MAS data and fit. '
