@@ -1,0 +1,134 @@
+"""What the launch files share: their arguments, and the actions that start a module with them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+from launch.action import Action
+from launch.actions import DeclareLaunchArgument, LogInfo
+from launch.launch_context import LaunchContext
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+PACKAGE = 'sma_sim'
+BOOLEANS = {'true': True, '1': True, 'false': False, '0': False}
+ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
+    'params_file': ('', 'ROS 2 parameter file; empty: the paper\'s module'),
+    'namespace': ('', 'namespace of the topics, frames and nodes'),
+    'model': ('', 'hybrid or mas; empty: as in params_file'),
+    'system': ('', 'what is simulated; empty: as in params_file'),
+    'effects': ('', 'active effects, separated by commas; empty: as in params_file, none: no effects'),
+    'record': ('', 'bag that the node writes; empty: none'),
+    'use_sim_time': ('false', 'follow /clock'),
+    'log_level': ('info', 'debug, info, warn, error or fatal'),
+    'rviz': ('false', 'start RViz with a picture of the module'),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ModuleArguments:
+    """The arguments of a launch, checked before anything runs: launch leaves behind what it has started."""
+
+    params_file: str
+    namespace: str
+    overrides: tuple[tuple[str, str], ...]
+    log_level: str
+    use_sim_time: bool
+    rviz: bool
+
+
+def share(*parts: str) -> str:
+    """The path of an installed file."""
+    return str(Path(get_package_share_directory(PACKAGE), *parts))
+
+
+def declared(**others: tuple[str, str]) -> list[Action]:
+    """The arguments of every launch file, and others (default, description)."""
+    everything = {**ARGUMENTS, **others}
+    return [
+        DeclareLaunchArgument(name, default_value=default, description=words)
+        for name, (default, words) in everything.items()
+    ]
+
+
+def refuse_unknown(file: str, others: Sequence[str] = ()) -> None:
+    """Raise RuntimeError for arguments on the command line of `ros2 launch ... FILE` that the file does not have."""
+    if Path(file).name not in [Path(word).name for word in sys.argv]:
+        return  # included by another file, which has arguments of its own
+    given = [word.split(':=')[0] for word in sys.argv if ':=' in word]
+    known = [*ARGUMENTS, *others]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise RuntimeError(f'{unknown[0]}:= is no argument of {Path(file).name}; expected one of {", ".join(known)}')
+
+
+def module_arguments(context: LaunchContext) -> ModuleArguments:
+    """The values of the arguments. Raises RuntimeError, which launch shows, for wrong ones."""
+    text = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    file = text['params_file'] or share('config', 'module.yaml')
+    if not Path(file).is_file():  # launch itself would only warn, and the node run with its defaults
+        raise RuntimeError(f'params_file: there is no file {file}')
+    overrides = {name: quoted(text[name]) for name in ('model', 'system') if text[name]}
+    if text['effects']:
+        names = [] if text['effects'] == 'none' else [name.strip() for name in text['effects'].split(',')]
+        overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
+    if text['record']:
+        overrides['node.record'] = quoted(text['record'])
+    return ModuleArguments(
+        file, text['namespace'].strip('/'), tuple(overrides.items()), text['log_level'],
+        boolean('use_sim_time', text['use_sim_time']), boolean('rviz', text['rviz']),
+    )  # fmt: skip
+
+
+def boolean(name: str, text: str) -> bool:
+    """The truth that an argument says. Raises RuntimeError."""
+    if text.lower() not in BOOLEANS:
+        raise RuntimeError(f'{name}:={text}: expected true or false')
+    return BOOLEANS[text.lower()]
+
+
+def quoted(text: str) -> str:
+    """A text as YAML reads it back."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def module_node(given: ModuleArguments, namespace: str | None = None, record: str = '') -> Node:
+    """The simulated module; its parameter file comes before the other arguments, which win."""
+    parameters = [f'{name}:={value}' for name, value in given.overrides]
+    parameters += [f'node.record:={quoted(record)}'] if record else []
+    parameters += ['use_sim_time:=true'] if given.use_sim_time else []
+    words = [word for parameter in parameters for word in ('-p', parameter)]
+    return Node(
+        package=PACKAGE,
+        executable='sma_module_sim',
+        namespace=given.namespace if namespace is None else namespace,
+        ros_arguments=['--params-file', given.params_file, *words, '--log-level', given.log_level],
+        output='screen',
+    )
+
+
+def python_node(file: str, name: str, namespace: str, parameters: Mapping[str, Any]) -> Node:
+    """A node that is one Python file, run by the Python that runs the launch. Raises RuntimeError where it is missing."""
+    if not Path(file).is_file():
+        raise RuntimeError(f'{name}: there is no file {file}')
+    return Node(
+        executable=sys.executable, arguments=[file], name=name, exec_name=name, namespace=namespace,
+        parameters=[dict(parameters)], output='screen',
+    )  # fmt: skip
+
+
+def rviz_actions(wanted: bool, namespace: str) -> list[Action]:
+    """RViz with our configuration; a message where it is not installed."""
+    if not wanted:
+        return []
+    try:
+        get_package_prefix('rviz2')
+    except PackageNotFoundError:
+        return [LogInfo(msg='rviz:=true: RViz is not installed here (package rviz2); everything else runs without it')]
+    arguments = ['-d', share('rviz', 'sma_module.rviz')]
+    return [Node(package='rviz2', executable='rviz2', namespace=namespace, arguments=arguments, output='log')]
