@@ -4,7 +4,7 @@ import sys
 
 import setuptools
 
-PIP_COMMANDS = {'sdist', 'bdist_wheel', 'editable_wheel'}  # colcon runs others, and puts the commands into lib/sma_sim itself
+PIP_COMMANDS = {'sdist', 'bdist_wheel', 'editable_wheel'}  # colcon runs others and puts the commands there itself
 
 
 class Distribution(setuptools.Distribution):
