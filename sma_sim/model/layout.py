@@ -11,6 +11,7 @@ from sma_sim.model.effects.ports import EffectTable
 from sma_sim.model.parameters import BeamConstants, WireConstants
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
 # Columns of `obs`, a row per wire: what the flow finds on its way.
@@ -35,6 +36,13 @@ class InputPoint(NamedTuple):
 
     u: Vector
     du: Vector
+
+
+class Evaluation(NamedTuple):
+    """What one evaluation of the flow leaves behind: dy/dt (n,), and what is found on the way (wires, O_SIZE)."""
+
+    dy: Vector
+    obs: Matrix
 
 
 class System(NamedTuple):

@@ -6,6 +6,8 @@ wire; then the extra states of the active effects.
 
 from __future__ import annotations
 
+import math
+
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.calls import add_rates, show_phases, show_state, true_channel
 from sma_sim.model.effects.ports import (
@@ -42,32 +44,73 @@ from sma_sim.model.layout import (
     O_STRAIN,
     O_V,
     O_X,
+    Evaluation,
     InputPoint,
     System,
     SystemState,
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
-from sma_sim.model.structures.beam import beam_forces, wire_length
+from sma_sim.model.structures.beam import beam_forces, inclined_wire_length
 from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_stress
+
+
+# What of the flow changes with a state: bits.
+LENGTHS, SPEEDS, STRESS_1, RATES_1 = 1, 2, 4, 16  # those of wire 2 follow those of wire 1
+WIRE_1 = STRESS_1 | RATES_1
+EVERY_WIRE = WIRE_1 | WIRE_1 << 1
+EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
 
 
 def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
     """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (wires, O_SIZE)."""
-    y, e = state.y, p.effects
+    update_flow(t, state, point, p, Evaluation(dy, obs), EVERYTHING)
+
+
+def depends_on(j: int, state: SystemState, p: System) -> int:
+    """What of the flow depends on state `j`, for `update_flow`."""
+    any_effect = p.effects.port_start[-1] > 0
+    if p.module and j < 3:
+        return EVERYTHING
+    if p.module and j < 6:
+        moving = SPEEDS
+        for i in range(p.wires):
+            if any_effect or not p.mas and (state.mode[i] == TO_MARTENSITE or state.mode[i] == TO_AUSTENITE):
+                moving |= RATES_1 << i
+        return moving
+    if any_effect:
+        return EVERY_WIRE
+    i = j - p.first_T if j < p.first_T + p.wires else j - p.first_x
+    return WIRE_1 << i
+
+
+def update_flow(t: float, state: SystemState, point: InputPoint, p: System, found: Evaluation, changed: int) -> None:
+    """Evaluate the flow into `found`, of which only what `changed` says differs from what it holds already.
+
+    `changed` is EVERYTHING, or what `depends_on` says of a state when all else is as it was.
+    """
+    y, e, dy, obs = state.y, p.effects, found.dy, found.obs
     T_E = ambient_temperature(point.u, p)
-    kinematics(y, point, p, obs)
-    if e.port_start[-1] > 0:
+    any_effect = e.port_start[-1] > 0
+    if changed & LENGTHS:
+        kinematics(y, point, p, obs)
+    if changed & SPEEDS and p.module:
+        speeds(y, p, obs)
+    for i in range(p.wires):
+        obs[i, O_J] = commanded_heating(i, point.u, p)
+    if any_effect:
         show_state(t, y, T_E, p, obs)
     for i in range(p.wires):
-        phase_and_stress(i, state, p, obs)
-    if e.port_start[-1] > 0:
+        if any_effect or changed & (STRESS_1 << i):
+            phase_and_stress(i, state, p, obs)
+    if any_effect:
         show_phases(p, obs)
+        for i in range(p.wires):
+            obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
-        obs[i, O_J] = heating(i, y, p, obs, dy)
-    for i in range(p.wires):
-        wire_rates(i, state, T_E, p, dy, obs)
-        obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
+        if any_effect or changed & (RATES_1 << i):
+            wire_rates(i, state, T_E, p, dy, obs)
+            obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
     if p.module:
         accelerations(y, p, dy, obs)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:
@@ -80,20 +123,24 @@ def ambient_temperature(u: Vector, p: System) -> float:
 
 
 def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
-    """Commanded heating, length, strain and their rates of each wire: from the pose (module) or the input (wire)."""
+    """Length and strain of each wire: from the pose (module), or with their rates from the input (wire)."""
     u, du = point.u, point.du
-    for i in range(p.wires):
-        obs[i, O_J] = commanded_heating(i, u, p)
     if not p.module:
         obs[0, O_EPS], obs[0, O_DEPS] = u[0], du[0]
         obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + u[0]), p.wire.l0 * du[0]
         return
+    sine, cosine = math.sin(y[2]), math.cos(y[2])
     for i in range(2):
-        length, by_x, by_y, by_alpha = wire_length(y[0], y[1], y[2], 2.0 * i - 1.0, p.beam)
-        v = by_x * y[3] + by_y * y[4] + by_alpha * y[5]
-        obs[i, O_LENGTH], obs[i, O_V] = length, v
-        obs[i, O_EPS], obs[i, O_DEPS] = length / p.wire.l0 - 1.0, v / p.wire.l0
+        length, by_x, by_y, by_alpha = inclined_wire_length(y[0], y[1], sine, cosine, 2.0 * i - 1.0, p.beam)
+        obs[i, O_LENGTH], obs[i, O_EPS] = length, length / p.wire.l0 - 1.0
         obs[i, O_DL], obs[i, O_DL + 1], obs[i, O_DL + 2] = by_x, by_y, by_alpha
+
+
+def speeds(y: Vector, p: System, obs: Vector) -> None:
+    """Rates of length and strain of each wire of the module."""
+    for i in range(2):
+        v = obs[i, O_DL] * y[3] + obs[i, O_DL + 1] * y[4] + obs[i, O_DL + 2] * y[5]
+        obs[i, O_V], obs[i, O_DEPS] = v, v / p.wire.l0
 
 
 def commanded_heating(i: int, u: Vector, p: System) -> float:

@@ -37,7 +37,7 @@ _COMPILED_FOLDERS = ('model', 'solver')
 OWN = ('sma_sim.',)
 # Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (
-    'flow',
+    'update_flow',
     'linearize',
     'rosenbrock_step',
     'observe',

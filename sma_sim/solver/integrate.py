@@ -10,6 +10,7 @@ from sma_sim.model.automaton import observed_mode
 from sma_sim.model.effects.ports import MODULE_CHANNELS, N_CHANNELS
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
 from sma_sim.model.system import sensed_channel
+from sma_sim.model.transformation import has_offsets
 from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_fraction, violated_edge
 from sma_sim.solver.stepper import (
     ORDER,
@@ -19,6 +20,8 @@ from sma_sim.solver.stepper import (
     Step,
     Vector,
     Work,
+    copy_evaluation,
+    copy_into,
     dense,
     flow_at,
     linearize,
@@ -104,7 +107,10 @@ NO_JUMP = 2.0  # as a fraction of a step
 
 
 def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, log: Log) -> bool:
-    """Take the jumps that are due at time t, one per wire at the most; whether any was."""
+    """Take the jumps that are due at time t, one per wire at the most; whether any was.
+
+    In the hybrid model ``w.first`` is then the flow before them.
+    """
     if p.mas:
         return False
     flow_at(t, run.state, segment, p, w, w.first)
@@ -178,9 +184,9 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
     """Integrate one stretch of the input; the reason for its end."""
     t, y = segment.t_0, run.state.y
     run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
-    jump_now(t, run, segment, p, w, log)
+    evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
     while t < segment.t_end:
-        linearize(t, run.state, segment, p, w)
+        linearize(t, run.state, segment, p, w, evaluated)
         status, h = accepted_step(t, min(run.control[C_H], limits.max_step), run, segment, p, w, limits)
         if status != COMPLETED:
             return status
@@ -197,16 +203,12 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
             copy_into(y, w.y_new)
         t = t_new
         if theta <= 1.0:
-            jump_now(t, run, segment, p, w, log)
+            evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
         else:
+            evaluated = not p.mas and not has_offsets(p.effects)  # these depend on the fraction that is now remembered
             remember_fraction(run.state, p, w.guard.obs)
+            copy_evaluation(w.guard, w.first)
     return COMPLETED
-
-
-def copy_into(y: Vector, new: Vector) -> None:
-    """Copy `new` into `y`."""
-    for i in range(y.shape[0]):
-        y[i] = new[i]
 
 
 def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, float]:

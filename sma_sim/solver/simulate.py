@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import O_EPS, O_S_A, O_S_M, O_SIZE, InputPoint, System, SystemState
+from sma_sim.model.layout import O_EPS, O_S_A, O_S_M, O_SIZE, Evaluation, InputPoint, System, SystemState
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.parameters import DEFAULTS, beam_constants, wire_constants
 from sma_sim.model.system import flow
@@ -46,7 +46,7 @@ from sma_sim.solver.integrate import (
     Run,
     integrate,
 )  # fmt: skip
-from sma_sim.solver.stepper import ORDER, Evaluation, Work
+from sma_sim.solver.stepper import ORDER, Work
 
 Vector = NDArray[np.float64]
 

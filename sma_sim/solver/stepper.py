@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.layout import InputPoint, System, SystemState
-from sma_sim.model.system import flow
+from sma_sim.model.layout import O_SIZE, Evaluation, InputPoint, System, SystemState
+from sma_sim.model.system import EVERYTHING, depends_on, update_flow
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.rosenbrock import RODAS4P2
 
@@ -19,13 +19,6 @@ Integers = NDArray[np.int64]
 A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
 GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
 TIME_STEP = 1e-7  # for the partial derivative of the flow in time [s]
-
-
-class Evaluation(NamedTuple):
-    """What one evaluation of the flow leaves behind: dy/dt (n,), and what is found on the way (wires, O_SIZE)."""
-
-    dy: Vector
-    obs: Matrix
 
 
 class Work(NamedTuple):
@@ -80,19 +73,28 @@ def with_smooth(y: Vector, state: SystemState) -> SystemState:
 def flow_at(t: float, state: SystemState, segment: Segment, p: System, w: Work, found: Evaluation) -> None:
     """Evaluate the flow at time t under the input of the segment."""
     input_at(t, segment, w.u)
-    flow(t, state, InputPoint(w.u, segment.du), p, found.dy, found.obs)
+    update_flow(t, state, InputPoint(w.u, segment.du), p, found, EVERYTHING)
 
 
-def linearize(t: float, state: SystemState, segment: Segment, p: System, w: Work) -> None:
-    """The flow, its Jacobian (forward differences) and its time derivative at (t, y)."""
+def linearize(t: float, state: SystemState, segment: Segment, p: System, w: Work, evaluated: bool) -> None:
+    """The flow, its Jacobian (forward differences) and its time derivative at (t, y).
+
+    `evaluated`: ``w.first`` is the flow there already. A column of the Jacobian evaluates what depends on its state.
+    """
     y, f, f_stage = state.y, w.first.dy, w.stage.dy
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
-    flow_at(t, state, segment, p, w, w.first)
+    if evaluated:
+        input_at(t, segment, w.u)
+    else:
+        flow_at(t, state, segment, p, w, w.first)
     for j in range(n):
+        changed = depends_on(j, state, p)
+        if changed != EVERYTHING:
+            copy_evaluation(w.first, w.stage)
         kept = y[j]
         y[j] = kept + w.increment[j]
         step = y[j] - kept
-        flow(t, state, InputPoint(w.u, segment.du), p, f_stage, w.stage.obs)
+        update_flow(t, state, InputPoint(w.u, segment.du), p, w.stage, changed)
         y[j] = kept
         inverse = 1.0 / step
         for i in range(n):
@@ -101,6 +103,20 @@ def linearize(t: float, state: SystemState, segment: Segment, p: System, w: Work
         flow_at(t + TIME_STEP, state, segment, p, w, w.stage)
         for i in range(n):
             w.f_t[i] = (f_stage[i] - f[i]) / TIME_STEP
+
+
+def copy_evaluation(source: Evaluation, target: Evaluation) -> None:
+    """Copy an evaluation of the flow into another."""
+    copy_into(target.dy, source.dy)
+    for i in range(np.uint64(source.obs.shape[0])):
+        for k in range(O_SIZE):
+            target.obs[i, k] = source.obs[i, k]
+
+
+def copy_into(y: Vector, new: Vector) -> None:
+    """Copy `new` into `y`."""
+    for i in range(np.uint64(y.shape[0])):
+        y[i] = new[i]
 
 
 def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System, w: Work) -> float:

@@ -17,8 +17,14 @@ def wire_length(U_x: float, U_y: float, alpha: float, side: float, b: BeamConsta
 
     `side` is -1 for wire 1 and +1 for wire 2.
     """
+    return inclined_wire_length(U_x, U_y, math.sin(alpha), math.cos(alpha), side, b)
+
+
+def inclined_wire_length(
+    U_x: float, U_y: float, sine: float, cosine: float, side: float, b: BeamConstants
+) -> tuple[float, float, float, float]:
+    """As `wire_length`, from the sine and cosine of alpha, which both wires share."""
     half = 0.5 * side * b.W
-    sine, cosine = math.sin(alpha), math.cos(alpha)
     across = U_y + half * (1.0 - cosine)
     along = b.L + U_x + half * sine
     length = math.sqrt(across * across + along * along)
