@@ -54,7 +54,6 @@ from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.structures.beam import beam_forces, inclined_wire_length
 from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_stress
 
-
 # What of the flow changes with a state: bits.
 LENGTHS, SPEEDS, STRESS_1, RATES_1 = 1, 2, 4, 16  # those of wire 2 follow those of wire 1
 WIRE_1 = STRESS_1 | RATES_1
