@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 from launch.action import Action
-from launch.actions import DeclareLaunchArgument, LogInfo
+from launch.actions import DeclareLaunchArgument, LogInfo, Shutdown
 from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -27,6 +27,9 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'use_sim_time': ('false', 'follow /clock'),
     'log_level': ('info', 'debug, info, warn, error or fatal'),
     'rviz': ('false', 'start RViz with a picture of the module'),
+    'controller': ('', 'Python file of a node that reads joint_states and sends J_eq; empty: none'),
+    'alpha_target': ('0.0', 'target angle of the controller [rad]'),
+    'demo': ('false', 'the target is a sine; without another controller, the example controller follows it'),
 }  # fmt: skip
 
 
@@ -37,9 +40,13 @@ class ModuleArguments:
     params_file: str
     namespace: str
     overrides: tuple[tuple[str, str], ...]
+    record: str
     log_level: str
     use_sim_time: bool
     rviz: bool
+    controller: str
+    alpha_target: float
+    demo: bool
 
 
 def share(*parts: str) -> str:
@@ -48,7 +55,7 @@ def share(*parts: str) -> str:
 
 
 def declared(**others: tuple[str, str]) -> list[Action]:
-    """The arguments of every launch file, and others (default, description)."""
+    """The arguments of every launch file; those of `others` with another default and description."""
     everything = {**ARGUMENTS, **others}
     return [
         DeclareLaunchArgument(name, default_value=default, description=words)
@@ -56,15 +63,13 @@ def declared(**others: tuple[str, str]) -> list[Action]:
     ]
 
 
-def refuse_unknown(file: str, others: Sequence[str] = ()) -> None:
+def refuse_unknown(file: str) -> None:
     """Raise RuntimeError for arguments on the command line of `ros2 launch ... FILE` that the file does not have."""
     if Path(file).name not in [Path(word).name for word in sys.argv]:
         return  # included by another file, which has arguments of its own
-    given = [word.split(':=')[0] for word in sys.argv if ':=' in word]
-    known = [*ARGUMENTS, *others]
-    unknown = [name for name in given if name not in known]
+    unknown = [word.split(':=')[0] for word in sys.argv if ':=' in word and word.split(':=')[0] not in ARGUMENTS]
     if unknown:
-        raise RuntimeError(f'{unknown[0]}:= is no argument of {Path(file).name}; expected one of {", ".join(known)}')
+        raise RuntimeError(f'{unknown[0]}:= is no argument of {Path(file).name}; expected one of {", ".join(ARGUMENTS)}')
 
 
 def module_arguments(context: LaunchContext) -> ModuleArguments:
@@ -77,12 +82,22 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
     if text['effects']:
         names = [] if text['effects'] == 'none' else [name.strip() for name in text['effects'].split(',')]
         overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
-    if text['record']:
-        overrides['node.record'] = quoted(text['record'])
+    use_sim_time, rviz, demo = (boolean(name, text[name]) for name in ('use_sim_time', 'rviz', 'demo'))
+    controller = text['controller'] or (share('examples', 'controller.py') if demo else '')
+    if controller and not Path(controller).is_file():
+        raise RuntimeError(f'controller: there is no file {controller}')
     return ModuleArguments(
-        file, text['namespace'].strip('/'), tuple(overrides.items()), text['log_level'],
-        boolean('use_sim_time', text['use_sim_time']), boolean('rviz', text['rviz']),
+        file, text['namespace'].strip('/'), tuple(overrides.items()), text['record'], text['log_level'],
+        use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo,
     )  # fmt: skip
+
+
+def angle(name: str, text: str) -> float:
+    """The number that an argument gives. Raises RuntimeError."""
+    try:
+        return float(text)
+    except ValueError as error:
+        raise RuntimeError(f'{name}:={text}: expected an angle in rad, such as 0.05') from error
 
 
 def boolean(name: str, text: str) -> bool:
@@ -97,38 +112,58 @@ def quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
-def module_node(given: ModuleArguments, namespace: str | None = None, record: str = '') -> Node:
+def module_actions(given: ModuleArguments) -> list[Action]:
+    """A module and, where they were asked for, its controller and the target that moves."""
+    actions: list[Action] = [module_node(given)]
+    if given.controller:
+        actions.append(python_node(given.controller, 'alpha_controller', given, {'alpha_target': given.alpha_target}))
+    if given.demo:
+        actions.append(python_node(share('examples', 'sine_target.py'), 'sine_target', given, {}))
+    return actions
+
+
+def two_modules(given: ModuleArguments) -> list[Action]:
+    """The same twice, in the namespaces left and right; a bag of each."""
+    sides = [
+        replace(given, namespace=f'{given.namespace}/{side}'.lstrip('/'), record=given.record and f'{given.record}_{side}')
+        for side in ('left', 'right')
+    ]
+    return [action for side in sides for action in module_actions(side)]
+
+
+def module_node(given: ModuleArguments) -> Node:
     """The simulated module; its parameter file comes before the other arguments, which win."""
     parameters = [f'{name}:={value}' for name, value in given.overrides]
-    parameters += [f'node.record:={quoted(record)}'] if record else []
+    parameters += [f'node.record:={quoted(given.record)}'] if given.record else []
     parameters += ['use_sim_time:=true'] if given.use_sim_time else []
     words = [word for parameter in parameters for word in ('-p', parameter)]
     return Node(
         package=PACKAGE,
         executable='sma_module_sim',
-        namespace=given.namespace if namespace is None else namespace,
+        namespace=given.namespace,
         ros_arguments=['--params-file', given.params_file, *words, '--log-level', given.log_level],
         output='screen',
+        on_exit=Shutdown(reason='the module has ended'),
     )
 
 
-def python_node(file: str, name: str, namespace: str, parameters: Mapping[str, Any]) -> Node:
-    """A node that is one Python file, run by the Python that runs the launch. Raises RuntimeError where it is missing."""
-    if not Path(file).is_file():
-        raise RuntimeError(f'{name}: there is no file {file}')
+def python_node(file: str, name: str, given: ModuleArguments, parameters: Mapping[str, Any]) -> Node:
+    """A node that is one Python file, run by the Python that runs the launch; when it ends, so does everything."""
     return Node(
-        executable=sys.executable, arguments=[file], name=name, exec_name=name, namespace=namespace,
-        parameters=[dict(parameters)], output='screen',
+        executable=sys.executable, arguments=[file], name=name, exec_name=name, namespace=given.namespace,
+        parameters=[{**parameters, 'use_sim_time': given.use_sim_time}],
+        ros_arguments=['--log-level', given.log_level], output='screen', on_exit=Shutdown(reason=f'{name} has ended'),
     )  # fmt: skip
 
 
-def rviz_actions(wanted: bool, namespace: str) -> list[Action]:
+def rviz_actions(given: ModuleArguments) -> list[Action]:
     """RViz with our configuration; a message where it is not installed."""
-    if not wanted:
+    if not given.rviz:
         return []
     try:
         get_package_prefix('rviz2')
     except PackageNotFoundError:
         return [LogInfo(msg='rviz:=true: RViz is not installed here (package rviz2); everything else runs without it')]
-    arguments = ['-d', share('rviz', 'sma_module.rviz')]
-    return [Node(package='rviz2', executable='rviz2', namespace=namespace, arguments=arguments, output='log')]
+    file = share('rviz', 'sma_module.rviz')
+    arguments = ['-d', file] if Path(file).is_file() else []
+    return [Node(package='rviz2', executable='rviz2', namespace=given.namespace, arguments=arguments, output='log')]
