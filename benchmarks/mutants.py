@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
 # Quick as plain Python, in an order in which faults show soon; then those that need native code.
 INTERPRETED_TESTS = (
+    'closed_forms',
     'material',
     'paper_equations',
     'effects',
@@ -41,6 +42,7 @@ INTERPRETED_TESTS = (
     'solver',
     'messages',
     'init',
+    'optional_packages',
 )
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
@@ -51,9 +53,10 @@ SLOW_AS_PYTHON = (
 COMPILED_TESTS = (
     'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
     'reference', 'init', 'plot', 'packaging', 'messages', 'paper', 'interpreted',
+    'closed_forms', 'compile', 'stalls', 'untrusted_data', 'optional_packages',
 )  # fmt: skip
 ESTIMATION_TESTS = (
-    'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
+    'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
 )  # fmt: skip
 COMPARED = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,

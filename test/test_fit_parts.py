@@ -1,0 +1,174 @@
+"""Parts of a fit, each against what it must be: coordinates, ports, rows of an input, weights, workers, normal equations."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from systems import active
+
+from sma_sim import Campaign, Config, Input, Recording, module_input
+from sma_sim.evidence.estimation import executors, homogeneity
+from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
+from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
+from sma_sim.evidence.estimation.injection_points import PORTS, SENSOR_UNITS, ports_of
+from sma_sim.evidence.estimation.levenberg_marquardt import (
+    NormalEquations,
+    accumulated,
+    bounded_step,
+    normal_equations,
+    robust_cost,
+    robust_weights,
+)
+from sma_sim.evidence.estimation.problem import HUBER_CORNER, START, LinearizedRun
+from sma_sim.evidence.estimation.residuals import (
+    CHANNEL_SIZES,
+    SOLVER_NOISE,
+    error_over_noise,
+    fit_data,
+    most_steps,
+    sampled_changes,
+    with_switches,
+    without_repeats,
+)
+from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.parameters import DEFAULTS, Parameter
+
+
+def recording(values=(0.0, 0.0, 5.0, 5.0, 2.0), **more):
+    times = np.arange(len(values), dtype=float)
+    source = module_input(times, list(values))
+    return Recording('run', 'module', times, {'alpha': np.array([0.0, 0.1, np.nan, 0.2, 0.3])}, source, **more)
+
+
+@pytest.mark.parametrize(
+    'declared', [DEFAULTS['wire.c_V'], Parameter('g', 1.5, 'm/s^2', (-40.0, 40.0), '', '', 0.0, (-10.0, 10.0))]
+)
+def test_coordinates_of_a_parameter(declared):
+    """z = 0 at the middle of the prior, one in z is one standard deviation, and the bounds of the value bound z."""
+    free = free_parameter('name', declared.default, declared)
+    assert free.value(0.0) == declared.default and free.low < 0.0 < free.high
+    for z in (-1.3, 0.0, 2.0):
+        assert free.coordinate(free.value(z)) == pytest.approx(z, abs=1e-12)
+    std = np.log(free.value(1.0) / free.value(0.0)) if free.log else free.value(1.0) - free.value(0.0)
+    assert std == pytest.approx(free.scale) and free.log == (declared.neutral is None)
+    low, high = declared.bounds
+    assert low * (1 - 1e-12) <= free.value(free.low) or not free.log
+    assert free.value(free.high) <= high * (1 + 1e-12)
+
+
+def test_parameters_of_active_effects_are_free_within_their_bounds():
+    free, held = choose_free(Config(effects=(active('gravity'),)), ['effects.gravity.g_y', 'wire.E_A'])
+    assert [parameter.name for parameter in free] == ['effects.gravity.g_y', 'wire.E_A'] and not held
+    assert [parameter.log for parameter in free] == [False, True]
+
+
+def test_every_channel_is_shown_by_one_sensor_of_its_system():
+    """Seven on the module, two on the wire; what an unknown does is said with its unit."""
+    assert [port.name for port in ports_of('module', CHANNELS) if port.hook == 'sensing'] == [
+        f'sense_{c}' for c in CHANNELS[:7]
+    ]
+    assert [port.name for port in ports_of('wire', CHANNELS) if port.hook == 'sensing'] == [
+        f'sense_{c}' for c in CHANNELS[7:]
+    ]
+    assert [port.name for port in ports_of('module', ('alpha',)) if port.hook == 'sensing'] == ['sense_alpha']
+    assert [port.name for port in ports_of('wire', ()) if port.component == 1] == []
+    assert all(port.adds.startswith(port.description) and f'[{port.unit}]' in port.adds for port in PORTS)
+    assert len(SENSOR_UNITS) == len(CHANNELS)
+
+
+def test_rows_that_change_nothing_are_left_out_of_held_inputs_only():
+    held = module_input([0.0, 1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 2.0, 2.0, 2.0])
+    assert without_repeats(held).times.tolist() == [0.0, 2.0, 4.0]
+    sloped = Input(held.times, held.values, (True, False))
+    assert without_repeats(sloped).times.tolist() == held.times.tolist()
+
+
+def test_weights_of_samples():
+    """One over noise, the solver's own error added in quadrature; nothing for a missing sample."""
+    run = fit_data(recording(), {'alpha': 0.02})
+    assert run.weight.tolist() == [pytest.approx([50.0, 50.0, 0.0, 50.0, 50.0])] and run.samples == 4
+    floor = 0.02 / (SOLVER_NOISE * CHANNEL_SIZES['alpha'])
+    assert fit_data(recording(), {'alpha': 0.02}, floor=floor).weight[0, 0] == pytest.approx(50.0 / np.sqrt(2.0))
+    assert error_over_noise(np.array([[3.0, -3.0, 0.0, 3.0, 3.0]]), run) == {'alpha': pytest.approx(3.0)}
+
+
+def test_sampled_commands_changed_between_their_row_and_the_one_before():
+    changed, interval = sampled_changes(recording(exact_commands=False))
+    assert (changed.tolist(), interval.tolist()) == ([2.0, 4.0], [1.0, 1.0])
+    run = fit_data(recording(exact_commands=False), {'alpha': 0.02})
+    moved = with_switches(run, [0.25, 0.5])
+    assert run.groups == 2 and moved.times.tolist() == [0.0, 1.75, 3.5, 4.0]
+    assert moved.values[:, 0].tolist() == [0.0, 5.0, 2.0, 2.0]
+
+
+def test_longer_runs_may_take_more_steps_and_chosen_models_more_again():
+    short, long = (module_input([0.0, 1.0, end], [0.0, 1.0, 1.0]) for end in (2.0, 102.0))
+    assert most_steps(long, True) - most_steps(short, True) == 50 * 100
+    assert most_steps(long, False) == 20 * most_steps(long, True)
+
+
+def test_workers_of_an_executor(monkeypatch):
+    with ThreadPoolExecutor(3) as threads:
+        assert executors.workers_of(threads) == 3
+    monkeypatch.setattr(executors.os, 'cpu_count', lambda: 6)
+    assert executors.workers_of(object()) == 6
+    monkeypatch.setattr(executors.os, 'cpu_count', lambda: None)
+    assert executors.workers_of(object()) == 1
+
+
+def test_guesses_of_a_start_lie_within_the_hysteresis():
+    assert all(0.0 <= START.value(guess) <= 1.0 for guess in INITIAL_GUESSES)
+
+
+def test_pooled_error_is_the_root_of_the_mean_square():
+    assert mean_error({'a': 3.0, 'b': 4.0}) == pytest.approx(np.sqrt(12.5)) and np.isnan(mean_error({}))
+    assert np.isnan(pooled_error([])[0])
+
+
+def test_transformation_stress_of_a_run_is_taken_at_its_temperature(monkeypatch):
+    """sigma_MW = sigma_MW0 + sigma_T (T - T0)."""
+    known = [Interval(name, 1.2e8, 0.01, 1.1e8, 1.3e8, True, True, 'Pa') for name in homogeneity.STRESS_NAMES]
+    result = type('Result', (), {'uncertainty': type('U', (), {'intervals': known})})
+    monkeypatch.setattr(homogeneity, 'calibrate', lambda *given: result)
+    run = Recording(
+        'run', 'module', np.arange(2.0), {'alpha': np.zeros(2)}, module_input([0.0, 1.0], [0.0, 0.0], [313.0, 313.0])
+    )
+    stress = homogeneity.run_stress(Config(), Campaign((run,), {'alpha': 1.0}), run, False, None)
+    assert stress is not None and stress.temperature == 313.0
+    assert stress.sigma_MW == pytest.approx(np.array([1.2e8, 1.1e8, 1.3e8]) - 10.0 * 2.13e6)
+    assert homogeneity.cochran_p([(1.0, 0.0, 2.0), (1.0, 0.5, 1.5)]) == pytest.approx(1.0)
+    assert homogeneity.cochran_p([(0.0, -1.0, 1.0), (9.0, 8.0, 10.0)]) < 1e-6
+
+
+def test_hubers_function_is_smooth_at_its_corner_and_weighs_what_is_beyond():
+    c = HUBER_CORNER
+    below, above = (robust_cost(np.array([[r]]), True) for r in (c * (1 - 1e-6), c * (1 + 1e-6)))
+    assert (above - below) / (2e-6 * c) == pytest.approx(c, rel=1e-4) and below == pytest.approx(0.5 * c * c, rel=1e-4)
+    assert robust_cost(np.array([[3.0 * c]]), False) == pytest.approx(4.5 * c * c)
+    assert robust_weights(np.array([0.0, c, 4.0 * c])) == pytest.approx([1.0, 1.0, 0.5])
+
+
+def test_normal_equations_of_a_line():
+    """The step of an undamped quadratic model is that of least squares; a bound holds it."""
+    random = np.random.default_rng(0)
+    jacobian, residuals = random.normal(size=(2, 1, 30)), random.normal(size=(1, 30))
+    part = normal_equations(LinearizedRun(np.array([0, 1]), residuals, jacobian), robust=False)
+    assert part.cost == pytest.approx(0.5 * (residuals**2).sum())
+    cost, gradient, hessian = accumulated([part], np.zeros(2))
+    assert cost == part.cost and hessian == pytest.approx(part.hessian + np.eye(2))
+    wide = np.full(2, 1e3)
+    A = np.vstack([jacobian[:, 0].T, np.eye(2)])
+    expected = np.linalg.lstsq(A, np.append(-residuals[0], [0.0, 0.0]), rcond=None)[0]
+    assert bounded_step(gradient, hessian, 0.0, -wide, wide) == pytest.approx(expected)
+    shorter = bounded_step(gradient, hessian, 1e3, -wide, wide)
+    assert np.linalg.norm(shorter) < 0.1 * np.linalg.norm(expected)
+    limit = 0.5 * np.abs(expected)
+    assert (np.abs(bounded_step(gradient, hessian, 0.0, -limit, limit)) <= limit).all()
+
+
+def test_each_run_adds_to_its_own_unknowns():
+    parts = [NormalEquations(np.array(at), 1.0, np.ones(2), np.ones((2, 2))) for at in ([0, 1], [0, 2])]
+    cost, gradient, hessian = accumulated(parts, np.zeros(3))
+    assert cost == 2.0 and gradient.tolist() == [2.0, 1.0, 1.0]
+    assert hessian.tolist() == [[3.0, 1.0, 1.0], [1.0, 2.0, 0.0], [1.0, 0.0, 2.0]]
