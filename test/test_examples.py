@@ -50,5 +50,10 @@ def test_own_effect_turns_the_plate_back(tmp_path, capsys):
 
 @pytest.mark.parametrize('file', sorted(EXAMPLES.rglob('*.py')), ids=lambda file: file.name)
 def test_is_named_here(file):
-    tests = (Path(__file__), ROOT / 'test' / 'test_node.py', ROOT / 'test' / 'test_controller.py')
+    tests = (
+        Path(__file__),
+        ROOT / 'test' / 'test_node.py',
+        ROOT / 'test' / 'test_controller.py',
+        ROOT / 'test' / 'test_launch.py',
+    )
     assert any(file.stem in test.read_text() for test in tests)
