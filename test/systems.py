@@ -89,6 +89,9 @@ def random_state(model, random, mode=None):
             return evaluate(model, y, u, du, modes.astype(np.int64), x)
 
 
+WHOLE_ROWS = np.zeros(0, dtype=np.int64)
+
+
 class RawRun(NamedTuple):
     """All that the solver samples: pose (k, 3), its rates, and per wire a dict of columns."""
 
@@ -104,7 +107,9 @@ class RawRun(NamedTuple):
 def new_log(sample_times=()):
     """Room for samples at these times, and for jumps."""
     times = np.asarray(sample_times, float)
-    return Log(np.full((len(times), SAMPLE_SIZE), np.nan), times, np.zeros(1, dtype=np.int64), np.zeros((10_000, 3)))
+    return Log(
+        np.full((len(times), SAMPLE_SIZE), np.nan), times, np.zeros(1, dtype=np.int64), np.zeros((10_000, 3)), WHOLE_ROWS
+    )
 
 
 def raw_run(model, source, sample_times, max_step=np.inf, max_steps=10_000_000):

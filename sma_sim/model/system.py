@@ -59,6 +59,7 @@ LENGTHS, SPEEDS, STRESS_1, RATES_1 = 1, 2, 4, 16  # those of wire 2 follow those
 WIRE_1 = STRESS_1 | RATES_1
 EVERY_WIRE = WIRE_1 | WIRE_1 << 1
 EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
+NOMINAL_FORCE = 64  # beside lengths and stress: only the force of a wire, on which no effect acts
 
 
 def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
@@ -90,7 +91,8 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     """
     y, e, dy, obs = state.y, p.effects, found.dy, found.obs
     T_E = ambient_temperature(point.u, p)
-    any_effect = e.port_start[-1] > 0
+    force_only = changed & NOMINAL_FORCE != 0
+    any_effect = e.port_start[-1] > 0 and not force_only
     if changed & LENGTHS:
         kinematics(y, point, p, obs)
     if changed & SPEEDS and p.module:
@@ -102,6 +104,9 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     for i in range(p.wires):
         if any_effect or changed & (STRESS_1 << i):
             phase_and_stress(i, state, p, obs)
+            obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
+    if force_only:
+        return
     if any_effect:
         show_phases(p, obs)
         for i in range(p.wires):
@@ -109,6 +114,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     for i in range(p.wires):
         if any_effect or changed & (RATES_1 << i):
             wire_rates(i, state, T_E, p, dy, obs)
+        if any_effect:
             obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
     if p.module:
         accelerations(y, p, dy, obs)

@@ -42,6 +42,7 @@ from sma_sim.solver.simulate import (
 from sma_sim.solver.stepper import Segment
 
 STEPS_AT_ONCE = 10_000
+WHOLE_ROWS = np.zeros(0, dtype=np.int64)  # samples are of no channels in particular
 ROUNDING = 1e-4  # [steps] within which a time is that of a step: bags tell times in whole nanoseconds
 MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
 
@@ -89,7 +90,7 @@ class FixedRateRun:
         self.run.count[:N_JUMPS] = 0
         limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
         held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
-        log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps)
+        log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:
             raise SimulationError(f'the run ended after {self.time:g} s: {reason_of(status, self.model, self.run)}')
@@ -155,5 +156,5 @@ def simulate_fixed_rate(
     run.run.count[:N_JUMPS] = counts[:N_JUMPS]
     times = (k_0 // every + np.arange(written)) * every / rate
     times[0] = k_0 / rate
-    log = Log(samples, times, np.array([written]), run.jumps)
+    log = Log(samples, times, np.array([written]), run.jumps, WHOLE_ROWS)
     return trajectory(model, log, run.run, reason, run.notes)

@@ -12,6 +12,7 @@ from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O
 from sma_sim.model.system import sensed_channel
 from sma_sim.model.transformation import has_offsets
 from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_fraction, violated_edge
+from sma_sim.solver.sampling import needed_for, sample_channels
 from sma_sim.solver.stepper import (
     ORDER,
     Integers,
@@ -89,12 +90,16 @@ class HeldInput(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What a run writes: samples (k, SAMPLE_SIZE) at `times` (k,), how many so far (1,), and jumps (j, 3)."""
+    """What a run writes: samples at `times` (k,), how many so far (1,), and jumps (j, 3).
+
+    Samples are (k, SAMPLE_SIZE), or (k, c) of the `channels` (c,), indices into CHANNELS, where there are any.
+    """
 
     samples: Matrix
     times: Vector
     written: Integers
     jumps: Matrix
+    channels: Integers
 
 
 LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
@@ -268,11 +273,20 @@ def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System,
     if k >= log.times.shape[0] or log.times[k] >= t_new:
         return
     prepare_dense(w)
+    needed = needed_for(log.channels, p)
     while k < log.times.shape[0] and log.times[k] < t_new:
         dense((log.times[k] - step.t) / step.h, run.state.y, w)
-        observe(log.times[k], with_smooth(w.y_dense, run.state), segment, p, w, log.samples[k])
+        write_sample(k, with_smooth(w.y_dense, run.state), segment, p, w, log, needed)
         k += 1
     log.written[0] = k
+
+
+def write_sample(k: int, state: SystemState, segment: Segment, p: System, w: Work, log: Log, needed: int) -> None:
+    """Write sample `k`: of the channels in the log, or a whole row."""
+    if log.channels.shape[0] > 0:
+        sample_channels(log.times[k], state, segment, p, w, log.channels, needed, log.samples[k])
+    else:
+        observe(log.times[k], state, segment, p, w, log.samples[k])
 
 
 def observe(t: float, state: SystemState, segment: Segment, p: System, w: Work, row: Vector) -> None:
@@ -309,9 +323,9 @@ def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: L
     last = times.shape[0] - 1
     segment = Segment(times[last], times[last], values[last], slopes[last], False)
     jump_now(times[last], run, segment, p, w, log)
-    k = log.written[0]
+    k, needed = log.written[0], needed_for(log.channels, p)
     while k < log.times.shape[0] and log.times[k] <= times[last]:
-        observe(log.times[k], run.state, segment, p, w, log.samples[k])
+        write_sample(k, run.state, segment, p, w, log, needed)
         k += 1
     log.written[0] = k
     return COMPLETED

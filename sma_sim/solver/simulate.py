@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from sma_sim.model.layout import O_EPS, O_S_A, O_S_M, O_SIZE, Evaluation, InputP
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.parameters import DEFAULTS, beam_constants, wire_constants
 from sma_sim.model.system import flow
+from sma_sim.solver.columns import channel_indices, named_columns, new_samples
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table, own_scratch
 from sma_sim.solver.equilibrium import start
@@ -33,13 +34,9 @@ from sma_sim.solver.integrate import (
     N_REJECTED,
     N_SIZE,
     N_STEPS,
-    PER_WIRE,
     REASONS,
-    SAMPLE_SIZE,
     STALLED,
     STEP_UNDERFLOW,
-    Y_SENSED,
-    Y_WIRE,
     InputStretches,
     Limits,
     Log,
@@ -238,6 +235,7 @@ def simulate(
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
     initial_state: Run | None = None,
+    channels: Sequence[str] | None = None,
 ) -> Trajectory:
     """Run a model under an input.
 
@@ -257,6 +255,8 @@ def simulate(
         Called with the finished share of the run, 0 to 1.
     initial_state : Run, optional
         `Trajectory.state` of an earlier run, to continue from it; without it the run starts at rest.
+    channels : sequence of str, optional
+        Sensor channels to sample, as 'alpha' or 'F_1', in place of all columns: this takes less time.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def simulate(
     Raises
     ------
     UserError
-        For samples outside the input.
+        For samples outside the input, or a channel that the system does not have.
     SimulationError
         If the model has no static equilibrium to start from.
 
@@ -288,7 +288,8 @@ def simulate(
     limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
-    log = Log(np.full((len(asked), SAMPLE_SIZE), np.nan), asked, np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)))
+    sampled = channel_indices(channels, model.config.system)
+    log = Log(new_samples(len(asked), sampled), asked, np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)), sampled)
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
@@ -309,7 +310,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
     written = slice(int(log.written[0]))
     return Trajectory(
         time=log.times[written],
-        columns=named_columns(model, log.samples[written]),
+        columns=named_columns(model.config.system, log.samples[written], log.channels),
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],
@@ -370,24 +371,6 @@ def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
         if not np.isnan(requested) and abs(requested - x) > 1e-9:
             notes.append(f'{name} = {requested:g} is not admitted at rest; the run starts at {x:.6g}')
     return tuple(notes)
-
-
-def named_columns(model: Model, samples: NDArray[np.float64]) -> dict[str, Vector]:
-    """Samples by the names of the file contract."""
-
-    def wire(i: int, column: int) -> Vector:
-        return samples[:, Y_WIRE + i * PER_WIRE + column]
-
-    if model.config.system == 'wire':
-        return {
-            'stress_Pa': samples[:, Y_SENSED + 7], 'T_K': samples[:, Y_SENSED + 8],
-            'x_M': wire(0, 1), 'mode': wire(0, 7),
-        }  # fmt: skip
-    names = ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K')
-    columns = {name: samples[:, Y_SENSED + k] for k, name in enumerate(names)}
-    for column, name in ((1, 'x_M'), (7, 'mode')):
-        columns |= {f'{name}_{i + 1}': wire(i, column) for i in range(2)}
-    return columns
 
 
 def named_jumps(jumps: Any, count: int) -> tuple[Jump, ...]:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.input_simplification import simplified_input
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
-from sma_sim.solver.simulate import Model, SimulationError, new_run, new_work, simulate
+from sma_sim.solver.simulate import Model, SimulationError, Trajectory, new_run, new_work, simulate
 from sma_sim.solver.stepper import Work
 
 Vector = NDArray[np.float64]
@@ -227,14 +227,26 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
-    columns = model_columns(config, recording, nuisance)
-    return {name: columns[column] for name, column in CHANNEL_COLUMNS.items() if column in columns}
+    _, trajectory, index = simulated(config, recording, nuisance, CHANNELS_OF[config.system])
+    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in CHANNELS_OF[config.system]}
 
 
 def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
     """The model's columns (file contract, inputs included) at the recording's sample times, (k,) each.
 
     Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
+    """
+    source, trajectory, index = simulated(config, recording, nuisance)
+    columns = inputs_at(source, trajectory.time) | trajectory.columns
+    return {name: column[index] for name, column in columns.items()}
+
+
+def simulated(
+    config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None, channels: Sequence[str] | None = None
+) -> tuple[Input, Trajectory, NDArray[np.int64]]:
+    """The input, its run, all columns or some channels, and the row of it that each sample of the recording (k,) shows.
+
+    Raises SimulationError when a run cannot be made.
     """
     nuisance = nuisance or Nuisance()
     run = recording if isinstance(recording, FitData) else fit_data(recording, dict.fromkeys(recording.channels, 1.0))
@@ -244,21 +256,22 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     asked = np.concatenate([source.times[:1], times[early:]])
     model = Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance.start)
-    trajectory = simulate(model, source, asked, max_steps=most_steps(source, run.step_limited), initial_state=initial_state)
+    trajectory = simulate(
+        model, source, asked, max_steps=most_steps(source, run.step_limited), initial_state=initial_state, channels=channels
+    )
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
-    index = np.maximum(np.arange(len(times)) - early + 1, 0)
-    columns = inputs_at(source, asked) | trajectory.columns
-    return {name: column[index] for name, column in columns.items()}
+    return source, trajectory, np.maximum(np.arange(len(times)) - early + 1, 0)
 
 
 def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
     """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
-    shown = predict(config, run, nuisance)
-    absent = [name for name in run.channels if name not in shown]
+    absent = [name for name in run.channels if name not in CHANNELS_OF[config.system]]
     if absent:
         raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
-    return (np.array([shown[name] for name in run.channels]) - run.measured) * run.weight
+    _, trajectory, index = simulated(config, run, nuisance, run.channels)
+    shown = np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])
+    return (shown - run.measured) * run.weight
 
 
 def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:

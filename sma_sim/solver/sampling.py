@@ -1,0 +1,43 @@
+"""Samples of single sensor channels: only what they show is evaluated."""
+
+from __future__ import annotations
+
+from sma_sim.model.effects.calls import true_channel
+from sma_sim.model.effects.ports import MODULE_CHANNELS, SENSING, TRANSFORMATION_STRESS, WIRE_FORCE, WIRE_STRAIN
+from sma_sim.model.layout import InputPoint, System, SystemState
+from sma_sim.model.system import EVERYTHING, LENGTHS, NOMINAL_FORCE, STRESS_1, sensed_channel, update_flow
+from sma_sim.solver.stepper import Integers, Segment, Vector, Work, input_at
+
+FIRST_FORCE, FIRST_TEMPERATURE = 3, 5  # among the channels of the module
+
+
+def needed_for(channels: Integers, p: System) -> int:
+    """What of the flow the sensors of these channels show, for `update_flow`; 0 where they show states."""
+    e, needed = p.effects, 0
+    for channel in channels:
+        for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
+            if e.slot[k, channel] >= 0:
+                return EVERYTHING
+        force = FIRST_FORCE <= channel < FIRST_TEMPERATURE or channel == MODULE_CHANNELS
+        if force and (
+            e.port_start[TRANSFORMATION_STRESS + 1] > e.port_start[WIRE_STRAIN]
+            or e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_FORCE]
+        ):
+            return EVERYTHING
+        if force:
+            needed |= NOMINAL_FORCE | LENGTHS | STRESS_1 << (channel - FIRST_FORCE if p.module else 0)
+    return needed
+
+
+def sample_channels(
+    t: float, state: SystemState, segment: Segment, p: System, w: Work, channels: Integers, needed: int, row: Vector
+) -> None:
+    """What the sensors of the `channels` show, one number each; `needed` is what `needed_for` says of them."""
+    if needed != 0:
+        input_at(t, segment, w.u)
+        update_flow(t, state, InputPoint(w.u, segment.du), p, w.sample, needed)
+    for k in range(channels.shape[0]):
+        if needed == EVERYTHING:
+            row[k] = sensed_channel(channels[k], state.y, p, w.sample.obs, w.sample.dy)
+        else:
+            row[k] = true_channel(channels[k], state.y, p, w.sample.obs)
