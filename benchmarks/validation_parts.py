@@ -174,6 +174,9 @@ PARTS = (
          '30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against '
          '`solver.rtol` 1e-9. '
          'Ratios are from alternating runs.'),
+    Part('flow', 'Flow and samples', 2, script('flow'),
+         'One evaluation of the flow without effects beside a straight transcription of the equations, and 100 s runs by '
+         'the number of samples: of all columns, or of the channels that a recording has.'),
     Part('startup', 'Start-up', 2, script('startup'), 'Time to the end of a small run, with an empty cache and later.'),
     Part('solvers', 'Other solvers', 6, script('solvers'),
          'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change '
