@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from systems import active, make_model
 
-from sma_sim import module_input, simulate
+from sma_sim import find_effects, module_input, simulate
 from sma_sim.model.effects.library import clausius_clapeyron_mismatch
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.integrate import N_TIGHTENED, WINDOW
@@ -56,6 +56,18 @@ def test_a_beam_that_gives_way_says_so(kinetics):
     run = simulate(make_model('module', kinetics, [softening]), HELD, 10.0)
     assert not run.completed and run.steps <= 5 * WINDOW
     assert 'the beam has given way' in run.reason and 'structure_force' in run.reason
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+@pytest.mark.parametrize('c', [0.0, 0.6, 1.2])
+def test_a_beam_that_softens_within_its_realistic_range_does_not_give_way(kinetics, c):
+    """The moment grows with the curvature everywhere, from the root to the plate: L |kappa| < 1/sqrt(-3 b)."""
+    b = find_effects()['beam_nonlinearity'].effect.parameters[0].realistic[0]
+    model = make_model('module', kinetics, [active('beam_nonlinearity', b=b, c=c)])
+    run = simulate(model, HELD, np.linspace(0.0, 40.0, 401))
+    L, U_y, alpha = model.compiled.beam.L, run['U_y_m'], run['alpha_rad']
+    ends = 2.0 / L * np.abs([3.0 * U_y - L * alpha, 2.0 * L * alpha - 3.0 * U_y])
+    assert b < 0.0 and run.completed and ends.max() < 1.0 / np.sqrt(-3.0 * b)
 
 
 def test_friction_that_switches_within_the_tolerance_is_resolved():

@@ -10,12 +10,12 @@ from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.beam import stiffness_forces
 
 
 def branch(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
     """Force of the branch once it has relaxed."""
-    part = p.c / (1.0 + p.c)
-    return part * b.k_x * s.U_x, part * (b.k_y * s.U_y - b.k_ya * s.alpha), part * (b.k_a * s.alpha - b.k_ya * s.U_y)
+    return stiffness_forces(s.U_x, s.U_y, s.alpha, b, p.c / (1.0 + p.c))
 
 
 def forget(s: State, b: BeamConstants, p: Any, m: Any) -> tuple[float, float, float]:

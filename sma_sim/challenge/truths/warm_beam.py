@@ -5,6 +5,7 @@ tau dtheta/dt = (T_1 + T_2)/2 - T_E - theta,   F = c theta K q   [N, N, N m]: st
 
 from sma_sim.challenge.truth import drawn_parameter, simulated_truth
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.structures.beam import stiffness_forces
 
 EFFECT = Effect(
     name='truth_warm_beam',
@@ -18,10 +19,6 @@ EFFECT = Effect(
     states=('theta',),
     scale=(10.0,),
     rate=lambda s, b, p, m: ((0.5 * (s.T + s.T_other) - s.T_E - m.theta) / p.tau,),
-    kernel=lambda s, b, p, m: (
-        p.c * m.theta * b.k_x * s.U_x,
-        p.c * m.theta * (b.k_y * s.U_y - b.k_ya * s.alpha),
-        p.c * m.theta * (b.k_a * s.alpha - b.k_ya * s.U_y),
-    ),
+    kernel=lambda s, b, p, m: stiffness_forces(s.U_x, s.U_y, s.alpha, b, p.c * m.theta),
 )
 TRUTHS = (simulated_truth(EFFECT, variables=('alpha', 'T', 'memory'), file=__file__),)

@@ -13,17 +13,14 @@ from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.compile import cache_folder
 
 LOADING_LOCK = Lock()
+STIFFNESS_IMPORT = 'from sma_sim.model.structures.beam import stiffness_forces\n'  # for what acts along K q
 
 
 def kernel_return(location: Location, value: str, constants: str = 'w') -> str:
     """What the kernel of an effect at a location returns for a value there."""
     if location.hook == 'structure_force':
         if location.component == STIFFNESS:
-            b = constants
-            return (
-                f'({value} * {b}.k_x * s.U_x, {value} * ({b}.k_y * s.U_y - {b}.k_ya * s.alpha), '
-                f'{value} * ({b}.k_a * s.alpha - {b}.k_ya * s.U_y))'
-            )
+            return f'stiffness_forces(s.U_x, s.U_y, s.alpha, {constants}, {value})'
         return '(' + ', '.join(value if k == location.component else '0.0' for k in range(3)) + ')'
     if location.hook == 'sensing':
         return f's.value + {value}'

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
 from sma_sim.evidence.symbolic_regression.augmented_fit import POSITIVE_GRIDS
-from sma_sim.evidence.symbolic_regression.code_generation import kernel_return, load_generated, port_lines
+from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPORT, kernel_return, load_generated, port_lines
 from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, factor, per_unit
@@ -163,9 +163,10 @@ class Formula:
         ]  # fmt: skip
         effect = '\n'.join(f'    {line}' for line in lines)
         imports = 'import math\n\n' if 'math.' in effect + body else ''
+        imports += 'from sma_sim import Effect, Parameter\n' + (STIFFNESS_IMPORT if self.along_stiffness else '')
         paragraphs = (location.description.capitalize() + ', proposed.', self.equation, source)
         header = '\n\n'.join('\n'.join(textwrap.wrap(paragraph, 110)) for paragraph in paragraphs)
-        return f'"""{header}\n"""\n\n{imports}from sma_sim import Effect, Parameter\n{body}\nEFFECT = Effect(\n{effect}\n)\n'
+        return f'"""{header}\n"""\n\n{imports}{body}\nEFFECT = Effect(\n{effect}\n)\n'
 
     @property
     def needs_function(self) -> bool:

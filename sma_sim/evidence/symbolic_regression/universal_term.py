@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.code_generation import load_generated, port_lines
+from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPORT, load_generated, port_lines
 from sma_sim.evidence.symbolic_regression.locations import Location, locations_of_hook
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.terms import MAX_SHAPES, Term
@@ -22,7 +22,7 @@ from sma_sim import Effect, Parameter
 '''
 WIRE_SELECTOR = '(1.0 if p.component < 0.0 else s.wire if p.component > 0.0 else 1.0 - s.wire)'
 RETURN_EXPRESSIONS = {
-    'structure_force': f'along_stiffness(s, w, p, VALUE) if p.component > {STIFFNESS - 0.5} else ('
+    'structure_force': f'stiffness_forces(s.U_x, s.U_y, s.alpha, w, VALUE) if p.component > {STIFFNESS - 0.5} else ('
     '(VALUE, 0.0, 0.0) if p.component < 0.5 else (0.0, VALUE, 0.0) if p.component < 1.5 else (0.0, 0.0, VALUE))',
     'sensing': 's.value + (VALUE if s.channel == p.component else 0.0)',
     'actuation': f's.J + {WIRE_SELECTOR} * VALUE',
@@ -30,12 +30,6 @@ RETURN_EXPRESSIONS = {
     'wire_strain': f'{WIRE_SELECTOR} * VALUE',
     'transformation_stress': f'({WIRE_SELECTOR} * VALUE, {WIRE_SELECTOR} * VALUE)',
 }
-ALONG_STIFFNESS = '''
-
-def along_stiffness(s, b, p, value):
-    return value * b.k_x * s.U_x, value * (b.k_y * s.U_y - b.k_ya * s.alpha), value * (b.k_a * s.alpha - b.k_ya * s.U_y)
-
-'''
 
 
 @dataclass(frozen=True)
@@ -70,7 +64,7 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool)
     read = 's, p, m' if has_state else 's, p'
     arguments = 's, w, p, m' if has_state else 's, w, p'
     value = f'p.c * value_of({read})'
-    parts = [FILE_HEADER, ALONG_STIFFNESS if hook == 'structure_force' else '']
+    parts = [FILE_HEADER, STIFFNESS_IMPORT if hook == 'structure_force' else '']
     parts.append(choice_function('value_of', read, [numbered_text(t, 'value') for t in terms]))
     lines = [f'name={name!r},', f'port={hook!r},', "equation='any term',", "source='',", 'parameters=(']
     names = ('term', 'component', *(f'q_{k}' for k in range(MAX_SHAPES)))

@@ -7,13 +7,14 @@ from sma_sim.evidence.latent_input.time_functions.time_function import knot_para
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.beam import stiffness_forces
 
 
 def force(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
     """The force on one of the three coordinates, or along K q."""
     u = time_function(s.t, p)
     if p.wire == STIFFNESS:
-        return u * b.k_x * s.U_x, u * (b.k_y * s.U_y - b.k_ya * s.alpha), u * (b.k_a * s.alpha - b.k_ya * s.U_y)
+        return stiffness_forces(s.U_x, s.U_y, s.alpha, b, u)
     return u if p.wire == 0.0 else 0.0, u if p.wire == 1.0 else 0.0, u if p.wire == 2.0 else 0.0
 
 

@@ -3,6 +3,10 @@
 V = integral of E I (kappa^2/2 + b L^2 kappa^4/4) + k_x (U_x + c S)^2/2, S = 3 U_y^2/(5 L) - U_y alpha/10 + L alpha^2/15
 The linear beam has b = c = 0; the effect adds the rest of -dV/dq, q = (U_x, U_y, alpha). The curvature kappa is that
 of the beam's cubic shape, linear from the root to the plate; S is half the integral of its slope squared.
+
+With b < 0 the moment has a maximum at L kappa = 1/sqrt(-3 b), where the tangent stiffness E I (1 + 3 b (L kappa)^2) is zero;
+a beam that is bent beyond gives way. The paper's module bends to L kappa = 0.43 under full heating, with b = -0.5 and some c
+to 0.67, where a third of the stiffness is left. Hence the realistic range begins at b = -0.5, with its maximum at 0.82.
 """
 
 from typing import Any
@@ -46,13 +50,14 @@ EFFECT = Effect(
             'bending moment grows by 1 + b (L kappa)^2: above 0 stiffer',
             '',
             0.0,
-            (-3.0, 30.0),
+            (-0.5, 30.0),
         ),
         Parameter('c', 0.0, '-', (0.0, 2.0), 'shortening by bending: 1 for a slender beam', '', 0.0, (0.0, 1.2)),
     ),  # fmt: skip
     kernel=forces,
     energy='elastic: the force of a potential, none is lost',
-    description='b is the material or the joint; c couples the pull of the wires with bending',
+    description='b is the material or the joint; c couples the pull of the wires with bending; b < 0 gives way beyond '
+    'L kappa = 1/sqrt(-3 b)',
     signature='large angles fall short of (b > 0) or exceed the model, small ones agree; odd in alpha, no hysteresis',
     confused_with=('beam.E', 'plate.W', 'sensor_gain'),
 )
