@@ -289,7 +289,7 @@ def simulate(
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
     sampled = channel_indices(channels, model.config.system)
-    log = Log(new_samples(len(asked), sampled), asked, np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)), sampled)
+    log = Log(new_samples(len(asked), sampled), asked, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), sampled)
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
