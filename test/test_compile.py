@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 
 from sma_sim.cli.main import main
 from sma_sim.solver import first_start
-from sma_sim.solver.compile import OUT_OF_LINE, Compiler, content_key, reachable, write_source
+from sma_sim.solver.compile import OUT_OF_LINE, Compiler, content_key, reachable, user_cache, write_source
 from sma_sim.solver.fragments import on_compiled
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -69,6 +68,10 @@ def started(tmp_path):
     return lambda: subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
 
 
+def doubled(number):
+    return 2.0 * number
+
+
 def result_of(process):
     output = process.communicate(timeout=120)[0]
     assert process.returncode == 0
@@ -86,18 +89,23 @@ def test_processes_that_start_at_once_share_a_cache(started):
 def test_threads_do_not_take_each_others_cache_folder(tmp_path, monkeypatch):
     """numba's cache folder is a setting of the whole process: compilers at work at once must not see each other's."""
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    compilers = [Compiler(f'key{k}') for k in range(8)]
-    seen = []
-
-    def build(compiler):
-        before = numba.config.CACHE_DIR
-        time.sleep(0.01)
-        seen.append({before, numba.config.CACHE_DIR, str(compiler.folder)})
-
+    compilers, before = [Compiler(f'key{k}') for k in range(8)], numba.config.CACHE_DIR
     with ThreadPoolExecutor(8) as threads:
-        list(threads.map(lambda compiler: compiler._cached(lambda: build(compiler)), compilers))
-    assert len(seen) == 8 and all(len(folders) == 1 for folders in seen)
-    assert numba.config.CACHE_DIR not in {str(compiler.folder) for compiler in compilers}
+        entries = list(threads.map(lambda compiler: compiler.function(doubled), compilers))
+    for compiler, entry in zip(compilers, entries, strict=True):
+        assert entry.stats.cache_path.startswith(str(compiler.folder))
+    assert before == numba.config.CACHE_DIR
+
+
+@pytest.mark.parametrize(('platform', 'folder'), [('win32', 'AppData'), ('darwin', 'Library'), ('linux', '.cache')])
+def test_cache_of_the_user_by_operating_system(monkeypatch, tmp_path, platform, folder):
+    for name in ('XDG_CACHE_HOME', 'LOCALAPPDATA'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, 'home', lambda: tmp_path)
+    monkeypatch.setattr(sys, 'platform', platform)
+    assert user_cache().relative_to(tmp_path).parts[0] == folder and user_cache().name == 'sma_sim'
+    monkeypatch.setenv('LOCALAPPDATA' if platform == 'win32' else 'XDG_CACHE_HOME', str(tmp_path / 'own'))
+    assert user_cache() == tmp_path / 'own' / 'sma_sim'
 
 
 def test_an_edited_source_is_compiled_anew(tmp_path):

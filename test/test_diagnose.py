@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from campaigns import NOISE, campaign, command, config, recording, scaled
 
-from sma_sim import Campaign, Config, UserError, find_effects
+from sma_sim import Campaign, find_effects
 from sma_sim.challenge.files import recording_columns
-from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_campaign
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
@@ -24,13 +23,12 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import Options, final_fit
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible, with_effect
+from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.forward_selection import retry_from_finite_step, with_realistic_values
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.refit import at_finite_step
 from sma_sim.evidence.model_selection.restricted import limited
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.model.config import read_config
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 
 SEEDS = [1, 2, 3]
@@ -344,53 +342,6 @@ def test_held_out_by_default_and_by_wish():
     chosen = replace(runs, recordings=runs.recordings[:1])
     assert hold_out_last(training, chosen) == (training, chosen)
     assert hold_out_last(training, None) == (training, None)
-
-
-def test_candidates():
-    names = {one.name for one in candidates_for(Config())}
-    assert names == set(find_effects())
-    assert 'gravity' not in {one.name for one in candidates_for(read_config(effects=['gravity']))}
-    of_wire = {one.name for one in candidates_for(Config(system='wire'))}
-    assert 'gravity' not in of_wire and 'polycrystal' in of_wire
-    for one in candidates_for(Config()):
-        for family in one.families:
-            for probe in family:
-                parameter = next(p for p in one.found.effect.parameters if p.name == probe.parameter)
-                assert parameter.bounds[0] <= probe.neutral + probe.step <= parameter.bounds[1] and probe.step != 0.0
-                if parameter.realistic:
-                    assert is_plausible(one.found, {probe.parameter: probe.neutral + probe.step, **probe.shape})
-
-
-def test_plausible_values():
-    convection = find_effects()['natural_convection']
-    assert is_plausible(convection, {'k': 40.0, 'm': 0.25}) and not is_plausible(convection, {'k': 4000.0})
-    assert not is_plausible(convection, {'k': 40.0, 'm': 0.9}) and not is_plausible(convection, {'k': float('nan')})
-
-
-def test_add_writes_what_the_node_runs(tmp_path, capsys):
-    out = tmp_path / 'b.yaml'
-    assert main(['add', 'gravity', 'natural_convection:k=20', '-o', str(out)]) == 0
-    config_ = read_config(out)
-    assert [one.found.effect.name for one in config_.effects] == ['gravity', 'natural_convection']
-    assert main(['add', 'radiation', '--config', str(out), '-o', str(out)]) == 0
-    assert len(read_config(out).effects) == 3
-    assert main(['add', 'gravitation', '-o', str(out)]) == 2
-    assert 'unknown effect gravitation' in capsys.readouterr().err
-    assert main(['add', 'gravity', '-o', str(tmp_path / 'b.txt')]) == 2
-
-
-def test_wrong_use(tmp_path, capsys):
-    (tmp_path / 'run.csv').write_text('time_s,J_eq_W,alpha_rad\n0,0,0\n1,1,0\n2,1,0\n')
-    for words, message in (
-        (['nowhere.csv'], 'nowhere.csv'),
-        ([str(tmp_path / 'run.csv'), '--hold-out', 'walk'], 'walk'),
-        ([str(tmp_path / 'run.csv'), '--json', 'x.txt'], 'expected a name that ends in .json'),
-    ):
-        assert main(['diagnose', *words]) == 2
-        said = capsys.readouterr().err
-        assert message in said and 'Traceback' not in said
-    with pytest.raises(UserError):
-        diagnose(Campaign(()), config())
 
 
 @pytest.mark.parametrize(('effects', 'left', 'predicted', 'with_formula', 'verdict'), [

@@ -1,0 +1,57 @@
+"""Which effects a diagnosis tries and which values it believes; `add` and wrong use on the command line."""
+
+import pytest
+from campaigns import config
+
+from sma_sim import Campaign, Config, UserError, find_effects
+from sma_sim.cli.main import main
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible
+from sma_sim.model.config import read_config
+
+
+def test_candidates():
+    names = {candidate.name for candidate in candidates_for(Config())}
+    assert names == set(find_effects())
+    assert 'gravity' not in {candidate.name for candidate in candidates_for(read_config(effects=['gravity']))}
+    of_wire = {candidate.name for candidate in candidates_for(Config(system='wire'))}
+    assert 'gravity' not in of_wire and 'polycrystal' in of_wire
+    for candidate in candidates_for(Config()):
+        for family in candidate.families:
+            for probe in family:
+                parameter = next(p for p in candidate.found.effect.parameters if p.name == probe.parameter)
+                assert parameter.bounds[0] <= probe.neutral + probe.step <= parameter.bounds[1] and probe.step != 0.0
+                if parameter.realistic:
+                    assert is_plausible(candidate.found, {probe.parameter: probe.neutral + probe.step, **probe.shape})
+
+
+def test_plausible_values():
+    convection = find_effects()['natural_convection']
+    assert is_plausible(convection, {'k': 40.0, 'm': 0.25}) and not is_plausible(convection, {'k': 4000.0})
+    assert not is_plausible(convection, {'k': 40.0, 'm': 0.9}) and not is_plausible(convection, {'k': float('nan')})
+
+
+def test_add_writes_what_the_node_runs(tmp_path, capsys):
+    out = tmp_path / 'b.yaml'
+    assert main(['add', 'gravity', 'natural_convection:k=20', '-o', str(out)]) == 0
+    config_ = read_config(out)
+    assert [active.found.effect.name for active in config_.effects] == ['gravity', 'natural_convection']
+    assert main(['add', 'radiation', '--config', str(out), '-o', str(out)]) == 0
+    assert len(read_config(out).effects) == 3
+    assert main(['add', 'gravitation', '-o', str(out)]) == 2
+    assert 'unknown effect gravitation' in capsys.readouterr().err
+    assert main(['add', 'gravity', '-o', str(tmp_path / 'b.txt')]) == 2
+
+
+def test_wrong_use(tmp_path, capsys):
+    (tmp_path / 'run.csv').write_text('time_s,J_eq_W,alpha_rad\n0,0,0\n1,1,0\n2,1,0\n')
+    for words, message in (
+        (['nowhere.csv'], 'nowhere.csv'),
+        ([str(tmp_path / 'run.csv'), '--hold-out', 'walk'], 'walk'),
+        ([str(tmp_path / 'run.csv'), '--json', 'x.txt'], 'expected a name that ends in .json'),
+    ):
+        assert main(['diagnose', *words]) == 2
+        said = capsys.readouterr().err
+        assert message in said and 'Traceback' not in said
+    with pytest.raises(UserError):
+        diagnose(Campaign(()), config())
