@@ -165,5 +165,6 @@ def rviz_actions(given: ModuleArguments) -> list[Action]:
     except PackageNotFoundError:
         return [LogInfo(msg='rviz:=true: RViz is not installed here (package rviz2); everything else runs without it')]
     file = share('rviz', 'sma_module.rviz')
-    arguments = ['-d', file] if Path(file).is_file() else []
+    frame = f'{given.namespace.strip("/")}/base'.lstrip('/')
+    arguments = ['-f', frame, *(['-d', file] if Path(file).is_file() else [])]
     return [Node(package='rviz2', executable='rviz2', namespace=given.namespace, arguments=arguments, output='log')]

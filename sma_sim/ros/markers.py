@@ -12,15 +12,15 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.beam_links import BASE_FRAME, PLATE_THICKNESS
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import MODE_COLOURS
+from sma_sim.ros.robot_frames import frame_prefix
 from sma_sim.solver.integrate import Y_POSE
 
-BASE_FRAME = 'base'  # origin at the clamp, x along the straight beam, y across it
 BEAM_POINTS = 21
 BEAM_COLOUR, PLATE_COLOUR = '#444444', '#000000'
 WIRE_WIDTH = 1e-3  # [m], drawn thicker than a wire is
-PLATE_WIDTH = 3e-3  # [m]
 
 
 def colour_from(code: str) -> ColorRGBA:
@@ -34,7 +34,7 @@ MODE_RGBA = {mode: colour_from(code) for mode, code in MODE_COLOURS.items()}
 
 def frame_of(namespace: str) -> str:
     """The frame of a node's markers: modules in several namespaces are told apart."""
-    return f'{namespace.strip("/")}/{BASE_FRAME}'.lstrip('/')
+    return frame_prefix(namespace) + BASE_FRAME
 
 
 def line_marker(header: Header, number: int, name: str, line: NDArray[Any], width: float, rgba: ColorRGBA) -> Marker:
@@ -53,7 +53,7 @@ def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], be
     shape = shape_of(U_x, U_y, alpha, beam, BEAM_POINTS)
     lines = [
         line_marker(header, 0, 'beam', shape.beam, 2.0 * h, colour_from(BEAM_COLOUR)),
-        line_marker(header, 1, 'plate', shape.plate, PLATE_WIDTH, colour_from(PLATE_COLOUR)),
+        line_marker(header, 1, 'plate', shape.plate, PLATE_THICKNESS, colour_from(PLATE_COLOUR)),
     ]
     for i, (wire, mode) in enumerate(zip(shape.wires, modes, strict=True)):
         lines.append(line_marker(header, 2 + i, f'wire_{i + 1}', wire, WIRE_WIDTH, MODE_RGBA[mode]))

@@ -29,6 +29,11 @@ def wire_values(row: NDArray[Any], column: str) -> list[float]:
     return [float(row[Y_WIRE + i * PER_WIRE + at]) for i in range(2)]
 
 
+def coordinates(row: NDArray[Any]) -> dict[str, float]:
+    """The true pose by name [m, m, rad]."""
+    return dict(zip(JOINT_NAMES, row[Y_POSE : Y_POSE + 3].tolist(), strict=True))
+
+
 def joint_state(stamp: Time, row: NDArray[Any], sensed: bool) -> JointState:
     """Pose [m, m, rad] as the sensors show it or as it is, its rates, and tau = -J^T F [N, N, N m]."""
     first = Y_SENSED if sensed else Y_POSE

@@ -17,6 +17,7 @@ from std_msgs.msg import Float64
 from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import beam_constants
+from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
 from sma_sim.ros.command import TURNED_OFF, WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
@@ -25,6 +26,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.recorder import Recorder
+from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
@@ -63,6 +65,7 @@ class ModuleSimulation:
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         beam = beam_constants(config.parameters)
         self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
+        self._frames = RobotFrames(node, beam_links(config.parameters))
         self._control, self._diagnostics = Control(node), Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
@@ -223,6 +226,7 @@ class ModuleSimulation:
         self._modes = [int(mode) for mode in messages.wire_values(row, 'mode')]
         self._publishers.send_clock(stamp)
         self._publishers.send_sample(stamp, log_time, row, self._modes)
+        self._frames.send(messages.stamp_of(stamp), messages.coordinates(row))
         if self._run.k % self._picture_every == 0:
             self._publishers.send_markers(stamp, log_time, row, self._modes)
 

@@ -1,0 +1,64 @@
+"""Where the parts of the robot are: its URDF on `robot_description` and, where tf2_msgs is installed, /tf and /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Header, String
+
+from sma_sim.model.structures.links import LinkTree, Transform, fixed_transforms, moving_transforms
+from sma_sim.ros.urdf import urdf_of
+
+KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NO_TF = (
+    'no /tf: the package tf2_msgs is not installed (apt install ros-$ROS_DISTRO-tf2-msgs); '
+    'robot_state_publisher can make it from robot_description and joint_states'
+)
+
+
+def frame_prefix(namespace: str) -> str:
+    """What stands before the frames of a node: modules in several namespaces are told apart."""
+    return f'{namespace.strip("/")}/'.lstrip('/')
+
+
+def stamped(transform: Transform, prefix: str, stamp: Time) -> TransformStamped:
+    """One transform as a message."""
+    message = TransformStamped(header=Header(stamp=stamp, frame_id=prefix + transform.parent))
+    message.child_frame_id = prefix + transform.child
+    x, y, z = transform.translation
+    message.transform.translation = Vector3(x=x, y=y, z=z)
+    x, y, z, w = transform.rotation
+    message.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+    return message
+
+
+class RobotFrames:
+    """Publishes what a structure says of its links and joints."""
+
+    def __init__(self, node: Node, tree: LinkTree) -> None:
+        self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
+        description = node.create_publisher(String, 'robot_description', KEPT)
+        description.publish(String(data=urdf_of(tree, self._prefix)))
+        self._kind: Any = None
+        try:
+            self._kind = import_module('tf2_msgs.msg').TFMessage
+        except ImportError:
+            node.get_logger().info(NO_TF)
+            return
+        self._moving = node.create_publisher(self._kind, '/tf', 100)
+        self._fixed = node.create_publisher(self._kind, '/tf_static', KEPT)
+        self._fixed.publish(self._message(fixed_transforms(tree), node.get_clock().now().to_msg()))
+
+    def send(self, stamp: Time, coordinates: Mapping[str, float]) -> None:
+        """Publish where the links are at the coordinates by name [m or rad]."""
+        if self._kind is not None:
+            self._moving.publish(self._message(moving_transforms(self._tree, coordinates), stamp))
+
+    def _message(self, transforms: Iterable[Transform], stamp: Time) -> Any:
+        return self._kind(transforms=[stamped(transform, self._prefix, stamp) for transform in transforms])
