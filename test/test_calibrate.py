@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, config, scaled
+from campaigns import NOISE, campaign, config, recording, scaled
 
 import sma_sim.evidence.estimation.executors as executors
 from sma_sim import (
@@ -16,7 +16,9 @@ from sma_sim import (
     Recording,
     UserError,
     calibrate,
+    find_effects,
     held_out,
+    module_input,
     read_config,
     simulate,
     wire_input,
@@ -24,6 +26,7 @@ from sma_sim import (
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
 from sma_sim.evidence.estimation.free_parameters import choose_free
+from sma_sim.evidence.model_selection.candidates import with_effect
 
 OFF = {
     'wire__sigma_T': 1.08, 'wire__c_V': 0.9, 'wire__lambda': 1.12, 'wire__sigma_MW0': 0.95, 'wire__dsigma': 1.07,
@@ -221,3 +224,15 @@ def test_a_start_has_several_optima():
     made = make_challenge(1089, 0)
     truth = Config(dict(made.robot.parameters), 'module', 'mas')
     assert all(fit.error < 1.05 for fit in held_out(truth, made.campaign))
+
+
+def test_a_softening_beam_is_recovered():
+    """b = -0.3, within its realistic range, from where the beam is linear."""
+    effect = find_effects()['beam_nonlinearity']
+    truth, start = (with_effect(config(), effect, {'b': b, 'c': 0.0}) for b in (-0.3, 0.0))
+    run = recording(truth, module_input([0.0, 8.0, 16.0, 20.0], [25.0, -25.0, 8.0, 0.0]), noise=1.0)
+    fit = calibrate(Campaign((run,), NOISE), start, Options(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1))
+    assert fit.uncertainty is not None
+    (interval,) = fit.uncertainty.intervals
+    assert interval.seen and interval.std < 0.01  # one draw of noise: three standard deviations, not its 95 % interval
+    assert interval.value == pytest.approx(-0.3, abs=3.0 * interval.std)
