@@ -78,7 +78,7 @@ def fixed_steps(model, start, duration, count, theta=None):
     compiled = package_compiler().function
     linear, step, prepare, output = (compiled(f) for f in (linearize, rosenbrock_step, prepare_dense, dense))
     for k in range(count):
-        linear(k * h, state, segment, model.compiled, work)
+        linear(k * h, state, segment, model.compiled, work, False)
         step(Step(k * h, h), state, segment, model.compiled, work)
         if theta is not None:
             prepare(work)

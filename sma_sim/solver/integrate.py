@@ -341,6 +341,7 @@ def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits
             return status
         jump_now(k / held.rate, run, segment, p, w, log)
         if k % held.every == 0:
-            observe(k / held.rate, run.state, segment, p, w, log.samples[log.written[0]])
+            row = min(log.written[0], log.samples.shape[0] - 1)  # a log that is too short keeps the newest in its last row
+            observe(k / held.rate, run.state, segment, p, w, log.samples[row])
             log.written[0] += 1
     return COMPLETED
