@@ -32,8 +32,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
 # Quick as plain Python, in an order in which faults show soon; then those that need native code.
 INTERPRETED_TESTS = (
-    'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy', 'order', 'solver',
-    'messages', 'init', 'optional_packages',
+    'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy', 'order',
+    'solver', 'messages', 'init', 'optional_packages',
 )  # fmt: skip
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
