@@ -33,7 +33,7 @@ ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
 # Quick as plain Python, in an order in which faults show soon; then those that need native code.
 INTERPRETED_TESTS = (
     'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy', 'order',
-    'solver', 'messages', 'init', 'optional_packages',
+    'solver', 'messages', 'init', 'optional_packages', 'fields_read',
 )  # fmt: skip
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
@@ -44,7 +44,8 @@ SLOW_AS_PYTHON = (
 COMPILED_TESTS = (
     'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
     'reference', 'init', 'plot', 'packaging', 'messages', 'paper', 'interpreted',
-    'closed_forms', 'effect_equations', 'compile', 'stalls', 'untrusted_data', 'optional_packages',
+    'closed_forms', 'effect_equations', 'compile', 'stalls', 'untrusted_data', 'optional_packages', 'fields_read',
+    'sampled_channels', 'material', 'paper_equations', 'robot_description', 'recordings',
 )  # fmt: skip
 ESTIMATION_TESTS = (
     'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
