@@ -101,6 +101,8 @@ NODE_PARAMETERS = (
     Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit",
               source=NODE_PAGE),
     Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source=NODE_PAGE),
+    Parameter('realtime_priority', 0.0, '-', (0.0, 99.0), 'SCHED_FIFO priority of the thread that steps; 0: none',
+              source=NODE_PAGE),
 )  # fmt: skip
 
 CHECK_PARAMETERS = (

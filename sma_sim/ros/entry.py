@@ -145,6 +145,7 @@ def serve_node(name: str, make: Maker, stop: threading.Event, working: threading
     from rclpy.node import Node
 
     from sma_sim.ros.parameters import configure
+    from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
@@ -164,6 +165,8 @@ def serve_node(name: str, make: Maker, stop: threading.Event, working: threading
     server = threading.Thread(target=serve, daemon=True)
     server.start()
     try:
+        use_realtime_priority(round(settings['realtime_priority']))
+        freeze_objects()
         runner.begin(stop)
         runner.spin(stop)
     except SimulationError as error:
