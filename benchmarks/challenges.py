@@ -55,7 +55,7 @@ def cases(parts: list[str], channels: list[str], seeds: list[int]) -> Iterator[C
 def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say how that went."""
     made = make_challenge(seed, len(hidden), None, hidden, forces)
-    data = as_data(diagnose(made.campaign, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
+    data = as_data(diagnose(made.dataset, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
     ranked = [one['effect'] for one in data['ranking']]
     return {
         'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,

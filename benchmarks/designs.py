@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from cases import add_options, solved
 
-from sma_sim import Campaign, Input, Recording
+from sma_sim import Dataset, Input, Recording
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
@@ -70,12 +70,12 @@ def measured(robot: Robot, name: str, source: Input, random: np.random.Generator
     return Recording(name, 'module', time_, noisy, source)
 
 
-def with_recording(campaign: Campaign, more: Recording) -> Campaign:
+def with_recording(dataset: Dataset, more: Recording) -> Dataset:
     """One recording more."""
-    return replace(campaign, recordings=(*campaign.recordings, more))
+    return replace(dataset, recordings=(*dataset.recordings, more))
 
 
-def achieved(plan: Plan, old: Campaign, new: Recording, context: SearchContext) -> tuple[float, float]:
+def achieved(plan: Plan, old: Dataset, new: Recording, context: SearchContext) -> tuple[float, float]:
     """By how much a new recording raises the log evidence of the true hypothesis, and what that leaves over noise."""
     more = with_recording(old, new)
     rivals = [NamedFit(hypothesis.name, refitted(hypothesis, more, context)) for hypothesis in plan.hypotheses]
@@ -84,7 +84,7 @@ def achieved(plan: Plan, old: Campaign, new: Recording, context: SearchContext) 
     return first.log_evidence - second.log_evidence - before, first.fitted.error * first.noise_factor
 
 
-def refitted(hypothesis: ModelHypothesis, more: Campaign, context: SearchContext) -> FitResult:
+def refitted(hypothesis: ModelHypothesis, more: Dataset, context: SearchContext) -> FitResult:
     """The best fit to one more recording, from the fit without it and from the middle of the priors."""
     fitted = hypothesis.fitted
     problem = replace(problem_for(more, fitted.problem.config, Options(), 1), free=fitted.problem.free)
@@ -98,12 +98,12 @@ def refitted(hypothesis: ModelHypothesis, more: Campaign, context: SearchContext
 
 def low_power_recordings(
     robot: Robot, nominal: Config, pair: Sequence[str], random: np.random.Generator, context: SearchContext
-) -> tuple[float, Campaign]:
+) -> tuple[float, Dataset]:
     """The power [W] and two recordings that leave a pair confounded; those of the least power, if none does."""
     noise = {name: NOISE_STD[name] for name in POSE}
     for power in LOW_POWERS:
         commands = [low_power_command(power, nominal.parameters['environment.T_E'], random) for _ in range(2)]
-        old = Campaign(tuple(measured(robot, f'old{k + 1}', command, random) for k, command in enumerate(commands)), noise)
+        old = Dataset(tuple(measured(robot, f'old{k + 1}', command, random) for k, command in enumerate(commands)), noise)
         base = fit_base_model(old, nominal, ('mas',), context)
         first, second = fit_hypotheses(old, named_rivals(base, pair, context), context)
         if max(first.fitted.error, second.fitted.error) <= CONFOUNDED * min(first.fitted.error, second.fitted.error):

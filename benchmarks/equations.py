@@ -34,7 +34,7 @@ def solve(kind: str, seed: int, forces: bool, unknown_only: bool, pool: Executor
     made = make_challenge(seed, 1, None, (kind,), forces)
     hidden = made.answer.effects[0]
     with no_known_effects() if unknown_only else nullcontext():
-        data = as_data(diagnose(made.campaign, made.nominal, executor=pool))
+        data = as_data(diagnose(made.dataset, made.nominal, executor=pool))
     proposed = data.get('proposed')
     return {
         'verdict': data['verdict'], 'effects': data['effects'],

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from common import random_command, report
 
-from sma_sim import Campaign, Config, Model, Options, Recording, calibrate, default_parameters, held_out, simulate
+from sma_sim import Config, Dataset, Model, Options, Recording, calibrate, default_parameters, held_out, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.free_parameters import default_names
 
@@ -57,13 +57,13 @@ def recorded(truth: Config, seed: int, run: int) -> Recording:
 
 
 def one_seed(seed: int, runs: int, model: str) -> dict[str, Any]:
-    """Fit one campaign and compare its intervals with the truth."""
+    """Fit one dataset and compare its intervals with the truth."""
     truth = true_config(seed, model)
     recordings = tuple(recorded(truth, seed, run) for run in range(runs + 1))
     t_start = time.process_time()
-    found = calibrate(Campaign(recordings[:-1], NOISE), Config(), Options(model=model))
+    found = calibrate(Dataset(recordings[:-1], NOISE), Config(), Options(model=model))
     seconds = time.process_time() - t_start
-    out = held_out(found.config, Campaign(recordings[-1:], NOISE), found.delay)
+    out = held_out(found.config, Dataset(recordings[-1:], NOISE), found.delay)
     assert found.uncertainty is not None
     parameters = {
         one.name: {

@@ -25,8 +25,8 @@ from cases import add_options, solved
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
-from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.calibrate import Options
@@ -46,7 +46,7 @@ FOREIGN = {  # column, unit of the contract: column and scale of the foreign fil
     'F_2_N': ('load 2 [kgf]', 9.80665),
 }  # fmt: skip
 REORDERED = (2, 0, 1)  # which run takes each name
-Asked = tuple[Campaign, DiagnosisRequest]
+Asked = tuple[Dataset, DiagnosisRequest]
 
 
 def plain_request(seed: int = 0) -> DiagnosisRequest:
@@ -56,9 +56,9 @@ def plain_request(seed: int = 0) -> DiagnosisRequest:
     )
 
 
-def read(folder: Path, mapping: Path | None = None) -> Campaign:
+def read(folder: Path, mapping: Path | None = None) -> Dataset:
     """The recordings of a folder."""
-    return read_campaign([folder], 'module', 298.0, mapping)
+    return read_dataset([folder], 'module', 298.0, mapping)
 
 
 def as_it_is(folder: Path) -> Asked:
@@ -68,10 +68,10 @@ def as_it_is(folder: Path) -> Asked:
 
 def reordered(folder: Path) -> Asked:
     """The runs in another order, under each other's names."""
-    campaign = read(folder)
-    names = [one.name for one in campaign.recordings]
-    runs = tuple(replace(campaign.recordings[k], name=name) for k, name in zip(REORDERED, names, strict=True))
-    return replace(campaign, recordings=runs[::-1]), plain_request()
+    dataset = read(folder)
+    names = [one.name for one in dataset.recordings]
+    runs = tuple(replace(dataset.recordings[k], name=name) for k, name in zip(REORDERED, names, strict=True))
+    return replace(dataset, recordings=runs[::-1]), plain_request()
 
 
 def renamed(folder: Path) -> Asked:
@@ -102,12 +102,12 @@ def other_seeds(folder: Path) -> Asked:
 
 def decimated(folder: Path) -> Asked:
     """Every second sample; the command as it was."""
-    campaign = read(folder)
+    dataset = read(folder)
     halves = tuple(
         replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
-        for one in campaign.recordings
+        for one in dataset.recordings
     )
-    return replace(campaign, recordings=halves), plain_request()
+    return replace(dataset, recordings=halves), plain_request()
 
 
 def every_second_row(folder: Path) -> Asked:
@@ -133,8 +133,8 @@ def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
         place = Path(folder) if folder not in CASES else made(folder, Path(home) / 'case')
         nominal = place / 'nominal.yaml'
         config = read_config(nominal if nominal.exists() else None)
-        campaign, request = VARIANTS[variant](place)
-        data = as_data(diagnose(campaign, config, request=request, executor=pool))
+        dataset, request = VARIANTS[variant](place)
+        data = as_data(diagnose(dataset, config, request=request, executor=pool))
     return {
         'verdict': data['verdict'], 'effects': data['effects'],
         'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],

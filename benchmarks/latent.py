@@ -49,7 +49,7 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     case = make_challenge(
         seed, len(kinds), None, kinds, channels == 'forces', plan=RecordingPlan(duration=duration, rate=rate)
     )
-    found = latent(case.campaign, case.nominal, executor=pool)
+    found = latent(case.dataset, case.nominal, executor=pool)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
         'port': right, 'verdict': found.verdict,

@@ -17,8 +17,8 @@ from typing import Any
 
 from cases import add_options, solved
 
-from sma_sim import Campaign, Config, read_config
-from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim import Config, Dataset, read_config
+from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -51,11 +51,11 @@ CASES = (
 )  # fmt: skip
 
 
-def parts(campaign: Campaign, held: tuple[str, ...]) -> tuple[Campaign, Campaign]:
+def parts(dataset: Dataset, held: tuple[str, ...]) -> tuple[Dataset, Dataset]:
     """The recordings to fit, and those held out."""
-    out = tuple(one for one in campaign.recordings if any(words in one.name for words in held))
-    rest = tuple(one for one in campaign.recordings if one not in out)
-    return replace(campaign, recordings=rest), replace(campaign, recordings=out)
+    out = tuple(one for one in dataset.recordings if any(words in one.name for words in held))
+    rest = tuple(one for one in dataset.recordings if one not in out)
+    return replace(dataset, recordings=rest), replace(dataset, recordings=out)
 
 
 def shown(step: ModelStage, noise: float) -> dict[str, Any]:
@@ -79,9 +79,9 @@ def result(found: Diagnosis) -> dict[str, Any]:
 def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
     """Diagnose one case."""
     case = next(one for one in CASES if one.name == name)
-    campaign = read_campaign(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
+    dataset = read_dataset(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
     config: Config = read_config(words=['system=wire', *case.words])
-    training, held = parts(campaign, case.held)
+    training, held = parts(dataset, case.held)
     return result(diagnose(training, config, held, DiagnosisRequest(model=model, equation=False), executor=pool))
 
 

@@ -41,7 +41,7 @@ def solve(number: int, pool: Executor) -> dict[str, Any]:
     """The smallest family p-value of one robot that lacks nothing, and which effect has it."""
     forces = number % 2 == 0
     made = make_challenge(FIRST_SEED + number, 0, forces=forces, plan=RecordingPlan(rate=RATE))
-    training = replace(made.campaign, recordings=made.campaign.recordings[:TRAINING])
+    training = replace(made.dataset, recordings=made.dataset.recordings[:TRAINING])
     config = replace(made.nominal, model='mas')
     bare = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))
     best = screen(bare.problem, bare.z, candidates_for(config), pool)[0]

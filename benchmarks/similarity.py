@@ -22,7 +22,7 @@ from sma_sim.model.effects.discovery import ActiveEffect
 Vector = NDArray[np.float64]
 
 NOISE = {'U_x_m': 2e-6, 'U_y_m': 1e-5, 'alpha_rad': np.radians(0.02), 'F_1_N': 0.05, 'F_2_N': 0.05, 'stress_Pa': 1e6}
-CAMPAIGNS = {
+DATASETS = {
     'module, pose': ('module', ('U_x_m', 'U_y_m', 'alpha_rad')),
     'module, pose and forces': ('module', ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N')),
     'wire, stress': ('wire', ('stress_Pa',)),
@@ -94,7 +94,7 @@ def indistinguishable(system: str, channels: tuple[str, ...], closest: int) -> d
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All tables."""
-    return {name: indistinguishable(*campaign, arguments.closest) for name, campaign in CAMPAIGNS.items()}
+    return {name: indistinguishable(*dataset, arguments.closest) for name, dataset in DATASETS.items()}
 
 
 if __name__ == '__main__':

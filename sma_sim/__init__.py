@@ -7,9 +7,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sma_sim.evidence.data.recording import Campaign as Campaign
+    from sma_sim.evidence.data.recording import Dataset as Dataset
     from sma_sim.evidence.data.recording import Recording as Recording
-    from sma_sim.evidence.data.recordings import read_campaign as read_campaign
+    from sma_sim.evidence.data.recordings import read_dataset as read_dataset
     from sma_sim.evidence.diagnosis.diagnose import Diagnosis as Diagnosis
     from sma_sim.evidence.diagnosis.diagnose import diagnose as diagnose
     from sma_sim.evidence.estimation.calibrate import Calibration as Calibration
@@ -40,8 +40,8 @@ HOMES = {
     'evidence.estimation.cross_validation': ('held_out',),
     'evidence.latent_input.latent_search': ('latent',),
     'evidence.latent_input.results': ('Latent',),
-    'evidence.data.recording': ('Campaign', 'Recording'),
-    'evidence.data.recordings': ('read_campaign',),
+    'evidence.data.recording': ('Dataset', 'Recording'),
+    'evidence.data.recordings': ('read_dataset',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),
     'model.config': ('Config', 'default_parameters', 'read_config'),
     'model.effects.effect': ('Effect',),

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, config, recording, scaled
+from simulated_data import NOISE, config, dataset, recording, scaled
 
 import sma_sim.evidence.estimation.executors as executors
 from sma_sim import (
-    Campaign,
     Config,
+    Dataset,
     Model,
     Options,
     Recording,
@@ -40,13 +40,13 @@ FEW = Options(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1, interval
 @pytest.fixture(scope='module')
 def small():
     """One short run with two parameters off."""
-    return campaign(scaled(config(), wire__lambda=1.1, beam__E=0.95), [1], noise=1.0, rate=5.0)
+    return dataset(scaled(config(), wire__lambda=1.1, beam__E=0.95), [1], noise=1.0, rate=5.0)
 
 
 @pytest.mark.parametrize('model', [pytest.param('hybrid', marks=pytest.mark.slow), 'mas'])
 def test_noise_free_data_give_the_parameters_back(model):
     truth = scaled(config(model, initial__x_M_1=0.565, initial__x_M_2=0.565), **OFF)
-    found = calibrate(campaign(truth, [1, 2], rate=8.0), config(model), replace(QUICK, model=model))
+    found = calibrate(dataset(truth, [1, 2], rate=8.0), config(model), replace(QUICK, model=model))
     for name in NAMES:
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
     assert found.error < 0.01
@@ -60,20 +60,20 @@ def test_a_held_out_run_that_cannot_be_made_is_infinitely_far_off(small):
 
 def test_the_better_model_is_chosen_and_foretells():
     truth = scaled(config('mas'), wire__E_A=0.9, wire__V_L=1.1, **OFF)
-    runs = campaign(truth, [1, 2, 3], noise=1.0, rate=25.0)
+    runs = dataset(truth, [1, 2, 3], noise=1.0, rate=25.0)
     options = Options(free=(*NAMES, 'wire.E_A'), starts=1, intervals=False)
-    found = calibrate(Campaign(runs.recordings[:2], NOISE), config(), options)
+    found = calibrate(Dataset(runs.recordings[:2], NOISE), config(), options)
     assert found.config.model == 'mas'
     assert found.cross_validation['mas'] < found.cross_validation['hybrid']
-    out = Campaign(runs.recordings[2:], NOISE)
+    out = Dataset(runs.recordings[2:], NOISE)
     assert held_out(found.config, out, found.delay)[0].error < 1.1
-    hybrid = calibrate(Campaign(runs.recordings[:2], NOISE), config(), replace(options, model='hybrid'))
+    hybrid = calibrate(Dataset(runs.recordings[:2], NOISE), config(), replace(options, model='hybrid'))
     assert held_out(hybrid.config, out, hybrid.delay)[0].error < 1.3
 
 
 def test_delay_and_starts_are_nuisances():
     truth = config(initial__x_M_1=0.55, initial__x_M_2=0.55)
-    found = calibrate(campaign(truth, [4], noise=1.0, delay=0.12), config(), FEW)
+    found = calibrate(dataset(truth, [4], noise=1.0, delay=0.12), config(), FEW)
     assert found.delay == pytest.approx(0.12, abs=2e-3)
     assert found.runs[0].x_M == pytest.approx((0.55, 0.55), abs=2e-3)
     assert found.config.parameters['initial.x_M_1'] == found.runs[0].x_M[0]
@@ -81,13 +81,13 @@ def test_delay_and_starts_are_nuisances():
 
 def test_sampled_commands_find_their_instants():
     """Commands known at 5 Hz only: without their instants the error is well above the noise."""
-    exact = campaign(config(), [6], noise=1.0)
+    exact = dataset(config(), [6], noise=1.0)
     run = exact.recordings[0]
     rows = np.arange(0.0, 40.2, 0.2)
     held = np.searchsorted(run.source.times, rows, side='right') - 1
     sampled = replace(run, source=replace(run.source, times=rows, values=run.source.values[held]), exact_commands=False)
-    found = calibrate(Campaign((sampled,), NOISE), config(), FEW)
-    late = calibrate(Campaign((replace(sampled, exact_commands=True),), NOISE), config(), FEW)
+    found = calibrate(Dataset((sampled,), NOISE), config(), FEW)
+    late = calibrate(Dataset((replace(sampled, exact_commands=True),), NOISE), config(), FEW)
     assert found.error < 1.1 < 1.5 < late.error
     instants = [t for t in run.source.times[1:] if t < 39.0]
     row = np.ceil(np.array(instants) / 0.2) * 0.2
@@ -95,11 +95,11 @@ def test_sampled_commands_find_their_instants():
 
 
 def test_robust_loss_bears_outliers():
-    runs = campaign(config(), [5], noise=1.0)
+    runs = dataset(config(), [5], noise=1.0)
     random = np.random.default_rng(0)
     wild = {name: np.where(random.random(len(v)) < 0.03, v + 300.0 * NOISE[name], v)
             for name, v in runs.recordings[0].channels.items()}  # fmt: skip
-    spoilt = Campaign((replace(runs.recordings[0], channels=wild),), NOISE)
+    spoilt = Dataset((replace(runs.recordings[0], channels=wild),), NOISE)
     plain, robust = (calibrate(spoilt, config(), replace(FEW, robust=each)) for each in (False, True))
     error = {name: abs(robust.values[name] / config().parameters[name] - 1.0) for name in FEW.free}
     assert max(error.values()) < 2e-3
@@ -116,7 +116,7 @@ def test_wire_from_its_test_bench():
         seen = simulate(Model(scaled(truth, solver__rtol=1e-2)), source, times)
         runs.append(Recording(f'{T_E} K', 'wire', times, {'stress': seen['stress_Pa'], 'T': seen['T_K']}, source))
         assert seen.completed
-    found = calibrate(Campaign(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
+    found = calibrate(Dataset(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
                       Options(model='hybrid', starts=1, intervals=False))  # fmt: skip
     for name in ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.c_V'):
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
@@ -145,7 +145,7 @@ def test_further_starts_are_reported(small):
 
 def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
     case = make_challenge(1, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
-    training = replace(case.campaign, recordings=case.campaign.recordings[:2])
+    training = replace(case.dataset, recordings=case.dataset.recordings[:2])
     found = calibrate(training, case.nominal, Options(model='mas', intervals=False))
     assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads
 
@@ -194,7 +194,7 @@ def test_effects_travel_by_name_and_are_fitted():
     assert {'effects.natural_convection.k'} <= {one.name for one in free}
     truth = read_config(effects=['natural_convection:k=3'])
     start = read_config(effects=['natural_convection:k=1'])
-    found = calibrate(campaign(truth, [1, 2]), start, replace(FEW, free=('effects.natural_convection.k',)))
+    found = calibrate(dataset(truth, [1, 2]), start, replace(FEW, free=('effects.natural_convection.k',)))
     assert found.values['effects.natural_convection.k'] == pytest.approx(3.0, rel=1e-3)
     assert found.config.effects[0].values[0] == found.values['effects.natural_convection.k']
 
@@ -212,9 +212,9 @@ def test_wrong_options_are_said(small, change, message):
         calibrate(small, config(), replace(FEW, **change))
 
 
-def test_wrong_campaigns_are_said(small):
+def test_wrong_datasets_are_said(small):
     with pytest.raises(UserError, match='no recording'):
-        calibrate(Campaign(()), config(), FEW)
+        calibrate(Dataset(()), config(), FEW)
     with pytest.raises(UserError, match='recording of a module'):
         calibrate(small, config(system='wire'), FEW)
 
@@ -223,7 +223,7 @@ def test_a_start_has_several_optima():
     """The right parameters predict all three runs: the third from near sigma_A, where the middle does not lead."""
     made = make_challenge(1089, 0)
     truth = Config(dict(made.robot.parameters), 'module', 'mas')
-    assert all(fit.error < 1.05 for fit in held_out(truth, made.campaign))
+    assert all(fit.error < 1.05 for fit in held_out(truth, made.dataset))
 
 
 def test_a_softening_beam_is_recovered():
@@ -231,7 +231,7 @@ def test_a_softening_beam_is_recovered():
     effect = find_effects()['beam_nonlinearity']
     truth, start = (with_effect(config(), effect, {'b': b, 'c': 0.0}) for b in (-0.3, 0.0))
     run = recording(truth, module_input([0.0, 8.0, 16.0, 20.0], [25.0, -25.0, 8.0, 0.0]), noise=1.0)
-    fit = calibrate(Campaign((run,), NOISE), start, Options(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1))
+    fit = calibrate(Dataset((run,), NOISE), start, Options(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1))
     assert fit.uncertainty is not None
     (interval,) = fit.uncertainty.intervals
     assert interval.seen and interval.std < 0.01  # one draw of noise: three standard deviations, not its 95 % interval

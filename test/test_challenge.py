@@ -65,17 +65,17 @@ def test_every_truth_runs_and_changes_something(name):
     for parameter in truths()[name].parameters:
         (low, high), value = parameter.realistic, effect.parameters[parameter.name][0]
         assert low <= (abs(value) if parameter.name in truths()[name].signed else value) <= high
-    for recording in challenge.campaign.recordings:
+    for recording in challenge.dataset.recordings:
         assert all(np.isfinite(values).all() for values in recording.channels.values())
 
 
 def test_a_seed_decides_everything():
     one, again, other = (make_challenge(seed, forces=True, plan=SHORT) for seed in (7, 7, 8))
     assert one.answer == again.answer and one.answer != other.answer
-    for first, second in zip(one.campaign.recordings, again.campaign.recordings, strict=True):
+    for first, second in zip(one.dataset.recordings, again.dataset.recordings, strict=True):
         assert all((first.channels[name] == second.channels[name]).all() for name in NOISE_STD)
         assert (first.source.values == second.source.values).all()
-    levels = [recording.source.values[0, 0] for recording in one.campaign.recordings]
+    levels = [recording.source.values[0, 0] for recording in one.dataset.recordings]
     assert len(set(levels)) == 3
 
 
@@ -91,7 +91,7 @@ def test_parameters_are_off_as_promised():
 
 def test_noise_is_as_told_and_nothing_else_is_added():
     challenge = make_challenge(5, 1, forces=True, plan=RecordingPlan(duration=60.0))
-    for recording in challenge.campaign.recordings:
+    for recording in challenge.dataset.recordings:
         time, true = challenge.robot.measure(recording.source, 50.0)
         assert (time == recording.time).all() and len(time) == 3000
         for name, std in NOISE_STD.items():
@@ -110,7 +110,7 @@ def test_number_and_kind_of_effects_can_be_asked_for():
         assert inside.effects[0].library and inside.verdict == 'missing_effect'
     pair = make_challenge(1, kinds=['gravity', 'truth_fan'], plan=RecordingPlan(duration=1.0)).answer
     assert [effect.name for effect in pair.effects] == ['truth_gravity', 'truth_fan'] and pair.verdict == 'unknown_effect'
-    assert set(make_challenge(1, 0, plan=RecordingPlan(duration=1.0)).campaign.noise_std) == {'U_x', 'U_y', 'alpha'}
+    assert set(make_challenge(1, 0, plan=RecordingPlan(duration=1.0)).dataset.noise_std) == {'U_x', 'U_y', 'alpha'}
     drawn = {len(make_challenge(seed, plan=RecordingPlan(duration=1.0)).answer.effects) for seed in range(10)}
     assert drawn == {0, 1, 2}
 

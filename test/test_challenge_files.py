@@ -34,7 +34,7 @@ def test_files_hold_what_was_made(tmp_path, format):
         'answer.sealed', 'meta.json', 'nominal.yaml', *(f'run{k}.{format}' for k in (1, 2, 3))
     ]  # fmt: skip
     names = [CHANNEL_COLUMNS[name] for name in NOISE_STD]
-    for recording in challenge.campaign.recordings:
+    for recording in challenge.dataset.recordings:
         file = tmp_path / 'case' / f'{recording.name}.{format}'
         columns = read_bag(file) if format == 'mcap' else read_columns(file, ['time_s', 'J_eq_W', 'T_E_K'], (), names)
         sampled = ~np.isnan(columns['alpha_rad'])

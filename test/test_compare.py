@@ -11,9 +11,9 @@ from measured_runs import CHANNELS, truth, write_isotherm, write_module_runs
 
 from sma_sim import Model, module_input, read_config, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
-from sma_sim.evidence.data.train_test_split import split_campaign
+from sma_sim.evidence.data.train_test_split import split_dataset
 from sma_sim.evidence.estimation.executors import some_executor
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.error_by_stratum import all_splits
@@ -36,14 +36,14 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def campaign(folder):
-    return read_campaign([folder], 'module', 298.0)
+def dataset(folder):
+    return read_dataset([folder], 'module', 298.0)
 
 
 @pytest.fixture(scope='module')
-def right(campaign):
+def right(dataset):
     """Runs beside the model that made them, the last one held out."""
-    fitted, held = split_campaign(campaign, ['run3'])
+    fitted, held = split_dataset(dataset, ['run3'])
     return compare(fitted, truth(), held, 'right')
 
 
@@ -69,8 +69,8 @@ def test_the_right_model_leaves_noise(right):
     assert find_error_regions(right) == () and find_patterns(right) == ()
 
 
-def test_without_nuisances_runs_start_as_configured(campaign):
-    found = compare(campaign, truth(), nuisances=False)
+def test_without_nuisances_runs_start_as_configured(dataset):
+    found = compare(dataset, truth(), nuisances=False)
     assert found.delay == 0.0 and all(run.nuisance.start == () for run in found.runs)
     assert 1.0 < channel_score(found.runs, 'alpha').over_noise < 5.0  # sampled switching instants are not estimated
 
@@ -215,8 +215,8 @@ def test_bands_have_round_edges():
     assert round_step(0.3) == pytest.approx(0.5) and round_step(10.0) == 10.0
 
 
-def test_the_nearer_of_two_configurations_is_told(campaign, right):
-    fitted, held = split_campaign(campaign, ['run3'])
+def test_the_nearer_of_two_configurations_is_told(dataset, right):
+    fitted, held = split_dataset(dataset, ['run3'])
     off = compare(fitted, truth(beam__E=1.1), held, 'off')
     found = {(one.channel, one.held_out): one for one in error_changes(off, right)}
     assert len(found) == 10
@@ -226,12 +226,12 @@ def test_the_nearer_of_two_configurations_is_told(campaign, right):
     )
 
 
-def test_missing_samples_and_channels_are_left_out(campaign):
-    first, *others = campaign.recordings
+def test_missing_samples_and_channels_are_left_out(dataset):
+    first, *others = dataset.recordings
     alpha = first.channels['alpha'].copy()
     alpha[50:150] = np.nan
     fewer = {name: values for name, values in first.channels.items() if name not in ('alpha', 'F_1')}
-    holed = replace(campaign, recordings=(replace(first, channels={**fewer, 'alpha': alpha}), *others))
+    holed = replace(dataset, recordings=(replace(first, channels={**fewer, 'alpha': alpha}), *others))
     found = compare(holed, truth())
     samples = sum(len(run.time) for run in found.runs)
     assert channel_score(found.runs, 'alpha').samples == samples - 100
@@ -242,24 +242,24 @@ def test_missing_samples_and_channels_are_left_out(campaign):
 
 def test_a_wire_is_compared_with_its_own_dimensions(tmp_path):
     write_isotherm(tmp_path / 'a.csv', truth('wire'), 315.0)
-    campaign = read_campaign([tmp_path], 'wire', 298.0, noise_std={'stress': 1e6})
-    found = compare(campaign, read_config(words=['system=wire']))
+    dataset = read_dataset([tmp_path], 'wire', 298.0, noise_std={'stress': 1e6})
+    found = compare(dataset, read_config(words=['system=wire']))
     assert found.channels == ('stress',)
     assert {'mode of the wire', 'amplitude', 'direction of motion'} <= {way.name for way in dimensions(found)}
     assert channel_score(found.runs, 'stress').over_noise == pytest.approx(1.0, abs=0.1)
 
 
-def test_order_of_runs_changes_no_number(campaign, right):
-    fitted, held = split_campaign(campaign, ['run3'])
+def test_order_of_runs_changes_no_number(dataset, right):
+    fitted, held = split_dataset(dataset, ['run3'])
     turned = compare(replace(fitted, recordings=fitted.recordings[::-1]), Config(), held, 'right')
     for channel in right.channels:
         one, two = channel_score(right.part(False), channel), channel_score(turned.part(False), channel)
         assert one.over_noise == pytest.approx(two.over_noise, rel=1e-3)
 
 
-def test_work_is_done_on_the_executor_that_is_given(campaign):
+def test_work_is_done_on_the_executor_that_is_given(dataset):
     with some_executor(None) as pool:
-        assert compare(campaign, truth(), executor=pool).label == ''
+        assert compare(dataset, truth(), executor=pool).label == ''
 
 
 def test_command_writes_data_for_programs(folder, tmp_path, capsys):
@@ -294,26 +294,26 @@ def test_wrong_use_is_said(folder, words, message, capsys):
     assert error.startswith('sma-sim compare: ') and message in error
 
 
-def test_notes_are_said_once(campaign):
-    first, *others = (replace(one, notes=('a cut line',)) for one in campaign.recordings)
+def test_notes_are_said_once(dataset):
+    first, *others = (replace(one, notes=('a cut line',)) for one in dataset.recordings)
     first = replace(first, notes=('a cut line', 'a gap'))
-    found = grouped_notes([replace(campaign, recordings=(first, *others), notes=('n',))])
+    found = grouped_notes([replace(dataset, recordings=(first, *others), notes=('n',))])
     assert found == ['run1, run2, run3: a cut line', 'run1: a gap', 'n']
     many = tuple(replace(others[0], name=f'r{k}') for k in range(9))
-    assert grouped_notes([replace(campaign, recordings=many, notes=())]) == ['r0, r1, r2 and 6 more: a cut line']
+    assert grouped_notes([replace(dataset, recordings=many, notes=())]) == ['r0, r1, r2 and 6 more: a cut line']
 
 
-def test_hold_out_by_name_file_folder_and_session(campaign, folder, tmp_path):
+def test_hold_out_by_name_file_folder_and_session(dataset, folder, tmp_path):
     def held(*words):
-        return [one.name for one in split_campaign(campaign, words)[1].recordings]
+        return [one.name for one in split_dataset(dataset, words)[1].recordings]
 
     assert held('run2') == held(str(folder / 'run2.csv')) == ['run2']
     assert held('run1', 'run3') == ['run1', 'run3']
-    renamed = replace(campaign, recordings=tuple(
-        replace(one, name=name) for one, name in zip(campaign.recordings, ('a/run', 'b/run#1', 'b/run#2'), strict=True)
+    renamed = replace(dataset, recordings=tuple(
+        replace(one, name=name) for one, name in zip(dataset.recordings, ('a/run', 'b/run#1', 'b/run#2'), strict=True)
     ))  # fmt: skip
-    assert [one.name for one in split_campaign(renamed, ['b/run'])[1].recordings] == ['b/run#1', 'b/run#2']
-    assert [one.name for one in split_campaign(renamed, ['b/run#2'])[1].recordings] == ['b/run#2']
-    assert split_campaign(campaign, [])[1] is None
+    assert [one.name for one in split_dataset(renamed, ['b/run'])[1].recordings] == ['b/run#1', 'b/run#2']
+    assert [one.name for one in split_dataset(renamed, ['b/run#2'])[1].recordings] == ['b/run#2']
+    assert split_dataset(dataset, [])[1] is None
     with pytest.raises(UserError, match='did you mean run2'):
-        split_campaign(campaign, ['rum2'])
+        split_dataset(dataset, ['rum2'])

@@ -10,7 +10,7 @@ from corrupted import (
     write,
 )
 
-from sma_sim.evidence.data.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.model.errors import UserError
 
 
@@ -31,12 +31,12 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
 
 def test_folders_without_recordings(tmp_path):
     with pytest.raises(UserError, match='holds no recording'):
-        read_campaign([tmp_path], 'module', 298.0)
+        read_dataset([tmp_path], 'module', 298.0)
     with pytest.raises(UserError, match='at least one recording'):
-        read_campaign([], 'module', 298.0)
+        read_dataset([], 'module', 298.0)
     write(tmp_path, 'time_s,J_eq_W\n0,1\n1,1\n')
     with pytest.raises(UserError, match='no measurement in it'):
-        read_campaign([tmp_path], 'module', 298.0)
+        read_dataset([tmp_path], 'module', 298.0)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_wrong_meta(tmp_path, text, words):
     write(tmp_path, TEXT)
     (tmp_path / 'meta.json').write_text(text)
     with pytest.raises(UserError) as caught:
-        read_campaign([tmp_path], 'module', 298.0)
+        read_dataset([tmp_path], 'module', 298.0)
     assert words in str(caught.value) and 'meta.json' in str(caught.value)
 
 

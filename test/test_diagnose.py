@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, command, config, recording, scaled
+from simulated_data import NOISE, command, config, dataset, recording, scaled
 
-from sma_sim import Campaign, find_effects
+from sma_sim import Dataset, find_effects
 from sma_sim.challenge.files import recording_columns
-from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
@@ -39,7 +39,7 @@ def measured(effect='', rate=10.0, **values):
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
     if effect:
         truth = with_effect(truth, find_effects()[effect], values)
-    return campaign(truth, SEEDS, noise=1.0, rate=rate)
+    return dataset(truth, SEEDS, noise=1.0, rate=rate)
 
 
 @pytest.fixture(scope='module')
@@ -128,9 +128,9 @@ def cannot_be_made(run):
 def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):
     runs, found = with_gravity
     bare, last = found.stages
-    campaigns = hold_out_last(runs, None)
+    datasets = hold_out_last(runs, None)
     broken = replace(bare, predicted=tuple(cannot_be_made(run) for run in bare.predicted))
-    assert stage_change(bare, last, *campaigns).held_out and not stage_change(broken, last, *campaigns).held_out
+    assert stage_change(bare, last, *datasets).held_out and not stage_change(broken, last, *datasets).held_out
     assert np.isfinite(reduction_figure(replace(found, stages=(broken, last))).layout.yaxis.range).all()
 
 
@@ -168,7 +168,7 @@ def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
 def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     """Another beam in the held-out run: nothing in the fitted ones tells what that is, so no equation is made up."""
     runs = measured()
-    other = campaign(scaled(config('mas'), beam__E=1.4), SEEDS, noise=1.0, rate=10.0).recordings[-1]
+    other = dataset(scaled(config('mas'), beam__E=1.4), SEEDS, noise=1.0, rate=10.0).recordings[-1]
     changed = replace(runs, recordings=(*runs.recordings[:-1], other))
     found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=Options(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
@@ -202,14 +202,14 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     powers = {1: 0.75, 2: 0.75, 3: 15.0}
     runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
     request = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
-    campaign_ = Campaign(tuple(runs), dict(NOISE))
-    found = diagnose(campaign_, config(), request=request)
+    weakly_driven = Dataset(tuple(runs), dict(NOISE))
+    found = diagnose(weakly_driven, config(), request=request)
     assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out > 1.3
     pooled = found.pooled_errors
     assert pooled is not None and max(pooled.train, pooled.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': pooled.train, 'held_out': pooled.held_out}
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(campaign_, None)))
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(weakly_driven, None)))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 
@@ -276,7 +276,7 @@ def in_foreign_files(runs, home):
         lines = [f'{name}: {{column: "{other}", scale: {scale!r}}}' for name, (other, scale) in foreign.items()]
     (home / 'map.yaml').write_text('\n'.join(lines))
     files = [home / f'{one.name}.csv' for one in reversed(runs.recordings)]
-    return read_campaign(files, 'module', 298.0, home / 'map.yaml', NOISE)
+    return read_dataset(files, 'module', 298.0, home / 'map.yaml', NOISE)
 
 
 @pytest.mark.slow
@@ -325,7 +325,7 @@ def test_what_no_effect_explains_is_unknown():
 def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
     request = DiagnosisRequest('mas', options=Options(starts=1), equation=False)
-    found = diagnose(Campaign(runs.recordings[:1], NOISE), config(), request=request)
+    found = diagnose(Dataset(runs.recordings[:1], NOISE), config(), request=request)
     assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.stages[-1].held_out)
     assert as_data(found)['error'][0]['held_out'] is None
 

@@ -1,9 +1,9 @@
 """Which effects a diagnosis tries and which values it believes; `add` and wrong use on the command line."""
 
 import pytest
-from campaigns import config
+from simulated_data import config
 
-from sma_sim import Campaign, Config, UserError, find_effects
+from sma_sim import Config, Dataset, UserError, find_effects
 from sma_sim.cli.main import main
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible
@@ -54,4 +54,4 @@ def test_wrong_use(tmp_path, capsys):
         said = capsys.readouterr().err
         assert message in said and 'Traceback' not in said
     with pytest.raises(UserError):
-        diagnose(Campaign(()), config())
+        diagnose(Dataset(()), config())

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import NOISE
+from simulated_data import NOISE
 
-from sma_sim import Campaign, Config, Recording, module_input
+from sma_sim import Config, Dataset, Recording, module_input
 from sma_sim.challenge.files import recording_columns, write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import diagnose as diagnose_command
@@ -48,8 +48,8 @@ def without(recording, *channels, empty=()):
 def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     """Two runs of a robot that lacks nothing: none is held out, and that is said."""
     robot = make_challenge(2, 0, forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))
-    one, two, _ = robot.campaign.recordings
-    runs = Campaign((without(one, 'F_1', 'F_2'), without(two, 'U_x', empty=('F_1',))), robot.campaign.noise_std)
+    one, two, _ = robot.dataset.recordings
+    runs = Dataset((without(one, 'F_1', 'F_2'), without(two, 'U_x', empty=('F_1',))), robot.dataset.noise_std)
     found = diagnose(runs, robot.nominal, request=QUICK)
     assert found.verdict == 'none' and found.held_out == () and np.isnan(found.stages[-1].held_out)
     assert set(found.stages[-1].channels) == {'U_x', 'U_y', 'alpha', 'F_2'} and found.stages[-1].train < 1.1
@@ -67,7 +67,7 @@ def test_a_robot_that_never_moved():
         Recording(f'run{k}', 'module', time, {c: v + NOISE[c] * random.normal(size=200) for c, v in still.items()}, source)
         for k in range(3)
     )
-    found = diagnose(Campaign(runs, NOISE), Config(), request=QUICK)
+    found = diagnose(Dataset(runs, NOISE), Config(), request=QUICK)
     assert found.verdict == 'none' and found.stages[0].held_out < 1.2
 
 
@@ -85,7 +85,7 @@ def test_one_run_says_that_it_flatters(folder, tmp_path, capsys):
 
 def test_a_bag_of_several_modules(robot, tmp_path, capsys):
     bag = BagWriter(tmp_path / 'both', {'epoch': '0'})
-    for name, one in zip(('left', 'right'), robot.campaign.recordings, strict=False):
+    for name, one in zip(('left', 'right'), robot.dataset.recordings, strict=False):
         numbers = {}
         for nanoseconds, topic, kind, message in messages_of(recording_columns(one)):
             if topic not in numbers:
@@ -99,7 +99,7 @@ def test_a_bag_of_several_modules(robot, tmp_path, capsys):
     assert 'no module in namespace /top; there is /left, /right' in capsys.readouterr().err
     chosen = data_of(['diagnose', str(tmp_path / 'both'), '--namespace', 'right'])
     assert len(chosen.recordings) == 1
-    assert np.allclose(chosen.recordings[0].channels['alpha'], robot.campaign.recordings[1].channels['alpha'])
+    assert np.allclose(chosen.recordings[0].channels['alpha'], robot.dataset.recordings[1].channels['alpha'])
 
 
 def data_of(words):

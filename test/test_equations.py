@@ -6,7 +6,7 @@ from threading import Event
 
 import numpy as np
 import pytest
-from campaigns import command, config
+from simulated_data import command, config
 
 from sma_sim import Effect, Parameter, find_effects, simulate
 from sma_sim.challenge.make import RecordingPlan, make_challenge
@@ -132,7 +132,7 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
 def ripple():
     """A moment that is periodic in the angle, on short runs, and what is proposed for it."""
     case = make_challenge(seed=4, kinds=['harness_ripple'], plan=RecordingPlan(duration=40.0, rate=10.0))
-    training, held = hold_out_last(case.campaign, None)
+    training, held = hold_out_last(case.dataset, None)
     with ThreadPoolExecutor(2) as pool:
         context = SearchContext(pool, Event())
         request = DiagnosisRequest('mas')

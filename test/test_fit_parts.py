@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from systems import active
 
-from sma_sim import Campaign, Config, Input, Recording, module_input
+from sma_sim import Config, Dataset, Input, Recording, module_input
 from sma_sim.evidence.estimation import executors, homogeneity
 from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
@@ -134,7 +134,7 @@ def test_transformation_stress_of_a_run_is_taken_at_its_temperature(monkeypatch)
     run = Recording(
         'run', 'module', np.arange(2.0), {'alpha': np.zeros(2)}, module_input([0.0, 1.0], [0.0, 0.0], [313.0, 313.0])
     )
-    stress = homogeneity.run_stress(Config(), Campaign((run,), {'alpha': 1.0}), run, False, None)
+    stress = homogeneity.run_stress(Config(), Dataset((run,), {'alpha': 1.0}), run, False, None)
     assert stress is not None and stress.temperature == 313.0
     assert stress.sigma_MW == pytest.approx(np.array([1.2e8, 1.1e8, 1.3e8]) - 10.0 * 2.13e6)
     assert homogeneity.cochran_p([(1.0, 0.0, 2.0), (1.0, 0.5, 1.5)]) == pytest.approx(1.0)

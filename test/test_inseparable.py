@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import campaign, config, scaled
+from simulated_data import config, dataset, scaled
 
-from sma_sim import Campaign, Input, Model, Recording, find_effects, simulate
+from sma_sim import Dataset, Input, Model, Recording, find_effects, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -51,7 +51,7 @@ def robot(effects, model, *hidden, delay=0.0):
     truth = scaled(config(model), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
     for name, values in hidden:
         truth = with_effect(truth, effects[name], values)
-    return campaign(truth, [1, 2, 3], noise=1.0, rate=10.0, delay=delay)
+    return dataset(truth, [1, 2, 3], noise=1.0, rate=10.0, delay=delay)
 
 
 @pytest.mark.parametrize('model', ['mas', pytest.param('hybrid', marks=pytest.mark.slow)])
@@ -88,7 +88,7 @@ def wire_run(truth, seed, noise):
 def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
     """With the temperature measured it shows as latent heat: c_V and lambda absorb the rest. It is named as the same."""
     truth = with_effect(scaled(config('mas', 'wire'), wire__c_V=0.93), effects['power_gain'], {'g': 1.25})
-    runs = Campaign(tuple(wire_run(truth, seed, noise) for seed in (1, 2, 3)), noise)
+    runs = Dataset(tuple(wire_run(truth, seed, noise) for seed in (1, 2, 3)), noise)
     found = diagnose(runs, config('mas', 'wire'), request=request('mas'))
     assert found.verdict == verdict
     if found.effects:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import command, config, recording
+from simulated_data import command, config, recording
 
 from sma_sim import Model, Recording, simulate, wire_input
 from sma_sim.evidence.data.input_simplification import corners, simplified_input

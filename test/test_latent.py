@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, config
+from simulated_data import NOISE, config, dataset
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
@@ -43,7 +43,7 @@ BY_NAME = {port.name: port for port in PORTS}
 @pytest.fixture(scope='module')
 def shaken():
     case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    return case, latent(case.campaign, case.nominal)
+    return case, latent(case.dataset, case.nominal)
 
 
 def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
@@ -60,7 +60,7 @@ def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
 
 def test_with_nothing_missing_no_port_is_named():
     case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    found = latent(case.campaign, case.nominal)
+    found = latent(case.dataset, case.nominal)
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(verdict_sentences(found))).startswith('none')
 
@@ -87,7 +87,7 @@ def test_the_data_of_the_answer(shaken):
 def test_responses_add_up(name, model):
     """The response to an input is about the sum of those to its knots: what the linear model rests on."""
     start = config(model, solver__rtol=1e-9)
-    run = fit_data(campaign(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(dataset(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = knot_grid(run, 10), BY_NAME[name]
     initial_state, fixed_run, nuisance = initialized(
         start, replace(run, source=with_rows_at_knots(run.source, grid.knots)), Nuisance(start=(0.3, 0.3))
@@ -112,7 +112,7 @@ def test_responses_add_up(name, model):
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
 def test_what_an_input_cannot_reach_is_not_simulated_again(name, model):
     """From the state of the model at an earlier knot a response is what it is from the beginning of the run."""
-    run = fit_data(campaign(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(dataset(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = knot_grid(run, 30), BY_NAME[name]
     initial_state, fixed_run, nuisance = initialized(
         config(model),
@@ -137,7 +137,7 @@ def test_what_an_input_cannot_reach_is_not_simulated_again(name, model):
 
 
 def test_a_time_function_goes_through_its_values():
-    run = fit_data(campaign(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
+    run = fit_data(dataset(config(), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid = knot_grid(run, 10)
     values = np.random.default_rng(1).normal(size=len(grid.knots))
     assert time_function_at(grid, values, grid.knots) == pytest.approx(values, abs=1e-9)
@@ -214,13 +214,13 @@ def test_hypotheses_and_reasons():
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
     case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=30.0, rate=10.0))
-    found = latent(case.campaign, case.nominal)
+    found = latent(case.dataset, case.nominal)
     best, *others = found.findings
     assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2
     assert 1.0 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
     assert all(finding.error > 1.3 for finding in others) and set(best.parameters) >= {'wire.lambda', 'beam.E'}
     limit, _ = case.answer.effects[0].parameters['P_max']
-    runs = {recording.name: recording.source for recording in case.campaign.recordings}
+    runs = {recording.name: recording.source for recording in case.dataset.recordings}
     rest, true = [], []
     for estimate in best.inputs:
         source = runs[estimate.run]
@@ -236,7 +236,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
 @pytest.mark.slow
 def test_a_calibrated_model_is_taken_as_it_is(shaken):
     case, fitted = shaken
-    found = latent(case.campaign, fitted.config, request=LatentRequest(model='mas', fit=False))
+    found = latent(case.dataset, fitted.config, request=LatentRequest(model='mas', fit=False))
     assert found.verdict == 'force_U_y' and found.config.parameters['beam.E'] == fitted.config.parameters['beam.E']
 
 

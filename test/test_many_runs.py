@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import campaign, config, scaled
+from simulated_data import config, dataset, scaled
 
 from sma_sim import Options, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
@@ -21,7 +21,7 @@ TRUTH = scaled(config('mas'), wire__lambda=1.1, beam__E=0.95)
 @pytest.fixture(scope='module')
 def many():
     """Six runs."""
-    return campaign(TRUTH, range(1, 7), noise=1.0, rate=2.0)
+    return dataset(TRUTH, range(1, 7), noise=1.0, rate=2.0)
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +45,7 @@ def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
 
 
 def test_few_runs_are_searched_all():
-    problem = problem_for(campaign(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
+    problem = problem_for(dataset(TRUTH, [1, 2, 3], rate=2.0), config(), FEW, 1)
     assert [run.name for run in run_subset.run_subset(problem).runs] == [run.name for run in problem.runs]
 
 
@@ -61,7 +61,7 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
 @pytest.mark.slow
 def test_a_hidden_effect_is_found_in_many_runs():
     robot = with_effect(TRUTH, find_effects()['gravity'], {'g_y': -9.81})
-    runs = campaign(robot, range(1, 5), noise=1.0, rate=2.0)
+    runs = dataset(robot, range(1, 5), noise=1.0, rate=2.0)
     request = DiagnosisRequest('mas', options=replace(FEW, free=None), equation=False)
     found = diagnose(runs, config(), request=request)
     assert found.effects == ('gravity',) and found.stages[-1].train < 1.15

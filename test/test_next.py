@@ -10,9 +10,9 @@ from types import SimpleNamespace as Some
 
 import numpy as np
 import pytest
-from campaigns import NOISE, campaign, config, scaled
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from simulated_data import NOISE, config, dataset, scaled
 
 from sma_sim import UserError, find_effects
 from sma_sim.cli import diagnose, next
@@ -121,7 +121,7 @@ def measured(effect='gravity', channels=POSE, seeds=(1, 2), **values):
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=1.04)
     if effect:
         truth = with_effect(truth, find_effects()[effect], values or {'g_y': -9.81})
-    runs = campaign(truth, seeds, noise=1.0, rate=10.0, channels=channels)
+    runs = dataset(truth, seeds, noise=1.0, rate=10.0, channels=channels)
     return replace(runs, noise_std={name: NOISE[name] for name in channels})
 
 

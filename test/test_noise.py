@@ -10,7 +10,7 @@ from made_recordings import NOISE, module_columns, write_recording
 from sma_sim import module_input, simulate
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.data.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.solver.simulate import Model
 
@@ -98,23 +98,23 @@ def test_long_records_are_looked_at_in_places():
     assert estimate_noise(time, np.random.default_rng(0).normal(size=len(time))).std == pytest.approx(1.0, rel=0.02)
 
 
-def test_campaign_estimates_and_says_so(tmp_path):
+def test_dataset_estimates_and_says_so(tmp_path):
     for k in range(3):
         write_recording(tmp_path / f'run{k}.csv', module_columns(1500, k))
-    campaign = read_campaign([tmp_path], 'module', 298.0)
+    dataset = read_dataset([tmp_path], 'module', 298.0)
     for channel in ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2'):
-        assert campaign.noise_std[channel] == pytest.approx(NOISE[CHANNEL_COLUMNS[channel]], rel=0.1)
-        assert any(note.startswith(f'noise of {channel}: ') and 'estimated' in note for note in campaign.notes)
-    assert set(campaign.notes) <= set(grouped_notes([campaign]))
+        assert dataset.noise_std[channel] == pytest.approx(NOISE[CHANNEL_COLUMNS[channel]], rel=0.1)
+        assert any(note.startswith(f'noise of {channel}: ') and 'estimated' in note for note in dataset.notes)
+    assert set(dataset.notes) <= set(grouped_notes([dataset]))
 
 
 def test_who_overrides_whom(tmp_path):
     """The argument before meta.json before the estimate; the case of the names does not matter."""
     write_recording(tmp_path / 'run.csv', module_columns())
     (tmp_path / 'meta.json').write_text(json.dumps({'noise_std': {'f_1': 0.5, 'ALPHA': 0.01}}))
-    campaign = read_campaign([tmp_path], 'module', 298.0, noise_std={'alpha': 0.02})
-    assert campaign.noise_std['F_1'] == 0.5 and campaign.noise_std['alpha'] == 0.02
-    assert campaign.noise_std['F_2'] == pytest.approx(0.05, rel=0.3)
+    dataset = read_dataset([tmp_path], 'module', 298.0, noise_std={'alpha': 0.02})
+    assert dataset.noise_std['F_1'] == 0.5 and dataset.noise_std['alpha'] == 0.02
+    assert dataset.noise_std['F_2'] == pytest.approx(0.05, rel=0.3)
 
 
 def test_folders_that_differ(tmp_path):
@@ -122,19 +122,19 @@ def test_folders_that_differ(tmp_path):
         (tmp_path / name).mkdir()
         write_recording(tmp_path / name / 'run.csv', module_columns())
         (tmp_path / name / 'meta.json').write_text(json.dumps({'noise_std': {'F_1': std}}))
-    campaign = read_campaign([tmp_path / 'a', tmp_path / 'b'], 'module', 298.0)
-    assert campaign.noise_std['F_1'] == pytest.approx(np.sqrt(12.5))
-    assert any('F_1: its root mean square' in note for note in campaign.notes)
-    assert [recording.name for recording in campaign.recordings] == ['a/run', 'b/run']
+    dataset = read_dataset([tmp_path / 'a', tmp_path / 'b'], 'module', 298.0)
+    assert dataset.noise_std['F_1'] == pytest.approx(np.sqrt(12.5))
+    assert any('F_1: its root mean square' in note for note in dataset.notes)
+    assert [recording.name for recording in dataset.recordings] == ['a/run', 'b/run']
 
 
 def test_invisible_and_unknown_noise(tmp_path):
     columns = module_columns(noise=False) | {'F_2_N': np.full(600, 7.0)}
-    campaign = read_campaign([write_recording(tmp_path / 'run.csv', columns)], 'module', 298.0)
+    dataset = read_dataset([write_recording(tmp_path / 'run.csv', columns)], 'module', 298.0)
     span = np.ptp(columns['alpha_rad'])
-    assert campaign.noise_std['alpha'] == pytest.approx(1e-4 * span, rel=1e-6)
-    assert campaign.noise_std['F_2'] == 0.01
-    assert any('F_2: 0.01 assumed' in note for note in campaign.notes)
+    assert dataset.noise_std['alpha'] == pytest.approx(1e-4 * span, rel=1e-6)
+    assert dataset.noise_std['F_2'] == 0.01
+    assert any('F_2: 0.01 assumed' in note for note in dataset.notes)
 
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason='no measured data here')

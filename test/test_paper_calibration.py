@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import config, scaled
+from simulated_data import config, scaled
 
-from sma_sim import Campaign, Model, Recording, UserError, simulate, wire_input
+from sma_sim import Dataset, Model, Recording, UserError, simulate, wire_input
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.evidence.estimation.paper_calibration import calibrate_as_the_paper
 
@@ -26,7 +26,7 @@ def isotherm(truth, T_E, seed, spread=0.0):
 
 def test_parameters_come_back_from_three_temperatures():
     truth = scaled(config(system='wire'), wire__E_A=1.1, wire__E_M=0.92, wire__dsigma=1.1, wire__sigma_T=0.9)
-    runs = Campaign(tuple(isotherm(truth, T, k) for k, T in enumerate((292.0, 315.0, 338.0))), NOISE)
+    runs = Dataset(tuple(isotherm(truth, T, k) for k, T in enumerate((292.0, 315.0, 338.0))), NOISE)
     found = calibrate_as_the_paper(runs, config(system='wire'))
     for name in ('wire.E_A', 'wire.dsigma', 'wire.sigma_MW0', 'wire.sigma_T'):
         assert found.config.parameters[name] == pytest.approx(truth.parameters[name], rel=0.02), name
@@ -43,7 +43,7 @@ def test_parameters_come_back_from_three_temperatures():
 def test_one_slope_that_does_not_fit_is_seen():
     """A wire whose transformation stress is not a line over temperature."""
     truth = config(system='wire')
-    runs = Campaign(tuple(isotherm(truth, T, k, s) for k, (T, s) in enumerate(((292, 0), (315, 8e6), (338, 0)))), NOISE)
+    runs = Dataset(tuple(isotherm(truth, T, k, s) for k, (T, s) in enumerate(((292, 0), (315, 8e6), (338, 0)))), NOISE)
     found = calibrate_as_the_paper(runs, truth)
     assert found.slopes[0] > 2.4e6 > 1.85e6 > found.slopes[1]
     assert max(loop.rmse for loop in found.loops) > 3.0 * NOISE['stress']
@@ -52,7 +52,7 @@ def test_one_slope_that_does_not_fit_is_seen():
 def test_temperatures_that_are_missing_are_said():
     one = isotherm(config(system='wire'), 300.0, 0)
     with pytest.raises(UserError, match='isotherms at 315 K'):
-        calibrate_as_the_paper(Campaign((one,), NOISE), config(system='wire'))
+        calibrate_as_the_paper(Dataset((one,), NOISE), config(system='wire'))
 
 
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason='the reference trajectories are not here')
@@ -66,7 +66,7 @@ def test_reference_isotherms_give_the_papers_values():
         source = wire_input(seen['time_s'][at], seen['strain'][at], 0.0, float(T_E))
         runs.append(Recording(f'{T_E}K', 'wire', seen['time_s'], {'stress': seen['stress_Pa']}, source))
     start = scaled(config(system='wire'), wire__E_A=0.9, wire__sigma_T=1.1)
-    found = calibrate_as_the_paper(Campaign(tuple(runs), NOISE), start)
+    found = calibrate_as_the_paper(Dataset(tuple(runs), NOISE), start)
     near = {'wire.E_A': 0.02, 'wire.E_M': 0.02, 'wire.eps_T': 0.01, 'wire.sigma_T': 0.01, 'wire.sigma_MW0': 0.01}
     for name, rel in near.items():
         assert found.config.parameters[name] == pytest.approx(config().parameters[name], rel=rel), name

@@ -1,4 +1,4 @@
-"""From files to campaigns: what is read, under which names, how the command's switching is understood."""
+"""From files to datasets: what is read, under which names, how the command's switching is understood."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of, write_recording
 
 from sma_sim.evidence.data.cleaning import outliers
-from sma_sim.evidence.data.recordings import read_campaign, read_recording
+from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
@@ -183,12 +183,12 @@ def test_a_folder_stands_for_its_recordings(tmp_path):
         write_recording(tmp_path / f'{name}.csv', module_columns())
     (tmp_path / 'commands.csv').write_text('time_s,J_eq_W\n0,1\n1,2\n')
     (tmp_path / 'readme.txt').write_text('no recording')
-    campaign = read_campaign([tmp_path, tmp_path / 'a.csv'], 'module', 298.0)
-    assert [recording.name for recording in campaign.recordings] == ['a', 'b', 'c'] and campaign.system == 'module'
-    assert any('commands.csv: nothing measured in it' in note for note in campaign.notes)
-    assert any('a.csv was given twice' in note for note in campaign.notes)
-    said = grouped_notes([campaign])
-    assert all(any('b' in line and line.endswith(f': {note}') for line in said) for note in campaign.recordings[1].notes)
+    dataset = read_dataset([tmp_path, tmp_path / 'a.csv'], 'module', 298.0)
+    assert [recording.name for recording in dataset.recordings] == ['a', 'b', 'c'] and dataset.system == 'module'
+    assert any('commands.csv: nothing measured in it' in note for note in dataset.notes)
+    assert any('a.csv was given twice' in note for note in dataset.notes)
+    said = grouped_notes([dataset])
+    assert all(any('b' in line and line.endswith(f': {note}') for line in said) for note in dataset.recordings[1].notes)
 
 
 def test_bags_of_a_folder(tmp_path):
@@ -204,11 +204,11 @@ def test_bags_of_a_folder(tmp_path):
         if message.log_time >= 7 * 10**9:
             break
     plain.flush()
-    campaign = read_campaign([tmp_path], 'module', 298.0)
-    assert [recording.name for recording in campaign.recordings] == ['a', 'killed']
-    assert any(note.startswith('killed: the bag breaks off') for note in grouped_notes([campaign]))
-    assert campaign.recordings[0].time[-1] > 11.0 and 6.9 < campaign.recordings[1].time[-1] < 7.1
-    for recording in campaign.recordings:
+    dataset = read_dataset([tmp_path], 'module', 298.0)
+    assert [recording.name for recording in dataset.recordings] == ['a', 'killed']
+    assert any(note.startswith('killed: the bag breaks off') for note in grouped_notes([dataset]))
+    assert dataset.recordings[0].time[-1] > 11.0 and 6.9 < dataset.recordings[1].time[-1] < 7.1
+    for recording in dataset.recordings:
         assert recording.exact_commands and np.isfinite(recording.channels['alpha']).all()
         changes = recording.source.times[1:][np.diff(recording.source.values[:, 0]) != 0.0]
         assert changes == pytest.approx([2.0071, 5.513] if changes[0] > 2.0 else [1.0, 2.0071, 5.513], abs=1e-8)
@@ -224,14 +224,14 @@ def test_rows_before_the_first_command_are_left_out(tmp_path):
 def test_a_map_converts(tmp_path):
     """Laboratory units and back: the same recording."""
     columns = module_columns()
-    plain = read_campaign([write_recording(tmp_path / 'plain.csv', columns)], 'module', 298.0)
+    plain = read_dataset([write_recording(tmp_path / 'plain.csv', columns)], 'module', 298.0)
     foreign = {
         't_ms': columns['time_s'] * 1e3, 'power_mW': columns['J_eq_W'] * 1e3, 'room_C': columns['T_E_K'] - 273.15,
         'x_mm': columns['U_x_m'] * 1e3, 'y_mm': columns['U_y_m'] * 1e3, 'angle_deg': np.degrees(columns['alpha_rad']),
         'F_1_N': columns['F_1_N'], 'wire_1_C': columns['T_1_K'] - 273.15, 'wire_2_C': columns['T_2_K'] - 273.15,
     }  # fmt: skip
     path = write_recording(tmp_path / 'foreign.csv', foreign)
-    mapped = read_campaign([path], 'module', 300.0, MAPS / 'module_degrees.yaml')
+    mapped = read_dataset([path], 'module', 300.0, MAPS / 'module_degrees.yaml')
     one, two = plain.recordings[0], mapped.recordings[0]
     assert two.time == pytest.approx(one.time, abs=1e-9) and set(two.channels) == set(one.channels) - {'F_2'}
     for channel, values in two.channels.items():
@@ -256,25 +256,25 @@ def test_a_map_with_constants_and_one_column_twice(tmp_path):
 
 @needs_shared
 def test_the_isotherms_of_a_real_wire():
-    campaign = read_campaign(sorted(WIRE.glob('stress_strain_*.csv')), 'wire', 298.0, MAPS / 'nitinol_isotherm.yaml')
-    names = [recording.name for recording in campaign.recordings]
+    dataset = read_dataset(sorted(WIRE.glob('stress_strain_*.csv')), 'wire', 298.0, MAPS / 'nitinol_isotherm.yaml')
+    names = [recording.name for recording in dataset.recordings]
     assert names == ['stress_strain_0C', 'stress_strain_100C', *(f'stress_strain_40C#{k}' for k in (1, 2, 3))]
-    for recording in campaign.recordings:
+    for recording in dataset.recordings:
         assert np.nanmedian(recording.channels['T']) == pytest.approx(
             {'0': 273.6, '1': 373.2, '4': 313.4}[recording.name[14]], abs=1.0
         )
         assert 0.003 < np.ptp(recording.source.values[:, 0]) < 0.06 and recording.source.linear[0]
         assert 1e7 < np.nanmax(recording.channels['stress']) < 1e9
-    assert 5e5 < campaign.noise_std['stress'] < 3e6 and any('resolution 0.1' in note for note in campaign.notes)
+    assert 5e5 < dataset.noise_std['stress'] < 3e6 and any('resolution 0.1' in note for note in dataset.notes)
 
 
 @needs_shared
 def test_the_electric_runs_of_a_real_wire():
-    campaign = read_campaign(sorted(WIRE.glob('electric_*.csv')), 'wire', 298.0, MAPS / 'nitinol_electric.yaml')
-    sizes = {recording.name: len(recording.time) for recording in campaign.recordings}
+    dataset = read_dataset(sorted(WIRE.glob('electric_*.csv')), 'wire', 298.0, MAPS / 'nitinol_electric.yaml')
+    sizes = {recording.name: len(recording.time) for recording in dataset.recordings}
     assert len(sizes) == 9 and sizes['electric_T21s_duty50_phase50#1'] == 150
     assert all(size > 1000 for name, size in sizes.items() if not name.endswith('#1'))
-    for recording in campaign.recordings:
+    for recording in dataset.recordings:
         assert recording.source.values[:, 0].max() < 0.045 and recording.source.values[0, 2] == 294.15
         assert any('repeat the time' in note for note in recording.notes)
         if recording.source.values[:, 1].any():

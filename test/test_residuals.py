@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import NOISE, command, config, recording, scaled
+from simulated_data import NOISE, command, config, recording, scaled
 
 from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
 from sma_sim.evidence.data.tables import read_columns

@@ -6,7 +6,7 @@ from threading import Event
 from types import SimpleNamespace
 
 import pytest
-from campaigns import campaign, config, scaled
+from simulated_data import config, dataset, scaled
 
 from sma_sim import find_effects
 from sma_sim.evidence.estimation.calibrate import Options
@@ -34,7 +34,7 @@ def one_that_accepts_nothing(place, **hidden):
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=0.96)
     for name, values in hidden.items():
         truth = with_effect(truth, find_effects()[name], values)
-    first = selection_step(nominal_fit(campaign(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
+    first = selection_step(nominal_fit(dataset(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
     assert first.candidate_fits
     return replace(first, accepted=None)
 

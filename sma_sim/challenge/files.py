@@ -45,7 +45,7 @@ def write_challenge(challenge: Challenge, folder: Path, format: str = 'mcap') ->
     except OSError as error:
         raise UserError(f'cannot write {folder}: {error.strerror}') from error
     try:
-        for recording in challenge.campaign.recordings:
+        for recording in challenge.dataset.recordings:
             WRITERS[format](temporary / f'{recording.name}.{format}', recording_columns(recording))
         (temporary / META_FILE).write_text(json.dumps(meta_of(challenge), indent=2) + '\n', encoding='utf-8')
         (temporary / NOMINAL_FILE).write_text(nominal_yaml(challenge.nominal), encoding='utf-8')
@@ -60,9 +60,9 @@ def write_challenge(challenge: Challenge, folder: Path, format: str = 'mcap') ->
 
 def meta_of(challenge: Challenge) -> dict[str, object]:
     """What is known of the measurement: noise [SI], samples per second, rest before each run [s]."""
-    steps = np.diff(challenge.campaign.recordings[0].time)
+    steps = np.diff(challenge.dataset.recordings[0].time)
     rate = round(1.0 / float(np.median(steps)), 6)
-    return {'noise_std': dict(challenge.campaign.noise_std), 'rate_hz': rate, 'rest_s': REST_DURATION}
+    return {'noise_std': dict(challenge.dataset.noise_std), 'rate_hz': rate, 'rest_s': REST_DURATION}
 
 
 def check_new(folder: Path) -> None:

@@ -12,7 +12,7 @@ from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.draw import UNCERTAIN_PARAMETERS, draw_parameters, draw_random_command, draw_truths
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import Truth, Vector
-from sma_sim.evidence.data.recording import Campaign, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
@@ -41,7 +41,7 @@ DEFAULT_PLAN = RecordingPlan()
 class Challenge:
     """Recordings and the model that the user starts from; the robot behind them and the answer."""
 
-    campaign: Campaign
+    dataset: Dataset
     nominal: Config
     robot: Robot
     answer: Answer
@@ -85,7 +85,7 @@ def make_challenge(
         )
         offsets = {name: (nominal.parameters[name], robot.parameters[name]) for name in (*UNCERTAIN_PARAMETERS, 'wire.l0')}
         answer = Answer(seed, effects_found, offsets, noise_std)
-        return Challenge(Campaign(recordings, noise_std), nominal, robot, answer)
+        return Challenge(Dataset(recordings, noise_std), nominal, robot, answer)
     names = ', '.join(truth.name for truth in chosen) or 'none'
     raise UserError(
         f'seed {seed}: no robot that works was found in {MAX_ATTEMPTS} draws (effects {names}); choose another seed'

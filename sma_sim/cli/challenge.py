@@ -54,7 +54,7 @@ def write_new(arguments: argparse.Namespace) -> int:
         RecordingPlan(arguments.runs, arguments.duration, arguments.rate),
     )  # fmt: skip
     write_challenge(challenge, arguments.out, arguments.format)
-    first = challenge.campaign.recordings[0]
+    first = challenge.dataset.recordings[0]
     print(
         f'{arguments.out}: {arguments.runs} recordings of {first.source.times[-1]:g} s, {", ".join(first.channels)}; '
         f'start from {arguments.out / NOMINAL_FILE}'

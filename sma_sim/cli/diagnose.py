@@ -21,7 +21,7 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if found.interrupted else 0
 
 
-def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Campaign, held: Campaign | None) -> Path | None:
+def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Dataset, held: Dataset | None) -> Path | None:
     """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
     written = write_improved(arguments, found) if arguments.out else None
     rivals = confounded(found)

@@ -22,7 +22,7 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import ProgressLine, add_config_options, announce_compilation, config_from, folders_beside
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
 from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
@@ -95,14 +95,14 @@ def step_words(label: str, iteration: int, cost: float) -> str:
     return f'{label}, step {iteration}, cost {cost:.4g}'
 
 
-def predict_held_out(found: Calibration, held: Campaign | None, executor: Executor) -> tuple[RunFit, ...]:
+def predict_held_out(found: Calibration, held: Dataset | None, executor: Executor) -> tuple[RunFit, ...]:
     """The runs that were held out, unless the fit was stopped."""
     if held is None or found.interrupted:
         return ()
     return held_out(found.config, held, found.delay, executor)
 
 
-def runs_of_wire(found: Calibration, fitted: Campaign, held: Campaign | None, executor: Executor) -> Agreement | None:
+def runs_of_wire(found: Calibration, fitted: Dataset, held: Dataset | None, executor: Executor) -> Agreement | None:
     """A wire run by run, where there are several runs and the fit was not stopped."""
     if found.config.system != 'wire' or found.interrupted:
         return None
@@ -166,7 +166,7 @@ def remarks_on(found: Calibration) -> list[str]:
     return remarks
 
 
-def fit_result_data(found: Calibration, predicted: Sequence[RunFit], campaign: Campaign) -> dict[str, Any]:
+def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Dataset) -> dict[str, Any]:
     """The result for programs; SI units."""
     uncertainty = found.uncertainty
     intervals = {interval.name: interval for interval in uncertainty.intervals} if uncertainty else {}
@@ -196,7 +196,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], campaign: C
         'other_starts': [
             {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts
         ],
-        'noise_std': campaign.noise_std,
+        'noise_std': dataset.noise_std,
         'converged': found.converged,
         'interrupted': found.interrupted,
         'seconds': found.seconds,

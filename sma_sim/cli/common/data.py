@@ -13,11 +13,11 @@ from typing import Any
 
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.data.recording import Campaign
-from sma_sim.evidence.data.recordings import read_campaign
+from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable, write_whole
-from sma_sim.evidence.data.train_test_split import held_out_files, split_campaign
+from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
 from sma_sim.evidence.estimation.executors import dask_executor, some_executor
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -87,18 +87,18 @@ def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
             check_writable(path)
 
 
-def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Campaign, Campaign | None]:
+def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, Dataset | None]:
     """The recordings to fit and those held out; notes on what was repaired go to stderr. Raises UserError."""
     known = {path.resolve() for path in arguments.data}
     inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
     further = [file for file in held_out_files(arguments.hold_out) if file.resolve() not in known | inside]
-    campaign = read_campaign(
+    dataset = read_dataset(
         [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
         noise_from(arguments.noise), namespace=arguments.namespace,
     )  # fmt: skip
-    for note in grouped_notes([campaign]):
+    for note in grouped_notes([dataset]):
         print(f'note: {note}', file=sys.stderr)
-    return split_campaign(campaign, arguments.hold_out)
+    return split_dataset(dataset, arguments.hold_out)
 
 
 def noise_from(words: Sequence[str]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What was measured: one recording of a robot or of a wire, and the recordings of a campaign."""
+"""What was measured: one recording of a robot or of a wire, and the recordings of a dataset."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Dataset:
     """Recordings of one robot or wire.
 
     Attributes

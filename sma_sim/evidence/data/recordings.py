@@ -1,4 +1,4 @@
-"""From files to a campaign: CSV files and bags, their sessions, what was repaired, and the noise of the channels."""
+"""From files to a dataset: CSV files and bags, their sessions, what was repaired, and the noise of the channels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.noise import noise_by_channel
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign, Recording, Vector
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, Vector
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.errors import UserError
@@ -25,14 +25,14 @@ ASSUMED_NOISE = {
 }  # fmt: skip
 
 
-def read_campaign(
+def read_dataset(
     paths: Sequence[Path],
     system: str,
     T_E: float,
     mapping: Path | None = None,
     noise_std: Mapping[str, float] | None = None,
     namespace: str | None = None,
-) -> Campaign:
+) -> Dataset:
     """Read recordings and determine the noise of their channels.
 
     Parameters
@@ -53,7 +53,7 @@ def read_campaign(
 
     Returns
     -------
-    Campaign
+    Dataset
         The recordings, their noise, and notes on everything that was repaired.
 
     Raises
@@ -68,8 +68,8 @@ def read_campaign(
     >>> file = Path(tempfile.mkdtemp()) / 'run1.csv'
     >>> rows = [f'{k / 10},{12 if k > 20 else 0},{1e-4 * k % 0.02}' for k in range(100)]
     >>> _ = file.write_text('\\n'.join(['time_s,J_eq_W,alpha_rad', *rows, '']))
-    >>> campaign = sma_sim.read_campaign([file], 'module', 298.0, noise_std={'alpha': 3.5e-4})
-    >>> campaign.recordings[0].name, len(campaign.recordings[0].time), campaign.noise_std
+    >>> dataset = sma_sim.read_dataset([file], 'module', 298.0, noise_std={'alpha': 3.5e-4})
+    >>> dataset.recordings[0].name, len(dataset.recordings[0].time), dataset.noise_std
     ('run1', 100, {'alpha': 0.00035})
     """
     columns = column_map_for(system, mapping)
@@ -84,8 +84,8 @@ def read_campaign(
     if not found:
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
     recordings = with_distinct_names(found)
-    noise = campaign_noise(recordings, noise_from_folders([path for path, _ in files], notes) | given, notes)
-    return Campaign(recordings, noise, tuple(notes))
+    noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], notes) | given, notes)
+    return Dataset(recordings, noise, tuple(notes))
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:
@@ -171,7 +171,7 @@ def noise_from_folders(files: Sequence[Path], notes: list[str]) -> dict[str, flo
     return {name: sqrt(sum(value**2 for value in values) / len(values)) for name, values in stated.items()}
 
 
-def campaign_noise(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
+def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
     """The noise of every channel that was measured: as given, or estimated, with a note."""
     estimated = noise_by_channel(recordings)
     noise: dict[str, float] = {}

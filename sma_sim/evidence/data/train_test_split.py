@@ -1,4 +1,4 @@
-"""Which recordings of a campaign are fitted, and which are held out."""
+"""Which recordings of a dataset are fitted, and which are held out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-from sma_sim.evidence.data.recording import Campaign, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.data.sources import recordings_in
 from sma_sim.model.errors import UserError
 
@@ -20,22 +20,22 @@ def held_out_files(words: Sequence[str]) -> list[Path]:
     return [file for word in words if Path(word).exists() for file in recordings_in(Path(word))]
 
 
-def sorted_by_name(campaign: Campaign) -> Campaign:
+def sorted_by_name(dataset: Dataset) -> Dataset:
     """The recordings in the order of their names, numbers in them as numbers (run2 before run10)."""
 
     def key(recording: Recording) -> list[tuple[int, str]]:
         parts = re.split(r'(\d+)', recording.name)
         return [(int(part), '') if part.isdecimal() else (0, part) for part in parts]
 
-    return replace(campaign, recordings=tuple(sorted(campaign.recordings, key=key)))
+    return replace(dataset, recordings=tuple(sorted(dataset.recordings, key=key)))
 
 
-def split_campaign(campaign: Campaign, words: Sequence[str]) -> tuple[Campaign, Campaign | None]:
+def split_dataset(dataset: Dataset, words: Sequence[str]) -> tuple[Dataset, Dataset | None]:
     """The recordings to fit and those held out, which `words` name: a file, a folder or the name (stem) of a recording.
 
     Raises UserError for a word that names no recording, and where nothing is left to fit.
     """
-    names = [recording.name for recording in campaign.recordings]
+    names = [recording.name for recording in dataset.recordings]
     chosen: set[str] = set()
     for word in words:
         matching = {name for name in names if matches(name, word)}
@@ -44,11 +44,11 @@ def split_campaign(campaign: Campaign, words: Sequence[str]) -> tuple[Campaign, 
             hint = f'; did you mean {close[0]}?' if close else ''
             raise UserError(f'--hold-out {word}: no such file and no such recording{hint}; there are {", ".join(names)}')
         chosen |= matching
-    training = tuple(recording for recording in campaign.recordings if recording.name not in chosen)
-    held = tuple(recording for recording in campaign.recordings if recording.name in chosen)
+    training = tuple(recording for recording in dataset.recordings if recording.name not in chosen)
+    held = tuple(recording for recording in dataset.recordings if recording.name in chosen)
     if not training:
         raise UserError(f'--hold-out {" ".join(words)}: that is all there is ({", ".join(names)}); leave some to fit')
-    return replace(campaign, recordings=training), replace(campaign, recordings=held) if held else None
+    return replace(dataset, recordings=training), replace(dataset, recordings=held) if held else None
 
 
 def matches(name: str, word: str) -> bool:
@@ -68,15 +68,15 @@ def recording_name(path: Path) -> str:
     return path.stem if path.is_file() else path.name
 
 
-def hold_out_last(campaign: Campaign, held: Campaign | None) -> tuple[Campaign, Campaign | None]:
+def hold_out_last(dataset: Dataset, held: Dataset | None) -> tuple[Dataset, Dataset | None]:
     """Training and held-out recordings by name: the last name of several is held out where nothing else was chosen.
 
     By name, so that the result does not depend on the order in which the recordings are given.
     """
-    training = sorted_by_name(campaign)
+    training = sorted_by_name(dataset)
     if held is not None:
         return training, sorted_by_name(held)
     if len(training.recordings) < MIN_RUNS_TO_HOLD_OUT:
         return training, None
     *rest, last = training.recordings
-    return replace(campaign, recordings=tuple(rest)), replace(campaign, recordings=(last,))
+    return replace(dataset, recordings=tuple(rest)), replace(dataset, recordings=(last,))

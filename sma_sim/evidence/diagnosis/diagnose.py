@@ -15,7 +15,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from math import isnan
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
 from sma_sim.evidence.estimation.calibrate import Calibration, check
@@ -107,18 +107,18 @@ class Diagnosis:
 
 
 def diagnose(
-    campaign: Campaign, config: Config, held: Campaign | None = None, request: DiagnosisRequest | None = None,
+    dataset: Dataset, config: Config, held: Dataset | None = None, request: DiagnosisRequest | None = None,
     executor: Executor | None = None, on_progress: OnProgress = silent,
 ) -> Diagnosis:  # fmt: skip
     """Find the physical effects that a model lacks to explain recordings.
 
     Parameters
     ----------
-    campaign : Campaign
+    dataset : Dataset
         Recordings with their noise.
     config : Config
         The nominal model; its active effects are part of it.
-    held : Campaign, optional
+    held : Dataset, optional
         Recordings that only judge the result; without it, the last by name of three or more.
     request : DiagnosisRequest, optional
         Kinetics, folders of effects, seed, options of fits, whether to search for an equation.
@@ -150,14 +150,14 @@ def diagnose(
     ...     run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
-    >>> campaign = sma_sim.Campaign((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
+    >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
     >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
     >>> request = DiagnosisRequest(model='hybrid', options=options, equation=False)
-    >>> sma_sim.diagnose(campaign, sma_sim.Config(), request=request).verdict
+    >>> sma_sim.diagnose(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
-    training, held_out = hold_out_last(campaign, held)
+    training, held_out = hold_out_last(dataset, held)
     check(training, config, request.options)
     with stoppable() as stop, some_executor(executor) as pool:
         context = SearchContext(pool, stop, on_progress, request.folders, request.seed)

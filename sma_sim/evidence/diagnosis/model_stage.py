@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     Calibration,
     Options,
@@ -87,8 +87,8 @@ class ModelStage:
 class StageData:
     """What all stages are fitted to, what they predict, and how they are fitted."""
 
-    training: Campaign
-    held_out: Campaign | None
+    training: Dataset
+    held_out: Dataset | None
     options: Options
 
     def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:

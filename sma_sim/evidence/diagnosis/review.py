@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.stage_change import StageChange, stage_change
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
@@ -22,14 +22,14 @@ class DiagnosisReview:
     """
 
     diagnosis: Diagnosis
-    training: Campaign
-    held_out: Campaign | None
+    training: Dataset
+    held_out: Dataset | None
     changes: Mapping[str, StageChange]
     remaining: Summary
     initial_values: Mapping[str, float]
 
 
-def reviewed(diagnosis: Diagnosis, training: Campaign, held_out: Campaign | None) -> DiagnosisReview:
+def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None) -> DiagnosisReview:
     """Evaluate a diagnosis on the recordings that it was made with. Raises SimulationError."""
     changes = {
         step.accepted.name: stage_change(*change, training, held_out)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.evidence.estimation.residuals import Nuisance
@@ -27,18 +27,18 @@ class StageChange:
     errors: tuple[float, float]
 
 
-def stage_change(before: ModelStage, after: ModelStage, training: Campaign, held: Campaign | None) -> StageChange:
+def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held: Dataset | None) -> StageChange:
     """The change from one stage to the next: in a held-out run where both can be run. Raises SimulationError."""
     predicted = bool(before.predicted) and bool(after.predicted) and math.isfinite(before.held_out + after.held_out)
     out = held is not None and predicted
-    campaign = held if held is not None and out else training
+    dataset = held if held is not None and out else training
     first, then = (before.predicted, after.predicted) if out else (before.runs, after.runs)
     channel = most_changed(before, after, out)
     worst = max((fit for fit in first if channel in fit.channels), key=lambda fit: fit.channels[channel])
     same = next(fit for fit in then if fit.name == worst.name)
-    k = [recording.name for recording in campaign.recordings].index(worst.name)
-    run_before = compared_run(campaign, k, before.config, nuisances(first, before.delay))
-    run_after = compared_run(campaign, k, after.config, nuisances(then, after.delay))
+    k = [recording.name for recording in dataset.recordings].index(worst.name)
+    run_before = compared_run(dataset, k, before.config, nuisances(first, before.delay))
+    run_after = compared_run(dataset, k, after.config, nuisances(then, after.delay))
     return StageChange(channel, out, run_before, run_after, (worst.channels[channel], same.channels[channel]))
 
 

@@ -17,7 +17,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
@@ -102,14 +102,14 @@ class Calibration:
 
 
 def calibrate(
-    campaign: Campaign, config: Config, options: Options | None = None, executor: Executor | None = None,
+    dataset: Dataset, config: Config, options: Options | None = None, executor: Executor | None = None,
     progress: OnIteration = silent_iteration,
 ) -> Calibration:  # fmt: skip
-    """Fit free parameters to all recordings of a campaign.
+    """Fit free parameters to all recordings of a dataset.
 
     Parameters
     ----------
-    campaign : Campaign
+    dataset : Dataset
         Recordings with their noise.
     config : Config
         The model to start from; its values are the centres of weak priors.
@@ -128,7 +128,7 @@ def calibrate(
     Raises
     ------
     UserError
-        For a campaign without recordings, noise or channels, for wrong options, and if the model cannot be run at the
+        For a dataset without recordings, noise or channels, for wrong options, and if the model cannot be run at the
         start.
 
     Examples
@@ -137,41 +137,41 @@ def calibrate(
     >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
     >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
-    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
+    >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
     >>> start = sma_sim.read_config(words=['beam.E=1.9e9'])
     >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
-    >>> f"{sma_sim.calibrate(campaign, start, options).values['beam.E']:.3g}"
+    >>> f"{sma_sim.calibrate(dataset, start, options).values['beam.E']:.3g}"
     '2e+09'
     """
     options, t_start = options or Options(), time.perf_counter()
-    check(campaign, config, options)
+    check(dataset, config, options)
     with some_executor(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
-        fits = fits_by_model(campaign, config, options, context)
+        fits = fits_by_model(dataset, config, options, context)
         best = min(fits, key=lambda fit: (0.0 if isnan(fit.cross_validated_error) else fit.cross_validated_error, fit.cost))
-        found = final_calibration(campaign, best, options, context)
+        found = final_calibration(dataset, best, options, context)
     errors = {fit.config.model: fit.cross_validated_error for fit in fits if isfinite(fit.cross_validated_error)}
     runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
     return replace(found, config=runs_as_asked, cross_validation=errors, seconds=time.perf_counter() - t_start)
 
 
-def fits_by_model(campaign: Campaign, config: Config, options: Options, context: SearchContext) -> list[FitResult]:
+def fits_by_model(dataset: Dataset, config: Config, options: Options, context: SearchContext) -> list[FitResult]:
     """A search with each of the kinetics to try, cross-validated where there are two."""
     fits: list[FitResult] = []
     for model in MODELS if options.model == 'auto' else (options.model,):
         if not (fits and context.stop.is_set()):
-            fits.append(multistart_search(campaign, replace(config, model=model), options, context))
+            fits.append(multistart_search(dataset, replace(config, model=model), options, context))
     if len(fits) == 1:
         return fits
     quiet = replace(context, on_iteration=silent_iteration)
     return [run_in_threads([partial(cross_validated, fit, quiet)], context.stop)[0] for fit in fits]
 
 
-def check(campaign: Campaign, config: Config, options: Options) -> None:
+def check(dataset: Dataset, config: Config, options: Options) -> None:
     """Raise UserError for what cannot be fitted."""
-    if not campaign.recordings:
+    if not dataset.recordings:
         raise UserError('there is no recording to fit')
-    for recording in campaign.recordings:
+    for recording in dataset.recordings:
         if recording.system != config.system:
             raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                             f'{config.system}: change it, or leave the recording out')  # fmt: skip
@@ -181,25 +181,25 @@ def check(campaign: Campaign, config: Config, options: Options) -> None:
         raise UserError(f'starts = {options.starts}: expected 1 or more')
 
 
-def problem_for(campaign: Campaign, config: Config, options: Options, every: int, step_limited: bool = True) -> Problem:
+def problem_for(dataset: Dataset, config: Config, options: Options, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
-    runs = tuple(fit_data(recording, campaign.noise_std, every, rtol, step_limited) for recording in campaign.recordings)
+    runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     return Problem(config, runs, free, options.robust).at_tolerance(rtol)
 
 
-def full_problem(campaign: Campaign, fit: FitResult, options: Options) -> Problem:
+def full_problem(dataset: Dataset, fit: FitResult, options: Options) -> Problem:
     """The problem of a fit on all samples, the parameters free within the same bounds."""
-    return replace(problem_for(campaign, fit.problem.config, options, 1, step_limited=False), free=fit.problem.free)
+    return replace(problem_for(dataset, fit.problem.config, options, 1, step_limited=False), free=fit.problem.free)
 
 
 def multistart_search(
-    campaign: Campaign, config: Config, options: Options, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
+    dataset: Dataset, config: Config, options: Options, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
 ) -> FitResult:
     """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first."""
-    longest = max(len(recording.time) for recording in campaign.recordings)
-    thinned = problem_for(campaign, config, options, max(1, longest // SEARCH_SAMPLES))
+    longest = max(len(recording.time) for recording in dataset.recordings)
+    thinned = problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
     subset = run_subset(thinned)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
@@ -230,9 +230,9 @@ def continued(
     )  # fmt: skip
 
 
-def final_fit(campaign: Campaign, fit: FitResult, options: Options, context: SearchContext) -> FitResult:
+def final_fit(dataset: Dataset, fit: FitResult, options: Options, context: SearchContext) -> FitResult:
     """The fit continued on all samples, the parameters free within the same bounds."""
-    whole = full_problem(campaign, fit, options)
+    whole = full_problem(dataset, fit, options)
     problem = whole.at_tolerance(FINAL_RTOL)
     found = continued(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     for sharper in SHARPER:
@@ -257,10 +257,10 @@ def starting_points(problem: Problem, options: Options, pool: Executor) -> list[
     return points
 
 
-def final_calibration(campaign: Campaign, fit: FitResult, options: Options, context: SearchContext) -> Calibration:
+def final_calibration(dataset: Dataset, fit: FitResult, options: Options, context: SearchContext) -> Calibration:
     """The fit continued on all samples, with intervals; its tolerance is that of the fit that is continued."""
     t_start = time.perf_counter()
-    last = final_fit(campaign, fit, options, context)
+    last = final_fit(dataset, fit, options, context)
     found = calibration_of(last, context)
     known = None
     if options.intervals and not context.stop.is_set():

@@ -12,7 +12,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
@@ -105,14 +105,14 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
         return tuple(threads.map(predicted, runs))
 
 
-def held_out(config: Config, campaign: Campaign, delay: float = 0.0, executor: Executor | None = None) -> tuple[RunFit, ...]:
+def held_out(config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None) -> tuple[RunFit, ...]:
     """Predict recordings that were not fitted; only their initial states are estimated.
 
     Parameters
     ----------
     config : Config
         A fitted model.
-    campaign : Campaign
+    dataset : Dataset
         The recordings to predict, with their noise.
     delay : float
         Delay of the measurement [s], from the fit.
@@ -135,12 +135,12 @@ def held_out(config: Config, campaign: Campaign, delay: float = 0.0, executor: E
     >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
     >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
-    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
-    >>> sma_sim.held_out(sma_sim.Config(), campaign)[0].error < 0.1
+    >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
+    >>> sma_sim.held_out(sma_sim.Config(), dataset)[0].error < 0.1
     True
     """
     floor = config.parameters['solver.rtol']
-    runs = tuple(fit_data(recording, campaign.noise_std, floor=floor) for recording in campaign.recordings)
+    runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with some_executor(executor) as pool:
         return predict_runs(config, runs, delay, SearchContext(pool, Event()))
 

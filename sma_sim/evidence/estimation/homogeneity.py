@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from sma_sim.evidence.data.recording import Campaign, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import Options, calibrate
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
@@ -51,7 +51,7 @@ class Agreement:
 
 
 def agreement(
-    config: Config, fitted: Campaign, held: Campaign | None = None, executor: Executor | None = None
+    config: Config, fitted: Dataset, held: Dataset | None = None, executor: Executor | None = None
 ) -> Agreement | None:
     """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs determine them.
 
@@ -73,11 +73,11 @@ def agreement(
 
 
 def run_stress(
-    config: Config, campaign: Campaign, recording: Recording, held: bool, executor: Executor | None
+    config: Config, dataset: Dataset, recording: Recording, held: bool, executor: Executor | None
 ) -> RunStress | None:
     """One run on its own, None where it does not determine both."""
     options = Options(free=STRESS_NAMES, model=config.model, starts=1)
-    found = calibrate(replace(campaign, recordings=(recording,)), config, options, executor)
+    found = calibrate(replace(dataset, recordings=(recording,)), config, options, executor)
     known = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     if set(known) != set(STRESS_NAMES) or not all(interval.seen for interval in known.values()):
         return None

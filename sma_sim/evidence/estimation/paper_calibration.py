@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import Campaign, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
 from sma_sim.evidence.estimation.cross_validation import held_out
 from sma_sim.model.config import Config
@@ -60,20 +60,20 @@ def temperature(recording: Recording) -> float:
 
 
 def calibrate_as_the_paper(
-    campaign: Campaign, config: Config, at: float = 315.0, executor: Executor | None = None
+    dataset: Dataset, config: Config, at: float = 315.0, executor: Executor | None = None
 ) -> PaperCalibration:
     """Calibrate a wire from its isotherms: the loop nearest to `at` [K] first, then sigma_T from the others.
 
     Raises UserError where no loop is at that temperature (within 1 K), or no other one is there.
     """
-    loops = sorted(campaign.recordings, key=temperature)
+    loops = sorted(dataset.recordings, key=temperature)
     first = [loop for loop in loops if abs(temperature(loop) - at) <= TEMPERATURE_TOLERANCE]
     others = [loop for loop in loops if loop not in first]
     if not first or not others:
         found = ', '.join(f'{temperature(loop):g}' for loop in loops)
         raise UserError(f'expected isotherms at {at:g} K and at another temperature, got {found or "none"} [K]')
-    here = fitted_at(Campaign(tuple(first), campaign.noise_std), config, REFERENCE_NAMES, executor)
-    fits = {loop.name: fitted_at(Campaign((loop,), campaign.noise_std), here.config, FURTHER_NAMES, executor)
+    here = fitted_at(Dataset(tuple(first), dataset.noise_std), config, REFERENCE_NAMES, executor)
+    fits = {loop.name: fitted_at(Dataset((loop,), dataset.noise_std), here.config, FURTHER_NAMES, executor)
             for loop in others}  # fmt: skip
     fits |= {loop.name: here for loop in first}
     T = np.array([temperature(loop) for loop in loops])
@@ -82,14 +82,14 @@ def calibrate_as_the_paper(
     line = np.polyfit(T - at, stress, 1, w=1.0 / np.nan_to_num(np.maximum(spread, 1.0), nan=1.0))
     values = {**here.config.parameters, 'wire.sigma_T': max(float(line[0]), 0.0), 'wire.T0': at}
     final = replace(here.config, parameters=moved_to(values, config.parameters['wire.T0']))
-    rmse = stress_errors(final, campaign, executor)
+    rmse = stress_errors(final, dataset, executor)
     return summary(final, here, loops, fits, rmse, float(line[0]))
 
 
-def fitted_at(campaign: Campaign, config: Config, names: tuple[str, ...], executor: Executor | None) -> Calibration:
+def fitted_at(dataset: Dataset, config: Config, names: tuple[str, ...], executor: Executor | None) -> Calibration:
     """A hybrid fit with T0 at the temperature of the loop, so that sigma_MW0 is sigma_MW there."""
-    here = {**config.parameters, 'wire.T0': temperature(campaign.recordings[0])}
-    return calibrate(campaign, replace(config, parameters=here), Options(free=names, model='hybrid'), executor)
+    here = {**config.parameters, 'wire.T0': temperature(dataset.recordings[0])}
+    return calibrate(dataset, replace(config, parameters=here), Options(free=names, model='hybrid'), executor)
 
 
 def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:
@@ -98,10 +98,10 @@ def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:
     return {**values, 'wire.sigma_MW0': values['wire.sigma_MW0'] + shift, 'wire.T0': T0}
 
 
-def stress_errors(config: Config, campaign: Campaign, executor: Executor | None) -> dict[str, float]:
+def stress_errors(config: Config, dataset: Dataset, executor: Executor | None) -> dict[str, float]:
     """RMSE of the stress by recording [Pa]."""
-    noise = campaign.noise_std['stress']
-    return {fit.name: noise * fit.channels['stress'] for fit in held_out(config, campaign, executor=executor)}
+    noise = dataset.noise_std['stress']
+    return {fit.name: noise * fit.channels['stress'] for fit in held_out(config, dataset, executor=executor)}
 
 
 def log_std(found: Calibration, name: str) -> float:

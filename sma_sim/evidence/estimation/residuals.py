@@ -222,7 +222,7 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
     >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
-    >>> campaign = sma_sim.Campaign((recording,), {'alpha': 3.5e-4})
+    >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
     >>> shown = sma_sim.predict(sma_sim.Config(), recording)
     >>> sorted(shown)
     ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']

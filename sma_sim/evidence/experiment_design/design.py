@@ -11,7 +11,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import PickledConfig, some_executor
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -98,7 +98,7 @@ class SearchOutcome:
 
 
 def next_experiment(
-    training: Campaign, config: Config, request: DesignRequest, executor: Executor | None = None,
+    training: Dataset, config: Config, request: DesignRequest, executor: Executor | None = None,
     on_progress: Callable[[str], None] = lambda words: None,
 ) -> Plan:  # fmt: skip
     """Design the next experiment.
@@ -138,7 +138,7 @@ def next_experiment(
 
 
 def best_plan(
-    training: Campaign, hypotheses: tuple[ModelHypothesis, ...], request: DesignRequest, context: SearchContext
+    training: Dataset, hypotheses: tuple[ModelHypothesis, ...], request: DesignRequest, context: SearchContext
 ) -> Plan:
     """The design for some fitted hypotheses. Raises UserError for limits that no command keeps, and unknown names."""
     grid, grid_origins = command_grid(training, request)
@@ -153,7 +153,7 @@ def best_plan(
     return replace(plan_from(hypotheses, problem, outcome, grid_origins | origins), every=every)
 
 
-def check_design_request(training: Campaign, config: Config, request: DesignRequest) -> None:
+def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
     if config.system != 'module':
         raise UserError('next designs commands J_eq of a module; for a wire (system wire) it has no sequence of strain')
@@ -169,7 +169,7 @@ def check_design_request(training: Campaign, config: Config, request: DesignRequ
 
 
 def hypotheses_for(
-    training: Campaign, config: Config, request: DesignRequest, context: SearchContext
+    training: Dataset, config: Config, request: DesignRequest, context: SearchContext
 ) -> tuple[ModelHypothesis, ...]:
     """What is to be discriminated; a single one where parameters are to be known, or where nothing rivals the best."""
     base = fit_base_model(training, config, kinetics_to_fit(request.model), context)
@@ -184,7 +184,7 @@ def hypotheses_for(
     return fit_hypotheses(training, rivals, context)
 
 
-def command_grid(training: Campaign, request: DesignRequest) -> tuple[CommandGrid, dict[str, str]]:
+def command_grid(training: Dataset, request: DesignRequest) -> tuple[CommandGrid, dict[str, str]]:
     """The grid of levels, and where its limit comes from: the largest command of the recordings where none was given."""
     sources = [recording.source for recording in training.recordings]
     reached = max(float(np.abs(source.values[:, command_column(source)]).max()) for source in sources)
@@ -249,7 +249,7 @@ def utility_for(hypotheses: Sequence[ModelHypothesis], combinations: Matrix) -> 
 
 
 def search_design(
-    training: Campaign, hypotheses: Sequence[ModelHypothesis], problem: DesignProblem, request: DesignRequest,
+    training: Dataset, hypotheses: Sequence[ModelHypothesis], problem: DesignProblem, request: DesignRequest,
     context: SearchContext,
 ) -> SearchOutcome:  # fmt: skip
     """The linear search, continued with refitted rivals where there are any. Raises UserError if no command is allowed."""

@@ -14,7 +14,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign, Recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
@@ -91,7 +91,7 @@ def model_point(problem: Problem, z: Vector) -> ModelPoint:
     return ModelPoint(PickledConfig(problem.fitted(z)), problem.nuisance(z))
 
 
-def blank_run(training: Campaign, grid: CommandGrid, noise_factor: float) -> tuple[FitData, int]:
+def blank_run(training: Dataset, grid: CommandGrid, noise_factor: float) -> tuple[FitData, int]:
     """A run with the channels and sample rate of the recordings, measured as zero, without a command yet.
 
     Only every so-many-th sample is simulated (that number comes second); weights count all. `noise_factor` widens the noise.

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
@@ -98,7 +98,7 @@ class RefitSearchResult:
 
 
 def thinned_rivals(
-    training: Campaign, hypotheses: Sequence[ModelHypothesis], context: SearchContext
+    training: Dataset, hypotheses: Sequence[ModelHypothesis], context: SearchContext
 ) -> tuple[ThinnedRival, ...]:
     """The hypotheses on fewer samples, each at its optimum there."""
     every = max(1, max(len(recording.time) for recording in training.recordings) // REFIT_SAMPLES)
@@ -115,7 +115,7 @@ def thinned_rivals(
 
 
 def refit_problem(
-    training: Campaign, hypotheses: Sequence[ModelHypothesis], best: EvaluatedSequence,
+    training: Dataset, hypotheses: Sequence[ModelHypothesis], best: EvaluatedSequence,
     counted: Sequence[RivalPair], context: SearchContext,
 ) -> RefitProblem:  # fmt: skip
     """All pairs, or those of them that the linearly best sequence discriminates the least."""

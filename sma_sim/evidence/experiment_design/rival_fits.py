@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     FINAL_RTOL,
     MODELS,
@@ -96,7 +96,7 @@ class ModelHypothesis:
         return len(self.fitted.problem.shared)
 
 
-def fit_base_model(training: Campaign, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:
+def fit_base_model(training: Dataset, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:
     """The configuration as it is, with the kinetics that fit it better."""
     options = Options(starts=BASE_FIT_STARTS)
     check(training, config, options)
@@ -192,7 +192,7 @@ def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> 
     return [NamedFit(rival.name, fit) for rival, fit in zip(rivals, fits, strict=True) if fit is not None]
 
 
-def fit_hypotheses(training: Campaign, rivals: Sequence[NamedFit], context: SearchContext) -> tuple[ModelHypothesis, ...]:
+def fit_hypotheses(training: Dataset, rivals: Sequence[NamedFit], context: SearchContext) -> tuple[ModelHypothesis, ...]:
     """Each explanation at the optimum of all samples, with its posterior.
 
     Where even the best leaves more than the noise, all weights shrink by that factor: what no rival explains must not
@@ -209,7 +209,7 @@ def fit_hypotheses(training: Campaign, rivals: Sequence[NamedFit], context: Sear
     )
 
 
-def refit_on_all_samples(training: Campaign, fit: FitResult, context: SearchContext) -> FitResult:
+def refit_on_all_samples(training: Dataset, fit: FitResult, context: SearchContext) -> FitResult:
     """The fit continued on all samples."""
     problem = full_problem(training, fit, Options()).at_tolerance(FINAL_RTOL)
     return minimize(problem, fit.z, LAST_STOP_CRITERIA, context)

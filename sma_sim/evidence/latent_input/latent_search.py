@@ -12,7 +12,7 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.calibrate import Options, check, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
@@ -83,14 +83,14 @@ class LatentRequest:
 
 
 def latent(
-    campaign: Campaign, config: Config, held: Campaign | None = None, request: LatentRequest | None = None,
+    dataset: Dataset, config: Config, held: Dataset | None = None, request: LatentRequest | None = None,
     executor: Executor | None = None, on_progress: OnProgress = lambda words: None,
 ) -> Latent:  # fmt: skip
-    """Find the input, and where it acts, that would make `config` explain the campaign's recordings.
+    """Find the input, and where it acts, that would make `config` explain the dataset's recordings.
 
     Parameters
     ----------
-    campaign
+    dataset
         Recordings of a module or of a wire, and the noise of their channels.
     config
         The model to start from; its effects are part of it.
@@ -127,14 +127,14 @@ def latent(
     ...     run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
-    >>> campaign = sma_sim.Campaign((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
+    >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
     >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
     >>> request = LatentRequest(model='hybrid', options=options)
-    >>> sma_sim.latent(campaign, sma_sim.Config(), request=request).verdict
+    >>> sma_sim.latent(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
-    training, _ = hold_out_last(campaign, held)
+    training, _ = hold_out_last(dataset, held)
     check(training, config, request.options)
     with some_executor(executor) as pool:
         context = SearchContext(pool, stop, on_progress, (), request.seed)
@@ -143,7 +143,7 @@ def latent(
     return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - t_start)
 
 
-def fitted_model(training: Campaign, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
+def fitted_model(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
     """The model fitted as a diagnosis does; where that is not asked for, its starts and delay only."""
     if request.fit:
         return nominal_fit(training, config, DiagnosisRequest(request.model, (), request.seed, request.options), context)
@@ -151,7 +151,7 @@ def fitted_model(training: Campaign, config: Config, request: LatentRequest, con
     return fit_starts_and_delay(training, replace(config, model=model), request, context)
 
 
-def fit_starts_and_delay(training: Campaign, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
+def fit_starts_and_delay(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
     """The configuration as it is, with the starts and the delay that suit it."""
     every = max(1, max(len(recording.time) for recording in training.recordings) // NUISANCE_SAMPLES)
     full = problem_for(training, config, request.options, every)
@@ -168,7 +168,7 @@ def worst_runs(fitted: FitResult, pool: Executor) -> list[int]:
     return sorted(np.argsort(sizes)[::-1][: LATENT_CRITERIA.max_runs].tolist())
 
 
-def problem_on_all_samples(training: Campaign, fitted: FitResult, chosen: Sequence[int]) -> tuple[Problem, Vector]:
+def problem_on_all_samples(training: Dataset, fitted: FitResult, chosen: Sequence[int]) -> tuple[Problem, Vector]:
     """The problem of some runs on all their samples, and z there."""
     full = replace(problem_for(training, fitted.problem.config, Options(), 1), free=fitted.problem.free)
     indices, shared = full.indices(), len(full.shared)
@@ -177,7 +177,7 @@ def problem_on_all_samples(training: Campaign, fitted: FitResult, chosen: Sequen
 
 
 def kinetics_difference(
-    training: Campaign, fitted: FitResult, chosen: Sequence[int], design: DesignMatrix, context: SearchContext
+    training: Dataset, fitted: FitResult, chosen: Sequence[int], design: DesignMatrix, context: SearchContext
 ) -> list[Matrix]:
     """By run, what the other kinetics would show differently (channels, bins), over noise, were they fitted to this model.
 
@@ -201,7 +201,7 @@ def kinetics_difference(
     ]
 
 
-def search_inputs(training: Campaign, fitted: FitResult, may_refit: bool, context: SearchContext) -> Latent:
+def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context: SearchContext) -> Latent:
     """The search around a fitted model; where that lacks something, and `may_refit`, around one that is not biased by it."""
     chosen = worst_runs(fitted, context.pool)
     problem, z = problem_on_all_samples(training, fitted, chosen)

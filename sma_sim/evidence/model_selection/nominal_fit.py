@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import MODELS, Options, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -30,7 +30,7 @@ class DiagnosisRequest:
     equation: bool = True
 
 
-def nominal_fit(training: Campaign, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
+def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
     """The better of the kinetics without further effects."""
     fits: list[FitResult] = []
     for model in MODELS if request.model == 'auto' else (request.model,):

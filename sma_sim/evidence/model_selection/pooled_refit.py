@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import Options, problem_for
 from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -36,7 +36,7 @@ class PooledErrors:
 
 
 def pooled_refit(
-    training: Campaign, held_out: Campaign, last: FitResult, predicted: Sequence[RunFit], options: Options,
+    training: Dataset, held_out: Dataset, last: FitResult, predicted: Sequence[RunFit], options: Options,
     context: SearchContext,
 ) -> PooledErrors | None:  # fmt: skip
     """The last model fitted to the held-out runs too, from where it is and where they are `predicted` to start.

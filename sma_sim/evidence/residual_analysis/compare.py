@@ -1,4 +1,4 @@
-"""The model beside a campaign: residuals of every run with the model's states at the same instants.
+"""The model beside a dataset: residuals of every run with the model's states at the same instants.
 
 Parameters stay as they are; only what is unknown about the recordings (delay, starts, sampled switching instants) is
 estimated. A residual is measured - model throughout.
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Campaign
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
 from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate, check
 from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
@@ -48,7 +48,7 @@ class ComparedRun:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All runs of a campaign beside one configuration; `runs` has the fitted ones first, then those held out."""
+    """All runs of a dataset beside one configuration; `runs` has the fitted ones first, then those held out."""
 
     label: str
     config: Config
@@ -66,51 +66,51 @@ class Comparison:
 
 
 def compare(
-    campaign: Campaign, config: Config, held: Campaign | None = None, label: str = '', nuisances: bool = True,
+    dataset: Dataset, config: Config, held: Dataset | None = None, label: str = '', nuisances: bool = True,
     executor: Executor | None = None,
 ) -> Comparison:  # fmt: skip
-    """Put a configuration as it is beside a campaign, and beside runs that are held out.
+    """Put a configuration as it is beside a dataset, and beside runs that are held out.
 
-    With `nuisances` the delay is estimated from the campaign and the start from each run; else there is no delay and
+    With `nuisances` the delay is estimated from the dataset and the start from each run; else there is no delay and
     runs start as the configuration says. Raises UserError for what cannot be compared.
     """
     options = Options(free=(), model=config.model, starts=1, intervals=False)
     if nuisances:
-        found = calibrate(campaign, config, options, executor)
+        found = calibrate(dataset, config, options, executor)
         predicted = held_out(config, held, found.delay, executor) if held is not None else ()
-        return comparison_of_runs(config, found.delay, (campaign, found.runs), (held, predicted), label)
-    check(campaign, config, options)
-    return comparison_of_runs(config, 0.0, (campaign, ()), (held, ()), label)
+        return comparison_of_runs(config, found.delay, (dataset, found.runs), (held, predicted), label)
+    check(dataset, config, options)
+    return comparison_of_runs(config, 0.0, (dataset, ()), (held, ()), label)
 
 
 def compared_calibration(
-    found: Calibration, campaign: Campaign, held: Campaign | None, predicted: Sequence[RunFit], label: str
+    found: Calibration, dataset: Dataset, held: Dataset | None, predicted: Sequence[RunFit], label: str
 ) -> Comparison:
-    """A fitted model beside the campaign that it was fitted to, and beside runs that are held out."""
+    """A fitted model beside the dataset that it was fitted to, and beside runs that are held out."""
     return comparison_of_runs(
-        found.config, found.delay, (campaign, found.runs), (held if predicted else None, predicted), label
+        found.config, found.delay, (dataset, found.runs), (held if predicted else None, predicted), label
     )
 
 
 def comparison_of_runs(
-    config: Config, delay: float, fitted: tuple[Campaign, Sequence[RunFit]],
-    held: tuple[Campaign | None, Sequence[RunFit]], label: str,
+    config: Config, delay: float, fitted: tuple[Dataset, Sequence[RunFit]],
+    held: tuple[Dataset | None, Sequence[RunFit]], label: str,
 ) -> Comparison:  # fmt: skip
     """Runs with their nuisances (those of the configuration where there are none) under one configuration."""
     runs = []
-    for (campaign, fits), is_held_out in ((fitted, False), (held, True)):
-        if campaign is None:
+    for (dataset, fits), is_held_out in ((fitted, False), (held, True)):
+        if dataset is None:
             continue
         known = {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}
-        compared_runs = [compared_run(campaign, k, config, known) for k in range(len(campaign.recordings))]
+        compared_runs = [compared_run(dataset, k, config, known) for k in range(len(dataset.recordings))]
         runs += [replace(run, held_out=is_held_out) for run in compared_runs]
     return Comparison(label, config, delay, tuple(runs))
 
 
-def compared_run(campaign: Campaign, k: int, config: Config, known: Mapping[str, Nuisance]) -> ComparedRun:
-    """The `k`-th recording of a campaign. Raises SimulationError when the model cannot be run."""
-    recording = campaign.recordings[k]
-    run = fit_data(recording, campaign.noise_std, floor=config.parameters['solver.rtol'])
+def compared_run(dataset: Dataset, k: int, config: Config, known: Mapping[str, Nuisance]) -> ComparedRun:
+    """The `k`-th recording of a dataset. Raises SimulationError when the model cannot be run."""
+    recording = dataset.recordings[k]
+    run = fit_data(recording, dataset.noise_std, floor=config.parameters['solver.rtol'])
     nuisance = known.get(recording.name, Nuisance())
     columns = model_columns(config, run, nuisance)
     return ComparedRun(
@@ -118,7 +118,7 @@ def compared_run(campaign: Campaign, k: int, config: Config, known: Mapping[str,
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
         predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
         noise={
-            name: float(1.0 / weight.max()) if weight.any() else campaign.noise_std[name]
+            name: float(1.0 / weight.max()) if weight.any() else dataset.noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
         states=with_derived_states(config, run.time, columns), nuisance=nuisance,

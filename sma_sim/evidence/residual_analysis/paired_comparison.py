@@ -1,4 +1,4 @@
-"""Two configurations beside the same campaign: which is nearer, and how certain that is."""
+"""Two configurations beside the same dataset: which is nearer, and how certain that is."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ErrorChange:
 
 
 def error_changes(first: Comparison, second: Comparison) -> tuple[ErrorChange, ...]:
-    """From the first to the second comparison of the same campaign, per channel, fitted and held-out runs apart.
+    """From the first to the second comparison of the same dataset, per channel, fitted and held-out runs apart.
 
     Blocks of the runs are drawn again, the same ones for both.
     """

@@ -163,6 +163,6 @@ def part_of_run(run: ComparedRun) -> Vector:
 
 
 def run_dimension(runs: Sequence[ComparedRun]) -> Dimension:
-    """By run, in the order of the campaign."""
+    """By run, in the order of the dataset."""
     names = tuple(run.name for run in runs)
     return Dimension('run', names, 'the run is {}', tuple(np.full(len(run.time), k) for k, run in enumerate(runs)))

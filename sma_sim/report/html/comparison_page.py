@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.homogeneity import Agreement
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
@@ -23,7 +23,7 @@ from sma_sim.report.html.where import where_section
 
 
 def comparison_sections(summary: Summary) -> list[Section]:
-    """What there is to see of one configuration beside a campaign."""
+    """What there is to see of one configuration beside a dataset."""
     comparison = summary.comparison
     return [
         summary_section(summary), where_section(summary), runs_section(summary), hysteresis_section(comparison),
@@ -32,7 +32,7 @@ def comparison_sections(summary: Summary) -> list[Section]:
 
 
 def write_fit_page(
-    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Campaign, Campaign | None],
+    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Dataset, Dataset | None],
     runs: Agreement | None = None,
 ) -> None:  # fmt: skip
     """The page of a fit; `before`: the values that it started from, `runs`: a wire run by run. Raises UserError."""
@@ -43,9 +43,9 @@ def write_fit_page(
 
 
 def write_compare_page(
-    path: Path, summaries: Sequence[Summary], pairs: Sequence[ErrorChange], data: tuple[Campaign, Campaign | None]
+    path: Path, summaries: Sequence[Summary], pairs: Sequence[ErrorChange], data: tuple[Dataset, Dataset | None]
 ) -> None:
-    """The page of one or two configurations beside a campaign. Raises UserError."""
+    """The page of one or two configurations beside a dataset. Raises UserError."""
     sections = [changes_section(summaries, pairs)] if pairs else []
     for summary in summaries:
         label = f' ({summary.comparison.label})' if len(summaries) > 1 else ''

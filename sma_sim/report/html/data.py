@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
 
 
-def data_section(fitted: Campaign, held: Campaign | None) -> Section:
+def data_section(fitted: Dataset, held: Dataset | None) -> Section:
     """Recordings, noise, notes."""
     rows = [
         (recording.name, kind, f'{len(recording.time)}', f'{recording.time[-1] - recording.time[0]:.1f} s',
          ', '.join(recording.channels), 'exact' if recording.exact_commands else 'sampled')
-        for campaign, kind in ((fitted, 'fitted'), (held, 'held out')) if campaign is not None
-        for recording in campaign.recordings
+        for dataset, kind in ((fitted, 'fitted'), (held, 'held out')) if dataset is not None
+        for recording in dataset.recordings
     ]  # fmt: skip
     noise = ', '.join(f'{channel} {in_display_unit(channel, std)}' for channel, std in fitted.noise_std.items())
     notes = grouped_notes([part for part in (fitted, held) if part is not None])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import Campaign
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.latent_input.results import InputFinding, Latent
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, ranking_rows, verdict_sentences
 from sma_sim.report.html.data import data_section
@@ -24,7 +24,7 @@ COLUMN_NOTES = (
 )
 
 
-def write_latent_page(path: Path, found: Latent, training: Campaign, held: Campaign | None) -> None:
+def write_latent_page(path: Path, found: Latent, training: Dataset, held: Dataset | None) -> None:
     """The page. Raises UserError."""
     sections = [missing_section(found), inputs_section(found), data_section(training, held)]
     write_page(path, f'Missing quantity: {quantity(found)}', sections)

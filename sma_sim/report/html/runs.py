@@ -45,7 +45,7 @@ def runs_section(summary: Summary) -> Section:
 
 
 def runs_to_show(summary: Summary) -> list[ComparedRun]:
-    """All runs, or those with the largest error over noise, in the order of the campaign."""
+    """All runs, or those with the largest error over noise, in the order of the dataset."""
     runs = summary.comparison.runs
     least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MOST_TABS][-1]
     return [run for run in runs if summary.run_error(run.name) >= least]

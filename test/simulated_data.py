@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sma_sim import Campaign, Config, Model, Recording, default_parameters, module_input, simulate
+from sma_sim import Config, Dataset, Model, Recording, default_parameters, module_input, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}
@@ -44,7 +44,7 @@ def recording(truth, source, rate=20.0, noise=0.0, delay=0.0, seed=0, channels=t
     return Recording(f'run{seed}', truth.system, times, measured, source)
 
 
-def campaign(truth, seeds, noise=0.0, **options):
+def dataset(truth, seeds, noise=0.0, **options):
     """Several such recordings."""
     runs = tuple(recording(truth, command(seed), noise=noise, seed=seed, **options) for seed in seeds)
-    return Campaign(runs, dict(NOISE))
+    return Dataset(runs, dict(NOISE))
