@@ -2,8 +2,10 @@
 
 import multiprocessing
 import random
+import re
 import shutil
 import time
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -19,6 +21,8 @@ from sma_sim.cli.main import main  # noqa: E402
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.evidence.data.tables import read_columns  # noqa: E402
+from sma_sim.model.errors import UserError  # noqa: E402
+from sma_sim.ros.bag_names import bag_path, record_of_side  # noqa: E402
 
 JOINTS = ((JointState, 'joint_states'),)
 KILLS = 3
@@ -111,8 +115,40 @@ def test_a_reset_begins_another_bag(tmp_path):
     assert first['time_s'][0] == second['time_s'][0] == 0.0
 
 
+def test_restarts_with_one_setting_make_a_bag_each(tmp_path):
+    """A name that ends in / is the folder of the bags; a reset makes another one, too."""
+    for _ in range(2):
+        with ros_client.Simulation('-p', f'node.record:={tmp_path}/runs/', topics=JOINTS) as one:
+            one.until(lambda: len(one.seen['joint_states']) > 5, ros_client.FIRST_MESSAGE)
+            reset = one.node.create_client(Trigger, '/sma_module_sim/reset')
+            one.until(reset.service_is_ready)
+            one.until(reset.call_async(Trigger.Request()).done)
+            code, log = one.stop()
+            assert code == 0, log
+    bags = sorted((tmp_path / 'runs').iterdir())
+    assert len(bags) == 4 and all(open_bag(bag).whole for bag in bags)
+    assert all(re.match(r'sma_sim_\d{4}_\d\d_\d\d-\d\d_\d\d_\d\d', bag.name) for bag in bags), bags
+
+
+def test_names_of_bags(tmp_path):
+    now = datetime(2026, 3, 5, 7, 8, 9)
+    automatic = bag_path(f'{tmp_path}/', now)
+    assert automatic == tmp_path / 'sma_sim_2026_03_05-07_08_09'
+    automatic.mkdir()
+    assert bag_path(f'{tmp_path}/', now) == tmp_path / 'sma_sim_2026_03_05-07_08_09_1'
+    assert bag_path(f'{tmp_path}/run_%Y%m%d_%H%M%S_50%%_50%_heat', now).name == 'run_20260305_070809_50%_50%_heat'
+    assert bag_path(f'{tmp_path}/run', now) == tmp_path / 'run'
+    (tmp_path / 'run').mkdir()
+    assert bag_path(f'{tmp_path}/run', now, after_reset=True) == tmp_path / 'run_1'
+    with pytest.raises(UserError, match='exists already .*/run/.*_%Y%m%d_%H%M%S'):
+        bag_path(f'{tmp_path}/run', now)
+    sides = [record_of_side(record, 'left') for record in ('', 'run1', 'runs/')]
+    assert sides == ['', 'run1_left', 'runs/left/']
+
+
 @pytest.mark.parametrize(
-    ('name', 'message'), [('taken', 'exists already'), ('a_file/bag', 'cannot make'), ('x' * 300, 'cannot make')]
+    ('name', 'message'),
+    [('taken', 'in that folder at each start'), ('a_file/bag', 'cannot make'), ('x' * 300, 'cannot make')],
 )
 def test_a_bag_that_cannot_be_made_stops_the_node(tmp_path, name, message):
     (tmp_path / 'taken').mkdir()

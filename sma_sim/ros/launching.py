@@ -15,6 +15,8 @@ from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from sma_sim.ros.bag_names import record_of_side
+
 PACKAGE = 'sma_sim'
 BOOLEANS = {'true': True, '1': True, 'false': False, '0': False}
 ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
@@ -23,7 +25,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'model': ('', 'hybrid or mas; empty: as in params_file'),
     'system': ('', 'what is simulated; empty: as in params_file'),
     'effects': ('', 'active effects, separated by commas; empty: as in params_file, none: no effects'),
-    'record': ('', 'bag that the node writes; empty: none'),
+    'record': ('', 'bag that the node writes; NAME/: a new one in this folder; empty: none'),
     'use_sim_time': ('false', 'follow /clock'),
     'log_level': ('info', 'debug, info, warn, error or fatal'),
     'rviz': ('false', 'start RViz with a picture of the module'),
@@ -125,7 +127,7 @@ def module_actions(given: ModuleArguments) -> list[Action]:
 def two_modules(given: ModuleArguments) -> list[Action]:
     """The same twice, in the namespaces left and right; a bag of each."""
     sides = [
-        replace(given, namespace=f'{given.namespace}/{side}'.lstrip('/'), record=given.record and f'{given.record}_{side}')
+        replace(given, namespace=f'{given.namespace}/{side}'.lstrip('/'), record=record_of_side(given.record, side))
         for side in ('left', 'right')
     ]
     return [action for side in sides for action in module_actions(side)]

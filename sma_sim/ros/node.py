@@ -7,7 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Mapping
-from pathlib import Path
+from datetime import datetime
 
 import numpy as np
 from rclpy.node import Node
@@ -19,6 +19,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import beam_constants
 from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
+from sma_sim.ros.bag_names import bag_path
 from sma_sim.ros.command import TURNED_OFF, WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
 from sma_sim.ros.entry import model_description
@@ -140,11 +141,7 @@ class ModuleSimulation:
         name = str(self._config.settings['node.record'])
         if not name:
             return
-        path = Path(name).expanduser().absolute()
-        again = 0
-        while self._publishers.recorder is not None and path.exists():  # after a reset, beside the bags before it
-            again += 1
-            path = path.with_name(f'{Path(name).name}_{again}')
+        path = bag_path(name, datetime.now(), after_reset=self._publishers.recorder is not None)
         about = {
             'epoch': str(self._log_epoch),
             'integration_rate': repr(self._rate),
