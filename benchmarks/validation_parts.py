@@ -13,6 +13,7 @@ from equations import table as equation_rows
 from invariance import table as invariance_rows
 from latent import table as latent_table
 from nitinol import rows as wire_rows
+from other_forms import table as other_form_rows
 from scipy.stats import kstest
 
 LEVELS = (0.01, 0.05, 0.1, 0.5)  # of p-values
@@ -210,6 +211,10 @@ PARTS = (
     Part('equations', 'Equations', 60, cases('equations', '--no-known-effects', '--seeds', '41'),
          'Effects that the library does not have, pose recorded, without the search among known effects.',
          joined(equation_rows), True),
+    Part('other_forms', 'Listed effects in other forms', 60, cases('other_forms'),
+         'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
+         'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
+         joined(other_form_rows), True),
     Part('latent', 'Latent inputs', 40, cases('latent', '--seeds', '311', '--channels', 'pose'),
          'The port that is named, and the error over noise without and with it (`left`).', latent_table, True),
     Part('designs', 'Designed experiments', 40, cases('designs'),

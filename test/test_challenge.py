@@ -1,5 +1,8 @@
 """Challenges: what a seed hides, and that truths are true."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bare_module import BareModule
@@ -12,7 +15,7 @@ from sma_sim.challenge.draw import (
     UNCERTAIN_PARAMETERS,
     draw_random_command,
 )
-from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.challenge.make import RecordingPlan, challenge_with, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, REST_DURATION, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
@@ -20,6 +23,9 @@ from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.inputs import Input, module_input
 from sma_sim.solver.simulate import Model
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
+from other_form_truths import FORMS  # noqa: E402
 
 LIBRARY = (
     'gravity', 'beam_creep', 'beam_nonlinearity', 'joint_friction', 'natural_convection', 'radiation',
@@ -262,3 +268,21 @@ def test_commands_are_commands(seed):
     command = draw_random_command(100.0, 298.0, np.random.default_rng(seed))
     assert command.times[0] == 0.0 and command.times[-1] == 100.0 and np.abs(command.values[:, 0]).max() <= 15.0
     assert 6 <= len(command.times) <= 16
+
+
+@pytest.mark.parametrize('name', ['hinge_creep', 'shared_air', 'wire_2_deadband'])
+def test_a_form_that_is_not_among_the_truths_can_be_hidden(name):
+    found = challenge_with((FORMS[name].truth,), 51, True, SHORT)
+    (hidden,) = found.answer.effects
+    assert hidden.name == f'form_{name}' and hidden.name not in truths()
+    assert hidden.influence['all'] > 1.0
+
+
+def test_forms_are_those_of_listed_effects():
+    assert {form.effect for form in FORMS.values()} - {''} <= set(LIBRARY)
+
+
+def test_a_challenge_with_a_named_truth_is_that_of_its_kind():
+    one = challenge_with((truths()['truth_gravity'],), 5, True, SHORT)
+    other = make_challenge(5, kinds=['gravity'], forces=True, plan=SHORT)
+    assert np.array_equal(one.campaign.recordings[0].channels['alpha'], other.campaign.recordings[0].channels['alpha'])

@@ -63,6 +63,14 @@ def make_challenge(
     """
     check_request(seed, plan)
     chosen = draw_truths(np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, kinds)
+    return challenge_with(chosen, seed, forces, plan)
+
+
+def challenge_with(
+    chosen: Sequence[Truth], seed: int, forces: bool = False, plan: RecordingPlan = DEFAULT_PLAN
+) -> Challenge:
+    """The challenge of a seed that hides these effects, which need not be those of the package. Raises UserError."""
+    check_request(seed, plan)
     nominal = nominal_for(chosen)
     for attempt in range(MAX_ATTEMPTS):
         streams = {
