@@ -38,6 +38,7 @@ def test_known_parameters_come_back(fitted):
     for name, value in TRUE.items():
         assert parameters[name]['value'] == pytest.approx(value, rel=5e-3)
         assert parameters[name]['low'] < value < parameters[name]['high']
+    assert fitted[1]['implausible'] == []
     assert 0.9 < fitted[1]['error']['train'] < 1.1
     assert 0.9 < fitted[1]['error']['held_out'] < 1.1
 

@@ -7,6 +7,7 @@ import pytest
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.effects.discovery import find_effects
@@ -25,6 +26,7 @@ def interval(name, value, low, high):
 
 CALIBRATION = SimpleNamespace(
     values={name: numbers[0] for name, numbers in KNOWN.items()},
+    implausible=(),
     uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
 )
 
@@ -83,6 +85,22 @@ def test_nothing_missing():
     found = diagnosis('none', errors=(1.0,))
     assert headline(found) == 'Nothing is missing that these data could show.' and list(remarks(found)) == []
     assert short_title(found) == 'nothing is missing'
+
+
+def test_nothing_missing_but_implausible_parameters():
+    bent = ImplausibleParameter('wire.lambda', 751.0, 450.0, 302.0, 671.0, 'W/(m^2 K)', 'nominal')
+    last = stage((), 1.0, 'nominal')
+    last.calibration = SimpleNamespace(**vars(CALIBRATION) | {'implausible': (bent,)})
+    found = diagnosis('none', stages=(last,), implausible=(bent,))
+    assert headline(found) == 'No known effect explains more, and yet something is probably missing.'
+    assert short_title(found) == 'nothing found, but implausible parameters'
+    assert any('wire.lambda 751 instead of 450 W/(m^2 K)' in line and 'probably missing' in line for line in remarks(found))
+
+
+def test_what_the_nominal_fit_bent_is_evidence_for_what_was_found():
+    bent = ImplausibleParameter('wire.E_M', 2e10, 7.8e9, 0.0, 1e10, 'Pa', 'order')
+    said = list(remarks(diagnosis('missing_effect', candidate('gravity'), implausible=(bent,))))
+    assert any('wire.E_M 2e+10 Pa above wire.E_A 1e+10 Pa' in line and 'without further effects' in line for line in said)
 
 
 def test_an_effect_that_the_model_had_is_not_said_to_be_missing():

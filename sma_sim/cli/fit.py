@@ -28,6 +28,7 @@ from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrat
 from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
+from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.model.parameter_file import parameter_file
@@ -156,6 +157,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks = [f'these data cannot tell: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
     remarks += [f'{parameter.name} was held: {parameter.reason}' for parameter in found.held]
+    remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     other = [start for start in found.other_starts if not start.same]
     if other:
         remarks.append(f'{len(other)} of {len(found.other_starts) + 1} starts led elsewhere, to higher cost: see --json')
@@ -192,6 +194,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         ] if uncertainty else None,
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
+        'implausible': [implausible_data(parameter) for parameter in found.implausible],
         'held': {parameter.name: parameter.reason for parameter in found.held},
         'other_starts': [
             {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts

@@ -23,6 +23,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
@@ -45,7 +46,8 @@ class Diagnosis:
     `effects` does not name. `selection_steps` and `elimination_steps`: what was tried, in order. `held_out_ratio`: by effect
     of the first selection step, held-out error with over without. `confounding`: by accepted effect, why others cannot be
     told apart. `pooled_errors`: how well one model explains fitted and held-out runs, where the one fitted to the former
-    misses the latter. `taken_back`: effects that were accepted, but hardly help to predict the held-out runs.
+    misses the latter. `taken_back`: effects that were accepted, but hardly help to predict the held-out runs. `implausible`:
+    parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
     """
 
     verdict: str
@@ -63,6 +65,7 @@ class Diagnosis:
     proposal: Proposal | None = None
     pooled_errors: PooledErrors | None = None
     taken_back: tuple[str, ...] = ()
+    implausible: tuple[ImplausibleParameter, ...] = ()
 
     @property
     def calibration(self) -> Calibration:
@@ -185,6 +188,7 @@ def searched(data: StageData, config: Config, request: DiagnosisRequest, context
         noise_std=dict(data.training.noise_std), interrupted=False, seconds=0.0, proposal=end.proposal,
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
+        implausible=() if context.stop.is_set() else implausible_in(nominal, context),
     )  # fmt: skip
 
 

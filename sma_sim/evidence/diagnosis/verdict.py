@@ -12,6 +12,7 @@ from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
+from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
 
@@ -35,6 +36,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
             if isinstance(value, float) and math.isfinite(value)
         },
         'intervals': intervals_of(diagnosis),
+        'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
+        'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
         'training': diagnosis.training,
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,

@@ -9,12 +9,15 @@ from dataclasses import asdict
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import number, proposed_text
+from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.parameters import Parameter
 
 NOTHING_MISSING = 'Nothing is missing that these data could show.'
+NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
+BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 ONLY_HELD_OUT = (
     'The fitted runs are explained; what is missing shows only in the held-out runs: fit those too, and hold out others.'
@@ -50,7 +53,8 @@ def short_title(diagnosis: Diagnosis) -> str:
         return 'stopped early'
     if diagnosis.verdict == 'unknown_effect':
         return 'an unknown effect'
-    return joined_words(missing_phrases(diagnosis)) or 'nothing is missing'
+    nothing = 'nothing found, but implausible parameters' if diagnosis.calibration.implausible else 'nothing is missing'
+    return joined_words(missing_phrases(diagnosis)) or nothing
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -62,7 +66,9 @@ def headline(diagnosis: Diagnosis) -> str:
         return f'Stopped before the search was complete. {more}.'
     if diagnosis.verdict == 'unknown_effect':
         return unknown_words(diagnosis, phrases)
-    return f'{lacks}{missing_words(diagnosis, phrases)}.' if phrases else NOTHING_MISSING
+    if phrases:
+        return f'{lacks}{missing_words(diagnosis, phrases)}.'
+    return NOTHING_FOUND if diagnosis.calibration.implausible else NOTHING_MISSING
 
 
 def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
@@ -108,6 +114,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     for candidate in accepted_fits(diagnosis):
         yield from parameter_lines(candidate, diagnosis)
     yield from removed_lines(diagnosis)
+    yield from implausible_lines(diagnosis)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         yield from left_lines(diagnosis)
     elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained:
@@ -118,6 +125,14 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """Parameters that left their plausible range: in the last fit, else in the nominal one."""
+    if diagnosis.calibration.implausible:
+        yield implausible_sentence(diagnosis.calibration.implausible)
+    elif diagnosis.implausible and len(diagnosis.stages) > 1:
+        yield BENT_NOMINAL.format(parameters=', '.join(parameter.text for parameter in diagnosis.implausible))
 
 
 def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:

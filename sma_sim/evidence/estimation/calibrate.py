@@ -23,6 +23,7 @@ from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, Held, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
@@ -79,7 +80,8 @@ class Calibration:
     """A fit as it is reported; SI units. `config` runs as it is. `cost`: half the sum of squares, prior included.
 
     `channels` and `error`: RMSE over noise by channel, over all runs, and sqrt(mean of its square);
-    `cross_validation`: that error on runs left out in turn, by model.
+    `cross_validation`: that error on runs left out in turn, by model; `implausible`: what left its plausible range, where
+    intervals are known.
     """
 
     config: Config
@@ -99,6 +101,7 @@ class Calibration:
     other_starts: tuple[OtherStart, ...]
     uncertainty: Uncertainty | None
     seconds: float
+    implausible: tuple[ImplausibleParameter, ...] = ()
 
 
 def calibrate(
@@ -269,8 +272,15 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: Options, contex
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
         held=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
-        seconds=time.perf_counter() - t_start,
+        seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known),
     )  # fmt: skip
+
+
+def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
+    """What left its plausible range by more than it is uncertain; nothing where that is not known."""
+    if known is None:
+        return ()
+    return implausible_parameters(fit.config, fit.problem.free, fit.z, reported_covariance(fit.problem.free, known))
 
 
 def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:

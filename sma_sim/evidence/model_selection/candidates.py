@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
+from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
@@ -94,14 +95,6 @@ def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float])
         values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters
     )  # fmt: skip
     return replace(config, effects=(*config.effects, ActiveEffect(found, at)))
-
-
-def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
-    """The realistic range of a parameter, with its neutral value: a strength of several may be nothing."""
-    if parameter.realistic is None or parameter.neutral is None:
-        return parameter.realistic
-    low, high = parameter.realistic
-    return min(low, parameter.neutral), max(high, parameter.neutral)
 
 
 def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
+from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import Problem
-from sma_sim.evidence.model_selection.candidates import is_plausible, realistic_range
+from sma_sim.evidence.model_selection.candidates import is_plausible
 from sma_sim.model.effects.discovery import FoundEffect
 
 Vector = NDArray[np.float64]

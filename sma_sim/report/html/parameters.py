@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.figures import log_axis, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
@@ -106,6 +107,7 @@ def fit_remarks(found: Calibration) -> list[str]:
     """What a person must know of a fit beside its numbers."""
     words = list(found.uncertainty.unseen) if found.uncertainty else []
     words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]
+    words += [implausible_sentence(found.implausible)] if found.implausible else []
     words += [f'{parameter.name} was held: {parameter.reason}' for parameter in found.held]
     for start in found.other_starts:
         if not start.same:

@@ -1,0 +1,153 @@
+"""Which fitted parameters left their plausible range: a model that lacks something bends its parameters to make up for it.
+
+Plausible is the realistic range of an effect's parameter, and for all others what lies within MAX_PRIOR_STDS standard
+deviations of the prior around the nominal value (a factor of 1.5 for most). What data hardly determine may lie anywhere, so
+that a parameter counts only if its whole 95 % interval is outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import log, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
+from sma_sim.evidence.estimation.levenberg_marquardt import normal_parts
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
+from sma_sim.model.config import Config
+from sma_sim.model.parameters import Parameter
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+MAX_PRIOR_STDS = 0.8  # from nominal: robots of one design differ by less, and bent fits go further
+RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
+STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of NiTi
+
+
+@dataclass(frozen=True)
+class ImplausibleParameter:
+    """A fitted value outside its plausible range `low` to `high` (SI), and what is wrong with it.
+
+    `reason`: beyond its `realistic` range, too far from the `nominal` value, or moduli in the wrong `order`.
+    """
+
+    name: str
+    value: float
+    nominal: float
+    low: float
+    high: float
+    unit: str
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        unit = '' if self.unit == '-' else f' {self.unit}'
+        if self.reason == 'order':
+            return f'{SOFTER} {self.value:.4g}{unit} above {STIFFER} {self.high:.4g}{unit}'
+        if self.reason == 'realistic':
+            return f'{self.name} {self.value:.4g}{unit} (realistic: {self.low:.4g} to {self.high:.4g})'
+        return f'{self.name} {self.value:.4g} instead of {self.nominal:.4g}{unit}'
+
+
+def implausible_parameters(
+    config: Config, free: Sequence[FreeParameter], z: Vector, covariance: Matrix
+) -> tuple[ImplausibleParameter, ...]:
+    """The free parameters (p) that lie outside their plausible range at z (n >= p,), given their covariance (p, p) in z.
+
+    `config` has the fitted values.
+    """
+    declared, found = declared_parameters(config), list[ImplausibleParameter]()
+    for parameter, at, variance in zip(free, z[: len(free)].tolist(), np.diag(covariance).tolist(), strict=True):
+        low, high, reason = plausible_range(parameter, declared[parameter.name])
+        reach = GAUSS_95 * sqrt(variance)
+        if at - reach > high or at + reach < low:
+            value, ends = parameter.value(at), (parameter.value(low), parameter.value(high))
+            found.append(ImplausibleParameter(parameter.name, value, parameter.center, *ends, parameter.unit, reason))
+    return (*found, *moduli_out_of_order(config, free, covariance))
+
+
+def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
+    """The realistic range of a parameter, with its neutral value: a strength of several may be nothing."""
+    if parameter.realistic is None or parameter.neutral is None:
+        return parameter.realistic
+    low, high = parameter.realistic
+    return min(low, parameter.neutral), max(high, parameter.neutral)
+
+
+def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[float, float, str]:
+    """Between which coordinates a parameter is plausible, and by what (`reason` of an `ImplausibleParameter`)."""
+    between = realistic_range(declared)
+    if between is None:
+        return -MAX_PRIOR_STDS, MAX_PRIOR_STDS, 'nominal'
+    tolerance = RANGE_TOLERANCE * (between[1] - between[0])
+    low, high = between[0] - tolerance, between[1] + tolerance
+    return (
+        parameter.coordinate(low) if low > 0.0 or not parameter.log else parameter.low,
+        parameter.coordinate(high),
+        'realistic',
+    )
+
+
+def moduli_out_of_order(
+    config: Config, free: Sequence[FreeParameter], covariance: Matrix
+) -> tuple[ImplausibleParameter, ...]:
+    """The modulus of martensite where it was fitted above that of austenite by more than both are uncertain."""
+    by_name = {parameter.name: (k, parameter) for k, parameter in enumerate(free)}
+    E_A, E_M = config.parameters[STIFFER], config.parameters[SOFTER]
+    if SOFTER not in by_name or E_M <= E_A:
+        return ()
+    row = np.zeros(len(free))
+    for name, sign in ((SOFTER, 1.0), (STIFFER, -1.0)):
+        if name in by_name:
+            k, parameter = by_name[name]
+            row[k] = sign * parameter.scale
+    if log(E_M / E_A) <= GAUSS_95 * sqrt(row @ covariance @ row):
+        return ()
+    _, softer = by_name[SOFTER]
+    return (ImplausibleParameter(SOFTER, E_M, softer.center, 0.0, E_A, softer.unit, 'order'),)
+
+
+def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
+    """What it means that parameters left their plausible range."""
+    return (
+        f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
+        'something, or its nominal values are not those of this robot.'
+    )
+
+
+def implausible_data(parameter: ImplausibleParameter) -> dict[str, Any]:
+    """One of them for programs (SI)."""
+    return asdict(parameter) | {'text': parameter.text}
+
+
+def reported_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> Matrix:
+    """The covariance (p, p) in z behind the intervals of a fit; infinite for what the data do not see."""
+    std = np.array([
+        interval.std / parameter.scale if interval.seen else BOUND_STDS * 1e3
+        for interval, parameter in zip(known.intervals, free, strict=True)
+    ])  # fmt: skip
+    correlation = np.reshape(known.correlation, (len(std), len(std)))
+    found: Matrix = correlation * np.outer(std, std)
+    return found
+
+
+def approximate_covariance(fit: FitResult, context: SearchContext) -> Matrix:
+    """The covariance (p, p) in z by one-sided differences, wider by what the fit leaves over the noise."""
+    p, hessian = len(fit.problem.free), np.eye(len(fit.z))
+    hessian[:p, :p] *= BOUND_STDS**-2.0
+    for part in normal_parts(fit.problem, fit.z, context.pool):
+        hessian[np.ix_(part.indices, part.indices)] += part.hessian
+    covariance: Matrix = np.asarray(np.linalg.inv(hessian), dtype=np.float64)[:p, :p]
+    return max(1.0, fit.error) ** 2 * covariance
+
+
+def implausible_in(fit: FitResult, context: SearchContext) -> tuple[ImplausibleParameter, ...]:
+    """The parameters of a fit without intervals that left their plausible range. Raises SimulationError."""
+    return implausible_parameters(fit.config, fit.problem.free, fit.z, approximate_covariance(fit, context))
