@@ -125,10 +125,11 @@ def test_cut_off_anywhere(unfinished, tmp_path_factory, part, noise, with_metada
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
-from sma_sim.ros.recorder import Recorder
+from sma_sim.ros.recorder import RecordedTopic, Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
 told = []
-one = Recorder(Path(sys.argv[1]), [('/J_eq', 'std_msgs/msg/Float64')], {'epoch': '0'}, 0.0, 0.0, told.append)
+topics = [RecordedTopic('/J_eq', 'std_msgs/msg/Float64', {})]
+one = Recorder(Path(sys.argv[1]), topics, {'epoch': '0'}, 0.0, 0.0, told.append)
 import os, time
 for k in range(20_000):
     one.write(0, k * 10**6, bytes(4) + os.urandom(8))

@@ -26,6 +26,16 @@ from sma_sim.ros.bag_names import bag_path, record_of_side  # noqa: E402
 
 JOINTS = ((JointState, 'joint_states'),)
 KILLS = 3
+CHANGES = {'/J_eq_applied', '/T_E_applied'}
+
+
+def kept_for_late_subscribers(reader):
+    """The topics that a bag offers as transient local; all have one reliable profile of limited depth."""
+    profiles = {connection.topic: connection.ext.offered_qos_profiles for connection in reader.connections}
+    for topic, (profile,) in profiles.items():
+        assert (profile.reliability.name, profile.history.name) == ('RELIABLE', 'KEEP_LAST'), topic
+        assert profile.deadline.sec == profile.lifespan.sec == 9223372036  # never
+    return {topic for topic, (profile,) in profiles.items() if profile.durability.name == 'TRANSIENT_LOCAL'}
 
 
 def burn(stop):
@@ -74,6 +84,7 @@ def test_replays_bit_for_bit_under_load(tmp_path, rates):
             assert np.array_equal(values[whole], again[name]), name
     with Reader(tmp_path / 'bag') as reader:
         assert {'/joint_states', '/J_eq_applied', '/wire_modes', '/markers'} <= set(reader.topics)
+        assert kept_for_late_subscribers(reader) == CHANGES
 
 
 def test_killed_while_recording(tmp_path):
@@ -95,6 +106,7 @@ def test_killed_while_recording(tmp_path):
         count = repair(bag, tmp_path / f'fixed{number}')
         with Reader(tmp_path / f'fixed{number}') as reader:
             assert reader.message_count == count
+            assert kept_for_late_subscribers(reader) == CHANGES
 
 
 def test_a_reset_begins_another_bag(tmp_path):

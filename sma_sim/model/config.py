@@ -21,6 +21,8 @@ CHOICES = {'system': ('module', 'wire'), 'model': ('hybrid', 'mas')}
 EFFECT_LISTS = ('effects.active', 'effects.paths')
 SWITCH_WORDS = {'true': True, 'false': False}
 COMMAND_LINE = 'on the command line'
+QOS_OVERRIDES = 'qos_overrides.'
+OF_ROS = ('use_sim_time', 'start_type_description_service')  # every node has them; they say nothing of a model
 
 
 class ConfigError(UserError):
@@ -143,11 +145,17 @@ def read_config(
     return checked(given)
 
 
+def belongs_to_ros(name: str) -> bool:
+    """Whether a parameter is one of the node as such, which `ros2 param dump` writes too."""
+    return name in OF_ROS or name.startswith(QOS_OVERRIDES)
+
+
 def given_values(path: Path | None, words: Iterable[str]) -> dict[str, Given]:
     """What a YAML file and ``name=value`` words say, by full name."""
     given: dict[str, Given] = {}
     if path is not None:
-        given |= {name: Given(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path)).items()}
+        values = {name: value for name, value in flatten(read_yaml(path)).items() if not belongs_to_ros(name)}
+        given |= {name: Given(value, f'in {path}', path.parent) for name, value in values.items()}
     for word in words:
         name, equals, text = word.partition('=')
         if not equals:

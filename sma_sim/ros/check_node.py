@@ -22,6 +22,7 @@ from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
+from sma_sim.ros.qos import LAST_FEW, make_publisher
 from sma_sim.ros.robot_subscriptions import ROBOT_TOPICS, RobotSubscriptions, Sample
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import Y_RATE, Y_SENSED, Y_TAU
@@ -57,7 +58,7 @@ class ModelCheck:
         self._reset_requested = threading.Event()
         self._heated: set[float] = set()  # signs of the commands since the model started
         self._forget_verdict()
-        self._topics = {name: node.create_publisher(kind, name, 10) for name, kind in OUTPUT_TOPICS.items()}
+        self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in OUTPUT_TOPICS.items()}
         self._diagnostics = Diagnostics(node, 'robot beside the model')
         self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
         self._robot = RobotSubscriptions(node, config)

@@ -139,18 +139,28 @@ def compile_first(name: str) -> None:
     compile_fixed_rate()
 
 
+def configured_runner(node: Any, make: Maker) -> tuple[Runner, Mapping[str, float]]:
+    """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
+    from sma_sim.ros.parameters import configure, params_file
+    from sma_sim.ros.qos import take_overrides, warn_of_unused
+
+    config, settings = configure(node)
+    overrides = take_overrides(node, params_file()[0])
+    runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
+    warn_of_unused(node, overrides)
+    return runner, settings
+
+
 def serve_node(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
-    from sma_sim.ros.parameters import configure
     from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
-    config, settings = configure(node)
-    runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
+    runner, settings = configured_runner(node, make)
     working.set()
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -26,6 +26,7 @@ from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.publishers import Publishers
+from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recorder import Recorder
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule
@@ -70,7 +71,7 @@ class ModuleSimulation:
         self._control, self._diagnostics = Control(node), Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
-            node.create_subscription(kind, topic, receive, 10)
+            make_subscription(node, kind, topic, receive, LAST_FEW)
         owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
         self._graph_check = GraphCheck(node, owned, INPUT_TOPICS, command='J_eq')
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)

@@ -12,14 +12,22 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sma_sim.model.config import CHOICES, EFFECT_LISTS, Config, ConfigError, Given, checked, effect_folders
+from sma_sim.model.config import (
+    CHOICES,
+    EFFECT_LISTS,
+    Config,
+    ConfigError,
+    Given,
+    belongs_to_ros,
+    checked,
+    effect_folders,
+)
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.ros.command import ENVIRONMENT
 
 LIVE = (ENVIRONMENT,)
-OF_ROS = ('use_sim_time', 'start_type_description_service')
 LIST_DESCRIPTIONS = {
     'effects.active': 'names of the active effects',
     'effects.paths': "folders of the user's own effects; relative ones start at the parameter file",
@@ -32,7 +40,7 @@ def given_to(node: Node) -> dict[str, Given]:
     source, folder = params_file()
     given = {}
     for name, parameter in node.get_parameters_by_prefix('').items():
-        if name not in OF_ROS and not name.startswith('qos_overrides.'):
+        if not belongs_to_ros(name):
             value = parameter.value
             given[name] = Given(list(value) if hasattr(value, 'tolist') else value, source, folder)
     return given

@@ -7,7 +7,6 @@ from typing import Any
 
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Temperature
@@ -18,9 +17,9 @@ from sma_sim.model.parameters import BeamConstants
 from sma_sim.ros import messages
 from sma_sim.ros.graph_check import type_name
 from sma_sim.ros.markers import frame_of, markers
-from sma_sim.ros.recorder import Recorder
+from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
+from sma_sim.ros.recorder import RecordedTopic, Recorder
 
-LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SAMPLE_TOPICS: Mapping[str, Any] = {
     'joint_states': JointState,
     'wire_states': JointState,
@@ -35,6 +34,11 @@ CHANGE_TOPICS: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Floa
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
 
 
+def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
+    """What a bag says of a topic that is published."""
+    return RecordedTopic(publisher.topic_name, type_name(kind), as_metadata(publisher.qos_profile))
+
+
 class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
@@ -42,11 +46,12 @@ class Publishers:
         self._beam, self._h, self._frame = beam, h, frame_of(node.get_namespace())
         kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
         self._publishers = {
-            name: node.create_publisher(kind, name, LATEST if name in CHANGE_TOPICS else 10) for name, kind in kinds.items()
+            name: make_publisher(node, kind, name, LATEST if name in CHANGE_TOPICS else LAST_FEW)
+            for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
-        self.recorded = [(self._publishers[name].topic_name, type_name(kind)) for name, kind in kinds.items()]
-        self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
+        self.recorded = [recorded_topic(self._publishers[name], kind) for name, kind in kinds.items()]
+        self._clock = make_publisher(node, Clock, '/clock', LAST_FEW) if clock else None
         self.recorder: Recorder | None = None
 
     def send(self, name: str, log_time: int, message: Any) -> None:

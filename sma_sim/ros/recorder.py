@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import missing
@@ -16,15 +17,23 @@ MAX_QUEUED_FOR_DISK = 500_000  # messages that may wait for a slow disk
 MEGABYTE = 10**6
 
 
+class RecordedTopic(NamedTuple):
+    """A topic, its message type, and the quality of service that its publisher offers, as rosbag2's metadata have it."""
+
+    name: str
+    kind: str
+    qos: Mapping[str, Any]
+
+
 class Recorder:
-    """Records messages of `topics` (name, message type). Raises UserError where the bag cannot be made.
+    """Records messages of `topics`. Raises UserError where the bag cannot be made.
 
     When the disk fails, the bag is left as it is, `failed` holds the reason, `on_failure` is called with a message once, and
     nothing more is recorded.
     """
 
     def __init__(
-        self, path: Path, topics: Sequence[tuple[str, str]], about: Mapping[str, str], most_megabytes: float,
+        self, path: Path, topics: Sequence[RecordedTopic], about: Mapping[str, str], most_megabytes: float,
         longest: float, on_failure: Callable[[str], object],
     ) -> None:  # fmt: skip
         try:  # only here, so that a node that records nothing needs neither rosbags nor mcap
@@ -33,8 +42,8 @@ class Recorder:
             raise missing(error, f'node.record = {path}: a bag') from error
         try:
             self._bag = BagWriter(path, about, round(most_megabytes * MEGABYTE), round(longest * 1e9))
-            for name, kind in topics:
-                self._bag.add(name, kind)
+            for topic in topics:
+                self._bag.add(topic.name, topic.kind, qos=[topic.qos])
         except OSError as error:
             raise UserError(f'node.record = {path}: cannot write the bag: {error.strerror}') from error
         self.path, self.failed, self._on_failure = path, '', on_failure

@@ -9,13 +9,14 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Header, String
 
 from sma_sim.model.structures.links import LinkTree, Transform, fixed_transforms, moving_transforms
+from sma_sim.ros.qos import LATEST, make_publisher
 from sma_sim.ros.urdf import urdf_of
 
-KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MOVING = QoSProfile(depth=100)  # as tf2 has it
 NO_TF = (
     'no /tf: the package tf2_msgs is not installed (apt install ros-$ROS_DISTRO-tf2-msgs); '
     'robot_state_publisher can make it from robot_description and joint_states'
@@ -43,7 +44,7 @@ class RobotFrames:
 
     def __init__(self, node: Node, tree: LinkTree) -> None:
         self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
-        description = node.create_publisher(String, 'robot_description', KEPT)
+        description = make_publisher(node, String, 'robot_description', LATEST)
         description.publish(String(data=urdf_of(tree, self._prefix)))
         self._kind: Any = None
         try:
@@ -51,8 +52,8 @@ class RobotFrames:
         except ImportError:
             node.get_logger().info(NO_TF)
             return
-        self._moving = node.create_publisher(self._kind, '/tf', 100)
-        self._fixed = node.create_publisher(self._kind, '/tf_static', KEPT)
+        self._moving = make_publisher(node, self._kind, '/tf', MOVING)
+        self._fixed = make_publisher(node, self._kind, '/tf_static', LATEST)
         self._fixed.publish(self._message(fixed_transforms(tree), node.get_clock().now().to_msg()))
 
     def send(self, stamp: Time, coordinates: Mapping[str, float]) -> None:

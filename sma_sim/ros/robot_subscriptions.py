@@ -28,7 +28,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.messages import JOINT_NAMES, WIRE_NAMES
-from sma_sim.ros.publishers import LATEST
+from sma_sim.ros.qos import LATEST
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]

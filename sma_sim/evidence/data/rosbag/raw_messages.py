@@ -26,13 +26,14 @@ PARSING_ERRORS = (McapError, ValueError, EOFError, MemoryError, RuntimeError, Lo
 
 
 class RawMessage(NamedTuple):
-    """A serialized message and its log time [ns]; `definition` of its type where the file tells it."""
+    """A serialized message and its log time [ns]; `definition` of its type and profiles (YAML) where the file tells them."""
 
     topic: str
     kind: str
     log_time: int
     cdr: bytes
     definition: str = ''
+    qos: str = ''
 
 
 @dataclass(frozen=True)
@@ -126,16 +127,17 @@ def mcap_records(file: Path) -> Iterator[Any]:
 def salvaged_mcap(file: Path) -> Iterator[RawMessage]:
     """Messages of an mcap file up to where it breaks off."""
     schemas: dict[int, Schema] = {}
-    channels: dict[int, tuple[str, str, str]] = {}
+    channels: dict[int, tuple[str, str, str, str]] = {}
     for record in mcap_records(file):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel) and record.schema_id in schemas:
             schema = schemas[record.schema_id]
-            channels[record.id] = record.topic, schema.name, schema.data.decode()
+            qos = record.metadata.get('offered_qos_profiles', '')
+            channels[record.id] = record.topic, schema.name, schema.data.decode(), qos
         elif isinstance(record, Message) and record.channel_id in channels:
-            topic, kind, definition = channels[record.channel_id]
-            yield RawMessage(topic, kind, record.log_time, record.data, definition)
+            topic, kind, definition, qos = channels[record.channel_id]
+            yield RawMessage(topic, kind, record.log_time, record.data, definition, qos)
 
 
 def salvaged_sqlite(file: Path) -> Iterator[RawMessage]:
@@ -173,6 +175,18 @@ def provenance_of(path: Path) -> dict[str, str]:
     return {}
 
 
+def profiles_in(text: str) -> list[dict[str, Any]]:
+    """Profiles of quality of service as a recorder wrote them; none where they are not in the form of today's rosbag2."""
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    whole = isinstance(profiles, list) and all(
+        isinstance(profile, dict) and isinstance(profile.get('durability'), str) for profile in profiles
+    )
+    return profiles if whole else []  # older ones hold numbers in place of words
+
+
 def repair(path: Path, out: Path) -> int:
     """Write what can be read of a bag as a whole new one; the number of its messages. Raises UserError."""
     bag = open_bag(path)
@@ -185,7 +199,8 @@ def repair(path: Path, out: Path) -> int:
     try:
         for message in chain((first,), messages):
             if message.topic not in numbers:
-                numbers[message.topic] = writer.add(message.topic, message.kind, message.definition)
+                profiles = profiles_in(message.qos)
+                numbers[message.topic] = writer.add(message.topic, message.kind, message.definition, profiles)
             writer.write(numbers[message.topic], message.log_time, message.cdr)
         writer.close()
     except OSError as error:

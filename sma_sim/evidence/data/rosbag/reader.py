@@ -140,7 +140,7 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
     """What the wanted topics said. Raises UserError for one with another message type."""
     found: dict[str, TopicSeries] = {}
     decode_cdr = typestore().deserialize_cdr
-    for topic, kind, log_time, cdr, _ in bag.messages(wanted):
+    for topic, kind, log_time, cdr, *_ in bag.messages(wanted):
         name, expected, decode = wanted[topic]
         if kind != expected:
             raise UserError(f'{bag.path}, topic {topic}: expected messages of {expected}, got {kind}')

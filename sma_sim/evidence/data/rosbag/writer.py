@@ -5,7 +5,7 @@ What was written before the last `flush` is on the disk in whole chunks; `raw_me
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -60,6 +60,7 @@ class Topic:
     name: str
     kind: str
     definition: str
+    qos: Sequence[Mapping[str, Any]] = ()
     channel: int = 0
     count: int = 0
 
@@ -95,16 +96,17 @@ class BagWriter:
         self._files: list[tuple[str, MessageSpan]] = []
         self._open_next()
 
-    def add(self, name: str, kind: str, definition: str = '') -> int:
+    def add(self, name: str, kind: str, definition: str = '', qos: Sequence[Mapping[str, Any]] = ()) -> int:
         """A topic of a message type such as std_msgs/msg/Float64; returns its number.
 
-        Types that ROS 2 does not bring along need their `definition`. Raises UserError without it.
+        Types that ROS 2 does not bring along need their `definition`. Raises UserError without it. `qos` are
+        the profiles that its publishers offer, as rosbag2's metadata have them; `ros2 bag play` offers them again.
         """
         if not definition:
             if kind not in typestore().types:
                 raise UserError(f'{name}: the message type {kind} is not known, and its definition is missing')
             definition, _ = typestore().generate_msgdef(kind, ros_version=2)
-        self._topics.append(Topic(name, kind, definition))
+        self._topics.append(Topic(name, kind, definition, qos))
         self._register(self._topics[-1])
         return len(self._topics) - 1
 
@@ -173,14 +175,16 @@ class BagWriter:
         if topic.kind not in self._schemas:
             encoding = 'ros2idl' if topic.definition.startswith('=' * 80 + '\nIDL: ') else 'ros2msg'
             self._schemas[topic.kind] = self._writer.register_schema(topic.kind, encoding, topic.definition.encode())
-        extra = {'offered_qos_profiles': '', 'topic_type_hash': topic.digest}
+        profiles = yaml.safe_dump([dict(profile) for profile in topic.qos], sort_keys=False) if topic.qos else ''
+        extra = {'offered_qos_profiles': profiles, 'topic_type_hash': topic.digest}
         topic.channel = self._writer.register_channel(topic.name, 'cdr', self._schemas[topic.kind], extra)
 
     def _metadata(self) -> dict[str, Any]:
         topics = [
             {
                 'topic_metadata': {
-                    'name': topic.name, 'type': topic.kind, 'serialization_format': 'cdr', 'offered_qos_profiles': [],
+                    'name': topic.name, 'type': topic.kind, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': [dict(profile) for profile in topic.qos],
                     'type_description_hash': topic.digest,
                 },
                 'message_count': topic.count,
