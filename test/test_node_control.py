@@ -17,11 +17,20 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from sma_sim.ros import schedule  # noqa: E402
-from sma_sim.ros.control import Control  # noqa: E402
+from sma_sim.ros.control import Control, Refused  # noqa: E402
 
 
 def stamp(message):
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def last_stamp(one, messages):
+    """The last stamp of a simulation that is paused, once no message is on its way any more."""
+    count = -1
+    while count < len(messages):
+        count, end = len(messages), time.monotonic() + 0.5
+        one.until(lambda end=end: time.monotonic() > end)
+    return stamp(messages[-1])
 
 
 def call(one, kind, name, **fields):
@@ -44,11 +53,10 @@ def test_pause_step_and_reset():
         assert call(one, SetBool, 'pause', data=True).message == 'paused'
         assert call(one, SetBool, 'pause', data=True).message == 'paused (as before)'
         assert call(one, Trigger, 'step').success
-        before = stamp(seen[-1])
+        before = last_stamp(one, seen)
         for _ in range(3):
             assert call(one, Trigger, 'step').success
-        one.until(lambda: stamp(seen[-1]) > before + 0.0025)
-        assert stamp(seen[-1]) == pytest.approx(before + 0.003, abs=1e-6)
+        assert last_stamp(one, seen) == pytest.approx(before + 0.003, abs=1e-6)
         assert call(one, Trigger, 'reset').success
         one.until(lambda: heat[-1].temperature == pytest.approx(298.0 - 273.15))
         assert call(one, SetBool, 'pause', data=False).message == 'running'
@@ -165,27 +173,116 @@ def test_an_overrun_is_in_the_diagnosis_for_ten_seconds():
         assert one.stop()[0] == 0
 
 
-def test_a_request_wakes_a_simulation_that_waits():
-    """The simulating thread would wait for a minute, the service for five seconds only."""
-    services = {}
-    control = Control(SimpleNamespace(create_service=lambda kind, name, callback: services.update({name: callback})))
+class Steps:
+    """A simulation that makes ten steps at once."""
+
+    def __init__(self):
+        self.made = self.resets = 0
+
+    def make_steps(self, most):
+        self.made += min(most, 10)
+        return min(most, 10)
+
+    def reset(self):
+        self.resets += 1
+        return 'reset'
+
+
+@pytest.fixture
+def steps():
+    return Steps()
+
+
+@pytest.fixture
+def control(steps):
+    return Control(SimpleNamespace(create_service=lambda *_, **__: None, executor=None), steps)
+
+
+def test_a_request_wakes_a_simulation_that_waits(control, steps):
+    """The simulating thread would wait for a minute, this for half of one only."""
 
     def simulate():
         control.wait(60.0)
-        request = control.next_request()
-        if request is not None:
-            request.done.set()
+        control.carry_out()
 
     threading.Thread(target=simulate, daemon=True).start()
-    assert services['~/reset'](None, SimpleNamespace(success=False, message='')).success
+    assert control.ask_reset().result(30.0) == 'reset' and steps.resets == 1
 
 
-def test_services_answer_at_once_while_there_is_no_clock():
+def test_many_steps_are_made_in_rounds_between_which_the_simulation_listens(control, steps):
+    with pytest.raises(Refused, match='pause first'):
+        control.ask_steps(25)
+    control.paused = True
+    told = []
+    first, second = control.ask_steps(25, told.append), control.ask_steps(1)
+    assert control.carry_out() and not first.answer.done() and told == [10]
+    assert (
+        control.carry_out() and control.carry_out() and first.answer.result(0.0) == '25 steps made' and told == [10, 20, 25]
+    )
+    assert control.carry_out() and second.answer.result(0.0) == 'one step made' and steps.made == 26
+    assert not control.carry_out()
+
+
+def test_steps_end_with_a_reset_when_they_are_cancelled_and_with_the_node(control, steps):
+    control.paused = True
+    ended, reset = control.ask_steps(25), control.ask_reset()
+    assert control.carry_out() and reset.done()
+    with pytest.raises(Refused, match='ended by a reset: 0 of 25 steps made'):
+        ended.answer.result(0.0)
+    cancelled = control.ask_steps(25)
+    assert control.carry_out()
+    cancelled.cancelled = True
+    assert control.carry_out() and not control.carry_out()
+    with pytest.raises(Refused, match='cancelled: 10 of 25 steps made'):
+        cancelled.answer.result(0.0)
+    waiting = control.ask_steps(25)
+    control.close()
+    for answer in (waiting.answer, control.ask_steps(1).answer, control.ask_reset()):
+        with pytest.raises(Refused, match='the node is ending'):
+            answer.result(0.0)
+    assert steps.made == 10
+
+
+def test_a_failure_while_a_request_is_carried_out_is_answered_and_ends_the_node(control, steps):
+    def fail():
+        raise ValueError('no start')
+
+    answer = control.ask(fail)
+    with pytest.raises(ValueError, match='no start'):
+        control.carry_out()
+    with pytest.raises(Refused, match='no start'):
+        answer.result(0.0)
+
+
+def test_services_answer_while_there_is_no_clock():
+    """Nothing has begun, so that a reset has little to do and a step is refused."""
     with ros_client.Simulation('-p', 'use_sim_time:=true') as one:
         client = one.node.create_client(Trigger, '/sma_module_sim/reset')
         one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
-        answer = call(one, Trigger, 'reset')
+        assert call(one, SetBool, 'pause', data=True).success
+        answer = call(one, Trigger, 'step')
         assert not answer.success and 'waiting for /clock' in answer.message
+        answer = call(one, Trigger, 'reset')
+        assert answer.success and 'waiting for /clock' in answer.message
+        assert one.stop()[0] == 0
+
+
+def test_commands_and_other_services_are_heard_while_many_steps_are_made():
+    """A thousand million steps are to be made when a command arrives, and a reset ends them."""
+    topics = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'))
+    with ros_client.Simulation('-p', 'node.steps_per_call:=1.0e9', topics=topics) as one:
+        seen, applied = one.seen['joint_states'], one.seen['J_eq_applied']
+        command = one.publisher(Float64, 'J_eq')
+        one.until(lambda: seen, ros_client.FIRST_MESSAGE)
+        assert call(one, SetBool, 'pause', data=True).success
+        client = one.node.create_client(Trigger, '/sma_module_sim/step')
+        one.until(client.service_is_ready)
+        steps = client.call_async(Trigger.Request())
+        command.publish(Float64(data=7.0))
+        one.until(lambda: applied and applied[-1].data == 7.0)
+        assert not steps.done() and call(one, Trigger, 'reset').success
+        one.until(steps.done)
+        assert not steps.result().success and 'ended by a reset' in steps.result().message
         assert one.stop()[0] == 0
 
 

@@ -98,6 +98,7 @@ NODE_PARAMETERS = (
     Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
               source=NODE_PAGE),
     Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source=NODE_PAGE),
+    Parameter('steps_per_call', 1.0, '-', (1.0, 1e9), 'steps that one call of ~/step makes', source=NODE_PAGE),
     Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit",
               source=NODE_PAGE),
     Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source=NODE_PAGE),

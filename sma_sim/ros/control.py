@@ -1,63 +1,166 @@
 """Services that pause, step and reset the simulation, and its diagnostics.
 
-Services run in the executor's thread and only leave requests, which the simulating thread carries out between two steps.
+Services run in the executor's thread and only leave requests, which the simulating thread carries out between two steps. A
+service awaits the answer as a coroutine of the executor, which meanwhile goes on with messages and other requests.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.task import Future as Awaitable
 from std_srvs.srv import SetBool, Trigger
 
 DIAGNOSTICS_PERIOD = 1.0  # [s]
-RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
-SERVICE_TIMEOUT = 5.0  # [s] that a service waits for the simulating thread
+NOT_PAUSED = 'running: pause first (~/pause, std_srvs/SetBool)'
 
 
-@dataclass(eq=False)
-class Request:
-    """What a service asks of the simulating thread (`step` or `reset`), which sets `done` afterwards.
+class Refused(Exception):
+    """Why a request is not carried out."""
 
-    `refused` says why it was not carried out.
+
+class Simulation(Protocol):
+    """What carries out requests, in its own thread."""
+
+    def make_steps(self, most: int) -> int:
+        """Make some steps at once, at most so many; their number. A longer request is carried out in several rounds."""
+
+    def reset(self) -> str:
+        """Back to the start; what was done, in words. Raises Refused."""
+
+
+class Stepping:
+    """A number of steps to make while the simulation is paused.
+
+    `answer` says what was made, or raises Refused; `on_progress` is called in the simulating thread with the steps so far.
     """
 
-    action: str
-    refused: str = ''
-    done: threading.Event = field(default_factory=threading.Event)
+    def __init__(self, steps: int, on_progress: Callable[[int], object] | None = None) -> None:
+        self.steps, self.made, self.cancelled = steps, 0, False
+        self.answer: Future[str] = Future()
+        self._on_progress = on_progress
+
+    def advance(self, simulation: Simulation) -> bool:
+        """Make some of the steps; whether this is over."""
+        if not self.cancelled and self.made < self.steps:
+            self.made += simulation.make_steps(self.steps - self.made)
+            if self._on_progress is not None:
+                self._on_progress(self.made)
+        if self.made >= self.steps:
+            self.answer.set_result('one step made' if self.steps == 1 else f'{self.steps} steps made')
+        elif self.cancelled:
+            self.end('cancelled')
+        return self.answer.done()
+
+    def end(self, reason: str) -> None:
+        """Make no more steps."""
+        self.answer.set_exception(Refused(f'{reason}: {self.made} of {self.steps} steps made'))
 
 
 class Control:
     """Whether the simulation is paused, and the requests that wait for it."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, simulation: Simulation) -> None:
         self.paused = False
-        self._requests: deque[Request] = deque()
+        self.steps_per_call = 1
+        self._node, self._simulation = node, simulation
+        self._requests: deque[tuple[Callable[[], str], Future[str]]] = deque()
+        self._steppings: deque[Stepping] = deque()
         self._requested = threading.Event()
-        node.create_service(SetBool, '~/pause', self._pause)
-        node.create_service(Trigger, '~/step', self._step)
-        node.create_service(Trigger, '~/reset', self._reset)
+        self._closed = ''
+        # While a service waits for its answer, the executor takes the next message or request.
+        self.callback_group = ReentrantCallbackGroup()
+        for kind, name, callback in (
+            (SetBool, '~/pause', self._pause), (Trigger, '~/step', self._step), (Trigger, '~/reset', self._reset),
+        ):  # fmt: skip
+            node.create_service(kind, name, callback, callback_group=self.callback_group)
 
-    def next_request(self) -> Request | None:
-        """The oldest request that waits, which the caller must carry out; None where there is none."""
-        return self._requests.popleft() if self._requests else None
+    def ask(self, work: Callable[[], str]) -> Future[str]:
+        """Have `work` done by the simulating thread; its answer, or the Refused that it raised."""
+        answer: Future[str] = Future()
+        self._requests.append((work, answer))
+        self._wake()
+        return answer
+
+    def ask_reset(self) -> Future[str]:
+        """Return to the start; steps that are still to be made are not."""
+
+        def reset() -> str:
+            self.refuse_steps('ended by a reset')
+            return self._simulation.reset()
+
+        return self.ask(reset)
+
+    def ask_steps(self, steps: int, on_progress: Callable[[int], object] | None = None) -> Stepping:
+        """Have steps made after those that were asked for before. Raises Refused while the simulation is not paused."""
+        if not self.paused:
+            raise Refused(NOT_PAUSED)
+        stepping = Stepping(steps, on_progress)
+        self._steppings.append(stepping)
+        self._wake()
+        return stepping
+
+    def awaitable(self, answer: Future[str]) -> Awaitable[Future[str]]:
+        """`answer` once it is done, for a callback of the node's executor to await."""
+        executor: Executor | None = self._node.executor
+        made: Awaitable[Future[str]] = Awaitable(executor=executor)
+        made.add_done_callback(lambda _: None)  # a task for the executor, which wakes it
+        answer.add_done_callback(made.set_result)
+        return made
 
     def wait(self, longest: float) -> None:
         """Return when a request arrives, after `longest` seconds at the latest."""
         self._requested.wait(longest)
         self._requested.clear()
 
-    def refuse_requests(self, reason: str) -> None:
-        """Answer the requests that wait, at a time when none can be carried out."""
-        while (request := self.next_request()) is not None:
-            request.refused = reason
-            request.done.set()
+    def carry_out(self) -> bool:
+        """Carry out the oldest request, or some of the steps that are to be made; whether there was anything to do."""
+        if self._requests:
+            work, answer = self._requests.popleft()
+            try:
+                answer.set_result(work())
+            except Refused as error:
+                answer.set_exception(error)
+            except BaseException as error:  # ends the node
+                answer.set_exception(Refused(str(error)))
+                raise
+        elif self._steppings:
+            if self._steppings[0].advance(self._simulation):
+                self._steppings.popleft()
+        else:
+            return False
+        return True
+
+    def refuse_steps(self, reason: str) -> None:
+        """Make none of the steps that are still to be made."""
+        with suppress(IndexError):  # none is left: at the end of the node two threads may take them
+            while True:
+                self._steppings.popleft().end(reason)
+
+    def close(self) -> None:
+        """Refuse what waits and what is still to come: the simulating thread has ended."""
+        self._closed = 'the node is ending'
+        self._refuse_all()
+
+    def _wake(self) -> None:
+        self._requested.set()
+        if self._closed:  # looked at after the request was left: close() refuses it, or this does
+            self._refuse_all()
+
+    def _refuse_all(self) -> None:
+        self.refuse_steps(self._closed)
+        with suppress(IndexError):
+            while True:
+                self._requests.popleft()[1].set_exception(Refused(self._closed))
 
     def _pause(self, request: Any, response: Any) -> Any:
         was, self.paused = self.paused, bool(request.data)
@@ -66,27 +169,22 @@ class Control:
         response.message = f'{words[self.paused]} (as before)' if was == self.paused else words[self.paused]
         return response
 
-    def _step(self, _: Any, response: Any) -> Any:
-        if not self.paused:
-            response.success, response.message = False, 'running: pause first (~/pause, std_srvs/SetBool)'
+    async def _step(self, _: Any, response: Any) -> Any:
+        try:
+            answer = self.ask_steps(self.steps_per_call).answer
+        except Refused as error:
+            response.success, response.message = False, str(error)
             return response
-        return self._ask('step', 'one step made', response)
+        return await self.answered(answer, response)
 
-    def _reset(self, _: Any, response: Any) -> Any:
-        return self._ask('reset', RESET_DONE, response)
+    async def _reset(self, _: Any, response: Any) -> Any:
+        return await self.answered(self.ask_reset(), response)
 
-    def _ask(self, action: str, answer: str, response: Any) -> Any:
-        request = Request(action)
-        self._requests.append(request)
-        self._requested.set()
-        answered = request.done.wait(SERVICE_TIMEOUT)
-        response.success = answered and not request.refused
-        with suppress(ValueError):  # nobody took it
-            self._requests.remove(request)
-        if response.success:
-            response.message = answer
-        else:
-            response.message = request.refused or f'the simulation did not answer within {SERVICE_TIMEOUT:g} s'
+    async def answered(self, answer: Future[str], response: Any) -> Any:
+        """The response (of std_srvs/Trigger) with the answer, once there is one."""
+        await self.awaitable(answer)
+        error = answer.exception()
+        response.success, response.message = error is None, answer.result() if error is None else str(error)
         return response
 
 

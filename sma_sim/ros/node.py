@@ -21,7 +21,7 @@ from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
 from sma_sim.ros.bag_names import bag_path
 from sma_sim.ros.command import TURNED_OFF, WARNING_PERIOD, Ambient, Command
-from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics, Request
+from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import follow_live_parameters
@@ -36,6 +36,7 @@ from sma_sim.solver.simulate import Model
 CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
 INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
 OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
+RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
 PAUSED_SLEEP = 0.01  # [s] after which a paused node looks at its clock again
 CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as far as the publishing rate allows
 
@@ -62,13 +63,15 @@ class ModuleSimulation:
             self._logger.info(note)
         self.command = Command(node, settings['J_max'], settings['command_timeout'])
         self._schedule = self._new_schedule(use_sim_time)
+        self._running = False  # until there is a clock
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
         self._speed = Speed()
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         beam = beam_constants(config.parameters)
         self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock)
         self._frames = RobotFrames(node, beam_links(config.parameters))
-        self._control, self._diagnostics = Control(node), Diagnostics(node, 'simulated SMA module')
+        self._control, self._diagnostics = Control(node, self), Diagnostics(node, 'simulated SMA module')
+        self._control.steps_per_call = round(settings['steps_per_call'])
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             make_subscription(node, kind, topic, receive, LAST_FEW)
@@ -81,8 +84,9 @@ class ModuleSimulation:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
         while self._follows and self._now() == 0 and not stop.is_set():
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
-            self._control.refuse_requests('waiting for /clock: nothing runs yet')
-            self._control.wait(PAUSED_SLEEP)
+            self._control.refuse_steps('waiting for /clock: nothing runs yet')
+            if not self._control.carry_out():
+                self._control.wait(PAUSED_SLEEP)
         self._begin()
         self._logger.info(
             f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
@@ -93,9 +97,8 @@ class ModuleSimulation:
         """Step in time until `stop` is set. Raises SimulationError."""
         diagnose_at = time.monotonic() + DIAGNOSTICS_PERIOD
         while not stop.is_set():
-            request = self._control.next_request()
-            if request is not None:
-                self._carry_out(request)
+            if self._control.carry_out():
+                pass
             elif self._control.paused:
                 self._control.wait(PAUSED_SLEEP)
                 self._schedule.restart()
@@ -106,7 +109,29 @@ class ModuleSimulation:
                 self._diagnose()
 
     def close(self) -> None:
-        """End the bag, if one is being written."""
+        """Refuse what is still asked, and end the bag, if one is being written."""
+        self._control.close()
+        self._end_bag()
+
+    def make_steps(self, most: int) -> int:
+        """Make the steps until the next sample, at most so many; their number."""
+        steps = min(most, self._every - self._run.k % self._every)
+        self._advance(steps)
+        self._schedule.restart()
+        return steps
+
+    def reset(self) -> str:
+        """The initial state, without a command, in the ambient temperature of the start."""
+        self.command.clear()
+        self._ambient.reset()
+        self._new_run()
+        if not self._running:
+            return f'{RESET_DONE}; waiting for /clock'
+        self._begin()
+        self._speed = Speed()
+        return RESET_DONE
+
+    def _end_bag(self) -> None:
         if self._publishers.recorder is not None:
             self._publishers.recorder.close()
             if not self._publishers.recorder.failed:
@@ -129,6 +154,7 @@ class ModuleSimulation:
 
     def _begin(self) -> None:
         """Simulated time 0: its stamp, a new bag, the first sample."""
+        self._running = True
         self._log_epoch = 0 if self._is_clock else self._now()
         self._start_recording()  # before the clock of the steps starts: it takes a while
         self._schedule.restart()
@@ -150,24 +176,9 @@ class ModuleSimulation:
             'parameters': json.dumps(flat_parameters(self._config)),
         }
         most, longest = self._settings['record_size'], self._settings['record_duration']
-        self.close()
+        self._end_bag()
         self._publishers.recorder = Recorder(path, self._publishers.recorded, about, most, longest, self._logger.error)
         self._logger.info(f'recording to {path}')
-
-    def _reset(self) -> None:
-        self.command.clear()
-        self._ambient.reset()
-        self._new_run()
-        self._begin()
-        self._speed = Speed()
-
-    def _carry_out(self, request: Request) -> None:
-        if request.action == 'reset':
-            self._reset()
-        else:
-            self._advance(1)
-            self._schedule.restart()
-        request.done.set()
 
     def _step_in_time(self) -> None:
         due = self._schedule.wait()
