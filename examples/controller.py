@@ -3,8 +3,9 @@
     python examples/controller.py --ros-args -p alpha_target:=0.05
 
 Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz], state_timeout [s]; the first three may be
-changed while it runs. A std_msgs/Float64 on `alpha_target` [rad] sets the target too. Time is that of the stamps of
-`joint_states`, so the loop is the same at any real-time factor. The heating goes off when joint_states stop, and at the end.
+changed while it runs. `joint` is the name of the angle in joint_states: alpha, after the module's node.joint_prefix. A
+std_msgs/Float64 on `alpha_target` [rad] sets the target too. Time is that of the stamps of `joint_states`, so the loop is
+the same at any real-time factor. The heating goes off when joint_states stop, and at the end.
 """
 
 import math
@@ -58,6 +59,8 @@ class AlphaController(Node):
         """Declare the parameters, connect to the topics."""
         super().__init__('alpha_controller')
         kp, ki, self.target, limit, rate, self.timeout = (self.declare(name) for name in PARAMETERS)
+        words = ParameterDescriptor(description='name of the angle in joint_states', read_only=True)
+        self.joint = self.declare_parameter('joint', JOINT, words).value
         self.law, self.period = PI(kp, ki, limit), 1.0 / rate
         self.last_stamp, self.last_arrival = None, None
         self.command = self.create_publisher(Float64, 'J_eq', 10)
@@ -92,12 +95,12 @@ class AlphaController(Node):
 
     def on_joint_state(self, message):
         """Answer with a command, `rate` times per second."""
-        if JOINT not in message.name or len(message.position) != len(message.name):
-            self.warn(f'joint_states without a position of {JOINT}: {list(message.name)}')
+        if self.joint not in message.name or len(message.position) != len(message.name):
+            self.warn(f'joint_states without a position of {self.joint} (parameter joint): {list(message.name)}')
             return
-        alpha = message.position[list(message.name).index(JOINT)]
+        alpha = message.position[list(message.name).index(self.joint)]
         if not math.isfinite(alpha):
-            self.warn(f'{JOINT} = {alpha} in joint_states: not used')
+            self.warn(f'{self.joint} = {alpha} in joint_states: not used')
             return
         now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         self.last_arrival = time.monotonic()

@@ -137,7 +137,9 @@ def test_last_word_is_heating_off(number):
 
 
 def test_heating_off_after_the_controller_was_killed():
-    with Loop('-p', 'alpha_target:=0.05', node=('-p', 'node.command_timeout:=1.0')) as loop:
+    """Of a module whose joints have a prefix."""
+    node = ('-p', 'node.command_timeout:=1.0', '-p', 'node.joint_prefix:=arm_')
+    with Loop('-p', 'alpha_target:=0.05', '-p', 'joint:=arm_alpha', node=node) as loop:
         loop.until(lambda: loop.last('J_eq_applied') > 1.0)
         loop.control.kill()
         loop.until(lambda: loop.last('J_eq_applied') == 0.0)

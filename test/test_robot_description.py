@@ -17,8 +17,10 @@ from sma_sim.model.structures.geometry import shape_of
 from sma_sim.model.structures.links import fixed_transforms, moving_transforms
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
+from sma_sim.evidence.data.rosbag.reader import prefix_of, read_bag  # noqa: E402
 from sma_sim.ros.messages import JOINT_NAMES  # noqa: E402
 from sma_sim.ros.publishers import SAMPLE_TOPICS  # noqa: E402
 from sma_sim.ros.urdf import urdf_of  # noqa: E402
@@ -109,6 +111,20 @@ def test_frames_are_those_of_the_urdf_of_the_markers_and_of_the_equations(pose):
         assert np.linalg.norm(end - start) == pytest.approx(wire_length(*pose, side, b)[0], abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ('names', 'prefix'),
+    [
+        (['left_U_x', 'left_U_y', 'left_alpha', 'wrist'], 'left_'),
+        (['U_x', 'left_U_x', 'left_U_y', 'left_alpha'], ''),  # the plain name is there
+        (['left_U_x', 'right_U_y', 'left_alpha'], ''),  # not one module
+        (['left_alpha'], ''),  # perhaps another robot's
+        ([f'{side}_{name}' for side in ('left', 'right') for name in JOINT_NAMES], ''),  # which of two?
+    ],
+)
+def test_a_prefix_is_recognized_only_where_it_is_clear(names, prefix):
+    assert prefix_of(names, JOINT_NAMES) == prefix
+
+
 def test_rviz_shows_topics_of_the_node_in_its_frame():
     manager = yaml.safe_load((ROOT / 'rviz' / 'sma_module.rviz').read_text())['Visualization Manager']
     displays = {display['Name']: display for display in manager['Displays']}
@@ -118,10 +134,12 @@ def test_rviz_shows_topics_of_the_node_in_its_frame():
     assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
 
 
-def test_a_late_subscriber_gets_the_description_and_the_frames():
+def test_a_late_subscriber_gets_the_description_and_the_frames(tmp_path):
     tf = tf_messages()
     topics = [] if tf is None else [(tf.TFMessage, '/tf')]
-    words = ('-r', '__ns:=/left', '-p', 'beam.L:=0.101', '-p', 'plate.W:=0.017')
+    words = ('-r', '__ns:=/left', '-p', 'beam.L:=0.101', '-p', 'plate.W:=0.017', '-p', 'node.joint_prefix:=left_',
+             '-p', f'node.record:={tmp_path / "bag"}')  # fmt: skip
+    topics += [(JointState, 'joint_states'), (Temperature, 'wire_2/temperature')]
     with ros_client.Simulation(*words, topics=topics, namespace='/left') as one:
         one.until(lambda: one.node.count_publishers('/left/robot_description') == 1, ros_client.FIRST_MESSAGE)
         late = []
@@ -133,7 +151,12 @@ def test_a_late_subscriber_gets_the_description_and_the_frames():
             one.until(lambda: fixed and one.seen['/tf'])
             children = {transform.child_frame_id for transform in one.seen['/tf'][-1].transforms + fixed[0].transforms}
             assert children == {f'left/{link.name}' for link in beam_links(VALUES).links[1:]}
-        one.until(lambda: late)
+        one.until(lambda: late and one.seen['joint_states'] and one.seen['wire_2/temperature'])
         code, log = one.stop()
-    assert code == 0 and late[0].data == urdf_of(beam_links(VALUES), 'left/')
+    assert code == 0 and late[0].data == urdf_of(beam_links(VALUES), 'left/', 'left_')
+    moving = [joint.get('name') for joint in joints_of(late[0].data) if joint.get('type') != 'fixed']
+    assert list(one.seen['joint_states'][0].name) == moving == ['left_U_x', 'left_U_y', 'left_alpha']
+    links = {link.get('name') for link in ElementTree.fromstring(late[0].data).findall('link')}
+    assert one.seen['wire_2/temperature'][0].header.frame_id == 'left/wire_2' and 'left/wire_2' in links
+    assert np.isfinite(read_bag(tmp_path / 'bag')['alpha_rad']).any()  # our bags are read with any prefix
     assert ('no /tf: the package tf2_msgs is not installed' in log) == (tf is None)

@@ -25,6 +25,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'model': ('', 'hybrid or mas; empty: as in params_file'),
     'system': ('', 'what is simulated; empty: as in params_file'),
     'effects': ('', 'active effects, separated by commas; empty: as in params_file, none: no effects'),
+    'joint_prefix': ('', 'stands before the names of the joints; empty: as in params_file'),
     'record': ('', 'bag that the node writes; NAME/: a new one in this folder; empty: none'),
     'use_sim_time': ('false', 'follow /clock'),
     'log_level': ('info', 'debug, info, warn, error or fatal'),
@@ -49,6 +50,7 @@ class ModuleArguments:
     controller: str
     alpha_target: float
     demo: bool
+    joint_prefix: str
 
 
 def share(*parts: str) -> str:
@@ -81,6 +83,8 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
     if not Path(file).is_file():  # launch itself would only warn, and the node run with its defaults
         raise RuntimeError(f'params_file: there is no file {file}')
     overrides = {name: quoted(text[name]) for name in ('model', 'system') if text[name]}
+    if text['joint_prefix']:
+        overrides['node.joint_prefix'] = quoted(text['joint_prefix'])
     if text['effects']:
         names = [] if text['effects'] == 'none' else [name.strip() for name in text['effects'].split(',')]
         overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
@@ -90,7 +94,7 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         raise RuntimeError(f'controller: there is no file {controller}')
     return ModuleArguments(
         file, text['namespace'].strip('/'), tuple(overrides.items()), text['record'], text['log_level'],
-        use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo,
+        use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo, text['joint_prefix'],
     )  # fmt: skip
 
 
@@ -118,7 +122,10 @@ def module_actions(given: ModuleArguments) -> list[Action]:
     """A module and, where they were asked for, its controller and the target that moves."""
     actions: list[Action] = [module_node(given)]
     if given.controller:
-        actions.append(python_node(given.controller, 'alpha_controller', given, {'alpha_target': given.alpha_target}))
+        parameters: dict[str, Any] = {'alpha_target': given.alpha_target}
+        if given.joint_prefix:
+            parameters['joint'] = f'{given.joint_prefix}alpha'
+        actions.append(python_node(given.controller, 'alpha_controller', given, parameters))
     if given.demo:
         actions.append(python_node(share('examples', 'sine_target.py'), 'sine_target', given, {}))
     return actions

@@ -34,12 +34,15 @@ def coordinates(row: NDArray[Any]) -> dict[str, float]:
     return dict(zip(JOINT_NAMES, row[Y_POSE : Y_POSE + 3].tolist(), strict=True))
 
 
-def joint_state(stamp: Time, row: NDArray[Any], sensed: bool) -> JointState:
-    """Pose [m, m, rad] as the sensors show it or as it is, its rates, and tau = -J^T F [N, N, N m]."""
+def joint_state(stamp: Time, row: NDArray[Any], sensed: bool, prefix: str = '') -> JointState:
+    """Pose [m, m, rad] as the sensors show it or as it is, its rates, and tau = -J^T F [N, N, N m].
+
+    `prefix` stands before the names.
+    """
     first = Y_SENSED if sensed else Y_POSE
     return JointState(
         header=Header(stamp=stamp),
-        name=JOINT_NAMES,
+        name=[prefix + name for name in JOINT_NAMES],
         position=row[first : first + 3].tolist(),
         velocity=row[Y_RATE : Y_RATE + 3].tolist(),
         effort=row[Y_TAU : Y_TAU + 3].tolist(),
@@ -57,9 +60,10 @@ def wire_state(stamp: Time, row: NDArray[Any]) -> JointState:
     )
 
 
-def temperature_message(stamp: Time, row: NDArray[Any], wire: int) -> Temperature:
-    """Temperature of a wire (REP 103: in deg C)."""
-    return Temperature(header=Header(stamp=stamp), temperature=float(row[SENSED_TEMPERATURE + wire]) - ZERO_CELSIUS)
+def temperature_message(stamp: Time, row: NDArray[Any], wire: int, frame_prefix: str) -> Temperature:
+    """Temperature of a wire (REP 103: in deg C), in the frame of its end at the clamp."""
+    header = Header(stamp=stamp, frame_id=frame_prefix + WIRE_NAMES[wire])
+    return Temperature(header=header, temperature=float(row[SENSED_TEMPERATURE + wire]) - ZERO_CELSIUS)
 
 
 def array_layout(label: str, size: int = 2) -> MultiArrayLayout:

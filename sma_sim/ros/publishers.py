@@ -19,6 +19,7 @@ from sma_sim.ros.graph_check import type_name
 from sma_sim.ros.markers import frame_of, markers
 from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
 from sma_sim.ros.recorder import RecordedTopic, Recorder
+from sma_sim.ros.robot_frames import frame_prefix
 
 SAMPLE_TOPICS: Mapping[str, Any] = {
     'joint_states': JointState,
@@ -42,8 +43,11 @@ def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
 class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
-    def __init__(self, node: Node, beam: BeamConstants, h: float, senses: bool, clock: bool) -> None:
+    def __init__(
+        self, node: Node, beam: BeamConstants, h: float, senses: bool, clock: bool, joint_prefix: str
+    ) -> None:  # fmt: skip
         self._beam, self._h, self._frame = beam, h, frame_of(node.get_namespace())
+        self._joint_prefix, self._frame_prefix = joint_prefix, frame_prefix(node.get_namespace())
         kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
         self._publishers = {
             name: make_publisher(node, kind, name, LATEST if name in CHANGE_TOPICS else LAST_FEW)
@@ -69,13 +73,14 @@ class Publishers:
     def send_sample(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
         """Publish a row of samples; all stamped messages get the same stamp [ns]."""
         time = messages.stamp_of(stamp)
-        self.send('joint_states', log_time, messages.joint_state(time, row, sensed=True))
+        self.send('joint_states', log_time, messages.joint_state(time, row, True, self._joint_prefix))
         if TRUE_POSE in self._publishers:
-            self.send(TRUE_POSE, log_time, messages.joint_state(time, row, sensed=False))
+            self.send(TRUE_POSE, log_time, messages.joint_state(time, row, False, self._joint_prefix))
         self.send('wire_states', log_time, messages.wire_state(time, row))
         self.send('wire_forces', log_time, messages.wire_forces(row))
         for wire, name in enumerate(messages.WIRE_NAMES):
-            self.send(f'{name}/temperature', log_time, messages.temperature_message(time, row, wire))
+            temperature = messages.temperature_message(time, row, wire, self._frame_prefix)
+            self.send(f'{name}/temperature', log_time, temperature)
         self.send('phase_fractions', log_time, messages.phase_fractions(row))
         self.send('wire_modes', log_time, messages.wire_modes(modes))
 

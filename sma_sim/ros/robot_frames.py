@@ -42,10 +42,10 @@ def stamped(transform: Transform, prefix: str, stamp: Time) -> TransformStamped:
 class RobotFrames:
     """Publishes what a structure says of its links and joints."""
 
-    def __init__(self, node: Node, tree: LinkTree) -> None:
+    def __init__(self, node: Node, tree: LinkTree, joint_prefix: str = '') -> None:
         self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
         description = make_publisher(node, String, 'robot_description', LATEST)
-        description.publish(String(data=urdf_of(tree, self._prefix)))
+        description.publish(String(data=urdf_of(tree, self._prefix, joint_prefix)))
         self._kind: Any = None
         try:
             self._kind = import_module('tf2_msgs.msg').TFMessage

@@ -6,8 +6,9 @@ rest (commands, forces) by log time, shifted to the clock of the stamps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +32,28 @@ Decode = Callable[[Any], Mapping[str, float]]
 
 
 def joints_decoder(columns: Mapping[str, str], values: str) -> Decode:
-    """Values of a JointState by the names in it."""
+    """Values of a JointState by the names in it, which may all have one prefix (node.joint_prefix)."""
+
+    @cache
+    def prefixed(names: tuple[str, ...]) -> dict[str, str]:
+        prefix = prefix_of(names, tuple(columns))
+        return {prefix + name: column for name, column in columns.items()}
 
     def decode(message: Any) -> dict[str, float]:
+        by_name = prefixed(tuple(message.name))
         read = zip(message.name, getattr(message, values), strict=False)
-        return {columns[name]: float(value) for name, value in read if name in columns}
+        return {by_name[name]: float(value) for name, value in read if name in by_name}
 
     return decode
+
+
+def prefix_of(names: Collection[str], expected: Sequence[str]) -> str:
+    """What stands before all expected names in `names`; nothing where some have none, or where it could be several."""
+    if set(expected) & set(names):
+        return ''
+    found = {name.removesuffix(expected[0]) for name in names if name.endswith(expected[0])}
+    whole = [prefix for prefix in found if all(prefix + name in names for name in expected)]
+    return whole[0] if len(whole) == 1 else ''
 
 
 def pair_decoder(*columns: str) -> Decode:
