@@ -4,8 +4,9 @@
 
 Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz], state_timeout [s]; the first three may be
 changed while it runs. `joint` is the name of the angle in joint_states: alpha, after the module's node.joint_prefix. A
-std_msgs/Float64 on `alpha_target` [rad] sets the target too. Time is that of the stamps of `joint_states`, so the loop is
-the same at any real-time factor. The heating goes off when joint_states stop, and at the end.
+std_msgs/Float64 on `alpha_target` [rad] sets the target too, and so does a sensor_msgs/JointState on `joint_commands`, which
+ros2_control's topic-based hardware sends. Time is that of the stamps of `joint_states`, so the loop is the same at any
+real-time factor. The heating goes off when joint_states stop, and at the end.
 """
 
 import math
@@ -55,17 +56,18 @@ class PI:
 class AlphaController(Node):
     """Answers joint states with commands."""
 
-    def __init__(self):
+    def __init__(self, name='alpha_controller'):
         """Declare the parameters, connect to the topics."""
-        super().__init__('alpha_controller')
+        super().__init__(name)
         kp, ki, self.target, limit, rate, self.timeout = (self.declare(name) for name in PARAMETERS)
         words = ParameterDescriptor(description='name of the angle in joint_states', read_only=True)
         self.joint = self.declare_parameter('joint', JOINT, words).value
         self.law, self.period = PI(kp, ki, limit), 1.0 / rate
-        self.last_stamp, self.last_arrival = None, None
+        self.last_stamp, self.last_arrival, self.stamp = None, None, None
         self.command = self.create_publisher(Float64, 'J_eq', 10)
         self.create_subscription(JointState, 'joint_states', self.on_joint_state, 10)
-        self.create_subscription(Float64, 'alpha_target', self.on_target, 10)
+        self.create_subscription(Float64, 'alpha_target', lambda message: self.on_target(message.data), 10)
+        self.create_subscription(JointState, 'joint_commands', self.on_joint_command, 10)
         self.add_post_set_parameters_callback(self.on_parameters)  # after all of a request were accepted
         self.watch = self.create_timer(WATCH_PERIOD, self.on_watch, clock=rclpy.clock.Clock())
         self.get_logger().info('waiting for joint_states')
@@ -85,35 +87,60 @@ class AlphaController(Node):
             elif parameter.name in ('kp', 'ki'):
                 setattr(self.law, parameter.name, parameter.value)
 
-    def on_target(self, message):
-        """Take a new target, if it is an angle."""
+    def on_target(self, angle):
+        """Take a new target [rad], if it is an angle."""
         _, low, high, _, _ = PARAMETERS['alpha_target']
-        if low <= message.data <= high:
-            self.set_parameters([Parameter('alpha_target', value=message.data)])  # on_parameters takes it from there
+        if low <= angle <= high:
+            self.set_parameters([Parameter('alpha_target', value=angle)])  # on_parameters takes it from there
         else:
-            self.warn(f'alpha_target = {message.data} rad refused: expected {low:.4g} to {high:.4g}')
+            self.warn(f'alpha_target = {angle} rad refused: expected {low:.4g} to {high:.4g}')
+
+    def on_joint_command(self, message):
+        """Take the position that is commanded; one that is not finite is none yet."""
+        angle = self.position_in(message, 'joint_commands')
+        if angle is not None and angle != self.target:
+            self.on_target(angle)
+
+    def position_in(self, message, topic):
+        """The finite position of the joint in a JointState; else None, with a warning."""
+        if self.joint not in message.name or len(message.position) != len(message.name):
+            self.warn(f'{topic} without a position of {self.joint} (parameter joint): {list(message.name)}')
+            return None
+        angle = message.position[list(message.name).index(self.joint)]
+        if not math.isfinite(angle):
+            self.warn(f'{self.joint} = {angle} in {topic}: not used')
+            return None
+        return angle
+
+    def target_at(self, now, alpha):
+        """The target [rad] at a time of the stamps [s], the measured angle [rad] being known."""
+        return self.target
+
+    def interrupted(self):
+        """The joint states are the first ones, or the simulation was reset, or they were away."""
+        self.law.integral = 0.0
 
     def on_joint_state(self, message):
         """Answer with a command, `rate` times per second."""
-        if self.joint not in message.name or len(message.position) != len(message.name):
-            self.warn(f'joint_states without a position of {self.joint} (parameter joint): {list(message.name)}')
+        alpha = self.position_in(message, 'joint_states')
+        if alpha is None:
             return
-        alpha = message.position[list(message.name).index(self.joint)]
-        if not math.isfinite(alpha):
-            self.warn(f'{self.joint} = {alpha} in joint_states: not used')
-            return
-        now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        self.stamp = message.header.stamp
+        now = self.stamp.sec + 1e-9 * self.stamp.nanosec
         self.last_arrival = time.monotonic()
         if self.last_stamp is None or not 0.0 <= now - self.last_stamp < self.timeout + self.period:
-            self.law.integral, self.last_stamp = 0.0, now  # the first one, or the simulation was reset
+            self.interrupted()
+            self.last_stamp = now
         elif now - self.last_stamp > self.period * (1.0 - 1e-6):
-            self.command.publish(Float64(data=self.law(self.target - alpha, now - self.last_stamp)))
+            error = self.target_at(now, alpha) - alpha
+            self.command.publish(Float64(data=self.law(error, now - self.last_stamp)))
             self.last_stamp = now
 
     def on_watch(self):
         """Heating off once joint states have stopped."""
         if self.last_arrival is not None and time.monotonic() - self.last_arrival > self.timeout:
             self.warn(f'no joint_states for {self.timeout:g} s: heating off until they come back')
+            self.interrupted()
             self.last_stamp, self.last_arrival = None, None
             self.heating_off()
 
@@ -126,13 +153,13 @@ class AlphaController(Node):
         self.get_logger().warning(words, throttle_duration_sec=WARNING_PERIOD)
 
 
-def main():
-    """Run until Ctrl-C or SIGTERM; the last word is a command of zero."""
+def run(kind):
+    """Run a controller of a kind until Ctrl-C or SIGTERM; the last word is a command of zero."""
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
         signal.signal(number, lambda *_: stop.set())
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = AlphaController()
+    node = kind()
     try:
         while not stop.is_set():
             rclpy.spin_once(node, timeout_sec=WATCH_PERIOD)
@@ -146,4 +173,4 @@ def main():
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run(AlphaController))

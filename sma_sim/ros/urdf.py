@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from sma_sim.model.structures.links import Box, Joint, Link, LinkTree
 
 
-def urdf_of(tree: LinkTree, frame_prefix: str = '', joint_prefix: str = '') -> str:
-    """The URDF; `frame_prefix` stands before the names of links, `joint_prefix` before those of joints that move."""
+HARDWARE = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
+
+
+@dataclass(frozen=True)
+class TopicControl:
+    """What ros2_control's topic-based hardware has to know: a joint to be positioned, and topics (sensor_msgs/JointState)."""
+
+    joint: str
+    commands: str
+    states: str
+
+
+def urdf_of(tree: LinkTree, frame_prefix: str = '', joint_prefix: str = '', control: TopicControl | None = None) -> str:
+    """The URDF; `frame_prefix` stands before the names of links, `joint_prefix` before those of joints that move.
+
+    With `control`, it has a `<ros2_control>` element, from which a controller manager makes its hardware.
+    """
     robot = ElementTree.Element('robot', name=tree.name)
     for link in tree.links:
         add_link(robot, link, frame_prefix)
     for joint in tree.joints:
         add_joint(robot, joint, frame_prefix, joint_prefix)
+    if control is not None:
+        add_topic_control(robot, control, tree, joint_prefix)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding='unicode', xml_declaration=True) + '\n'
 
@@ -59,3 +77,20 @@ def add_joint(robot: ElementTree.Element, joint: Joint, frame_prefix: str, joint
         ElementTree.SubElement(element, 'axis', xyz=text_of(motion.axis))
         ElementTree.SubElement(element, 'limit', limits)
         ElementTree.SubElement(element, 'dynamics', damping=repr(motion.damping))
+
+
+def add_topic_control(robot: ElementTree.Element, control: TopicControl, tree: LinkTree, joint_prefix: str) -> None:
+    """Position and velocity of every joint that moves, and a command of the position of one."""
+    element = ElementTree.SubElement(robot, 'ros2_control', name=tree.name, type='system')
+    hardware = ElementTree.SubElement(element, 'hardware')
+    ElementTree.SubElement(hardware, 'plugin').text = HARDWARE
+    for name, topic in (('joint_commands_topic', control.commands), ('joint_states_topic', control.states)):
+        ElementTree.SubElement(hardware, 'param', name=name).text = topic
+    for joint in tree.joints:
+        if joint.motion is not None:
+            coordinate = joint.motion.coordinate
+            child = ElementTree.SubElement(element, 'joint', name=joint_prefix + coordinate)
+            if coordinate == control.joint:
+                ElementTree.SubElement(child, 'command_interface', name='position')
+            for interface in ('position', 'velocity'):
+                ElementTree.SubElement(child, 'state_interface', name=interface)
