@@ -115,7 +115,8 @@ ROSDEP_KEYS = {
 }  # fmt: skip
 ROS_PACKAGES = {  # released in both
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs', 'diagnostic_msgs',
-    'visualization_msgs', 'geometry_msgs', 'rosgraph_msgs', 'trajectory_msgs', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python',
+    'visualization_msgs', 'geometry_msgs', 'rosgraph_msgs', 'trajectory_msgs',
+    'launch', 'launch_ros', 'ros2launch', 'ament_index_python',
 }  # fmt: skip
 
 

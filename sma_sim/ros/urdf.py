@@ -8,13 +8,12 @@ from xml.etree import ElementTree
 
 from sma_sim.model.structures.links import Box, Joint, Link, LinkTree
 
-
 HARDWARE = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
 
 
 @dataclass(frozen=True)
 class TopicControl:
-    """What ros2_control's topic-based hardware has to know: a joint to be positioned, and topics (sensor_msgs/JointState)."""
+    """What the topic-based hardware of ros2_control needs: a joint to position, two topics of sensor_msgs/JointState."""
 
     joint: str
     commands: str
