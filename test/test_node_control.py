@@ -115,6 +115,47 @@ def test_the_parameter_shows_the_ambient_temperature_in_force():
         assert one.stop()[0] == 0
 
 
+def set_parameters(one, **values):
+    """Set parameters node.* and return whether all were set, and the first reason."""
+    parameters = [Parameter(f'node.{name}', value=value).to_parameter_msg() for name, value in values.items()]
+    results = call(one, SetParameters, 'set_parameters', parameters=parameters).results
+    return all(result.successful for result in results), next((r.reason for r in results if r.reason), '')
+
+
+def test_limits_and_pace_can_be_set_while_the_node_runs():
+    topics = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'), (DiagnosticArray, '/diagnostics'))
+    with ros_client.Simulation(topics=topics) as one:
+        applied = one.seen['J_eq_applied']
+        command = one.publisher(Float64, 'J_eq')
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        command.publish(Float64(data=20.0))
+        one.until(lambda: applied and applied[-1].data == 20.0)
+        assert set_parameters(one, J_max=8.0)[0]
+        one.until(lambda: applied[-1].data == 8.0)  # the one in force is clipped at once
+        command.publish(Float64(data=-20.0))
+        one.until(lambda: applied[-1].data == -8.0)
+        assert set_parameters(one, command_timeout=0.1)[0]
+        one.until(lambda: applied[-1].data == 0.0)
+        assert set_parameters(one, real_time_factor=0.0)[0]
+        one.until(lambda: one.seen['/diagnostics'] and float(diagnosed(one)[1]['real-time factor']) > 1.5)
+        assert set_parameters(one, real_time_factor=0.01)[0]
+        one.until(lambda: float(diagnosed(one)[1]['real-time factor']) < 0.1)
+        assert stamp(one.seen['joint_states'][-1]) >= stamp(one.seen['joint_states'][0])
+        for wrong in ({'J_max': -1.0}, {'command_timeout': math.nan}, {'real_time_factor': 1e9}, {'publish_rate': 50.0}):
+            assert not set_parameters(one, **wrong)[0]
+        assert call(one, GetParameters, 'get_parameters', names=['node.J_max']).values[0].double_value == 8.0
+        assert one.stop()[0] == 0
+
+
+def test_a_node_that_follows_a_clock_refuses_another_pace():
+    with ros_client.Simulation('-p', 'use_sim_time:=true') as one:
+        client = one.node.create_client(SetParameters, '/sma_module_sim/set_parameters')
+        one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
+        done, reason = set_parameters(one, real_time_factor=2.0)
+        assert not done and '/clock sets the pace' in reason
+        assert one.stop()[0] == 0
+
+
 def test_reset_brings_back_the_ambient_temperature_of_the_start():
     topics = ((JointState, 'wire_states'), (Temperature, 'wire_1/temperature'), (Float64, 'T_E_applied'))
     with ros_client.Simulation('-p', 'environment.T_E:=300.0', topics=topics) as one:

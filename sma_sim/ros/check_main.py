@@ -13,6 +13,7 @@ PROGRAM = Program(
     'sma_model_check',
     'Runs the model beside a robot and warns when the measurement departs from it.',
     'check.noise_alpha:=1.0e-3',
+    ('environment.T_E',),
 )
 
 

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES, T_E, Departure, LiveModel, RunningError
 from sma_sim.model.config import Config
 from sma_sim.ros import messages
+from sma_sim.ros.command import ENVIRONMENT
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
@@ -62,7 +63,7 @@ class ModelCheck:
         self._diagnostics = Diagnostics(node, 'robot beside the model')
         self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
         self._robot = RobotSubscriptions(node, config)
-        follow_live_parameters(node, self._robot.apply_T_E, use_sim_time)
+        follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
         node.create_service(Trigger, '~/reset', self._reset)
 
     def begin(self, stop: threading.Event) -> None:

@@ -27,11 +27,11 @@ class Command:
 
     The mailbox holds the latest command that has not come into force yet. The executor's thread only puts commands into it,
     the simulating thread only takes them out, each in one atomic operation; all else belongs to the simulating thread. So
-    no command can be lost, whenever it arrives.
+    no command can be lost, whenever it arrives. `J_max` [W] and `timeout` [s] may be set at any time, by any thread.
     """
 
     def __init__(self, node: Node, J_max: float, timeout: float) -> None:
-        self._logger, self._J_max, self._timeout = node.get_logger(), J_max, timeout
+        self._logger, self.J_max, self.timeout = node.get_logger(), J_max, timeout
         self._mailbox: deque[float] = deque(maxlen=1)
         self.rejected = 0
         self.clipped = 0
@@ -55,12 +55,12 @@ class Command:
                 throttle_duration_sec=WARNING_PERIOD,
             )
             return None
-        if abs(J_eq) > self._J_max:
+        if abs(J_eq) > self.J_max:
             self.clipped += 1
             self._logger.warning(
-                f'J_eq = {J_eq:g} W clipped to node.J_max = {self._J_max:g} W', throttle_duration_sec=WARNING_PERIOD
+                f'J_eq = {J_eq:g} W clipped to node.J_max = {self.J_max:g} W', throttle_duration_sec=WARNING_PERIOD
             )
-        return min(max(J_eq, -self._J_max), self._J_max)
+        return min(max(J_eq, -self.J_max), self.J_max)
 
     def clear(self) -> None:
         """Forget the commands so far: heating is off until the next one."""
@@ -73,13 +73,15 @@ class Command:
         if self._mailbox:  # only this thread takes from it, so there is still one below
             self._J_eq, self._taken_at = self._mailbox.pop(), t
             self.state = IN_FORCE
-        elif self._timeout > 0.0 and t - self._taken_at > self._timeout:
+        elif self.timeout > 0.0 and t - self._taken_at > self.timeout:
             self._logger.warning(
-                f'no command for node.command_timeout = {self._timeout:g} s: heating is off until the next one'
+                f'no command for node.command_timeout = {self.timeout:g} s: heating is off until the next one'
             )
             self.state = TURNED_OFF if self._J_eq else TIMED_OUT
             self.timeouts += 1
             self._turn_off()
+        if abs(self._J_eq) > self.J_max:  # it has been lowered since
+            self._J_eq = math.copysign(self.J_max, self._J_eq)
         return self._J_eq
 
     def _turn_off(self) -> None:

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -34,11 +34,15 @@ WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError') 
 
 @dataclass(frozen=True)
 class Program:
-    """A command that is a node: its name, what it is for, and a parameter as an example in its messages."""
+    """A command that is a node: its name, what it is for, and a parameter as an example in its messages.
+
+    `live` are the numbers that a user may set while it runs.
+    """
 
     name: str
     purpose: str
     example: str
+    live: tuple[str, ...]
 
 
 class Runner(Protocol):
@@ -115,7 +119,7 @@ def run_node(program: Program, make: Maker, arguments: list[str] | None) -> int:
     try:
         compile_first(name)
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        return serve_node(name, make, stop, working)
+        return serve_node(program, make, stop, working)
     except UserError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
@@ -139,19 +143,19 @@ def compile_first(name: str) -> None:
     compile_fixed_rate()
 
 
-def configured_runner(node: Any, make: Maker) -> tuple[Runner, Mapping[str, float]]:
+def configured_runner(node: Any, make: Maker, live: Collection[str]) -> tuple[Runner, Mapping[str, float]]:
     """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
     from sma_sim.ros.parameters import configure, params_file
     from sma_sim.ros.qos import take_overrides, warn_of_unused
 
-    config, settings = configure(node)
+    config, settings = configure(node, live)
     overrides = take_overrides(node, params_file()[0])
     runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
     warn_of_unused(node, overrides)
     return runner, settings
 
 
-def serve_node(name: str, make: Maker, stop: threading.Event, working: threading.Event) -> int:
+def serve_node(program: Program, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -159,8 +163,8 @@ def serve_node(name: str, make: Maker, stop: threading.Event, working: threading
     from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
-    node = Node(name, automatically_declare_parameters_from_overrides=True)
-    runner, settings = configured_runner(node, make)
+    node = Node(program.name, automatically_declare_parameters_from_overrides=True)
+    runner, settings = configured_runner(node, make, program.live)
     working.set()
     executor = SingleThreadedExecutor()
     executor.add_node(node)

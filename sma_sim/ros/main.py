@@ -13,6 +13,7 @@ PROGRAM = Program(
     'sma_module_sim',
     'Simulates a module: takes commands [W] on J_eq, publishes joint_states, wire_states and others.',
     'node.record:=run1',
+    ('environment.T_E', 'node.J_max', 'node.command_timeout', 'node.real_time_factor', 'node.steps_per_call'),
 )
 
 

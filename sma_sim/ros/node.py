@@ -20,11 +20,11 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
 from sma_sim.ros.bag_names import bag_path
-from sma_sim.ros.command import TURNED_OFF, WARNING_PERIOD, Ambient, Command
+from sma_sim.ros.command import ENVIRONMENT, TURNED_OFF, WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
-from sma_sim.ros.parameters import follow_live_parameters
+from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recorder import Recorder
@@ -45,7 +45,7 @@ class ModuleSimulation:
     """The simulated module behind the topics of one node."""
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
-        self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], settings
+        self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], dict(settings)
         self._logger = node.get_logger()
         try:
             self._every = steps_per_sample(self._rate, settings['publish_rate'])
@@ -72,14 +72,21 @@ class ModuleSimulation:
         self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock, prefix)
         self._frames = RobotFrames(node, beam_links(config.parameters), prefix)
         self._control, self._diagnostics = Control(node, self), Diagnostics(node, 'simulated SMA module')
-        self._control.steps_per_call = round(settings['steps_per_call'])
+        self._set_steps_per_call()
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             make_subscription(node, kind, topic, receive, LAST_FEW)
         owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
         self._graph_check = GraphCheck(node, owned, INPUT_TOPICS, command='J_eq')
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
-        follow_live_parameters(node, self._ambient.apply, use_sim_time)
+        live = {
+            ENVIRONMENT: self._ambient.apply,
+            'node.J_max': self._set_J_max,
+            'node.command_timeout': self._set_command_timeout,
+            'node.steps_per_call': self._set_steps_per_call,
+            REAL_TIME_FACTOR: lambda: self._control.ask(self._set_pace),
+        }
+        follow_live_parameters(node, live, use_sim_time)
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
@@ -131,6 +138,26 @@ class ModuleSimulation:
         self._begin()
         self._speed = Speed()
         return RESET_DONE
+
+    def _value(self, name: str) -> float:
+        """The number that a parameter has now; the post-set callback reads it here, so that what is set last is in force."""
+        return float(self._node.get_parameter(name).value)
+
+    def _set_J_max(self) -> None:
+        self.command.J_max = self._value('node.J_max')
+
+    def _set_command_timeout(self) -> None:
+        self.command.timeout = self._value('node.command_timeout')
+
+    def _set_steps_per_call(self) -> None:
+        self._control.steps_per_call = round(self._value('node.steps_per_call'))
+
+    def _set_pace(self) -> str:
+        """Another real-time factor, between two steps; the counts of overruns go on."""
+        before, self._settings['real_time_factor'] = self._schedule, self._value(REAL_TIME_FACTOR)
+        self._schedule = self._new_schedule(self._follows)
+        self._schedule.overruns, self._schedule.lost = before.overruns, before.lost
+        return ''
 
     def _end_bag(self) -> None:
         if self._publishers.recorder is not None:

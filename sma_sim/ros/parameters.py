@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,8 @@ from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.ros.command import ENVIRONMENT
 
-LIVE = (ENVIRONMENT,)
+REAL_TIME_FACTOR = 'node.real_time_factor'
+LIVE = (ENVIRONMENT,)  # what every node of ours lets a user set while it runs
 LIST_DESCRIPTIONS = {
     'effects.active': 'names of the active effects',
     'effects.paths': "folders of the user's own effects; relative ones start at the parameter file",
@@ -52,9 +53,10 @@ def params_file() -> tuple[str, Path]:
     return (f'in {files[-1]}', files[-1].parent) if files else ('given to the node', Path())
 
 
-def configure(node: Node) -> tuple[Config, Mapping[str, float]]:
+def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping[str, float]]:
     """Check what was given, declare every parameter, and return the configuration and the ``node.*`` numbers.
 
+    Numbers in `live` may be set while the node runs, all else is read-only then.
     Raises UserError.
     """
     given = given_to(node)
@@ -69,7 +71,7 @@ def configure(node: Node) -> tuple[Config, Mapping[str, float]]:
     for name in given:
         node.undeclare_parameter(name)
     for name, parameter in DEFAULTS.items():
-        declare_number(node, name, parameter, config.parameters[name])
+        declare_number(node, name, parameter, config.parameters[name], name in live)
     for name, choices in CHOICES.items():
         words = ParameterDescriptor(
             description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
@@ -101,7 +103,7 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
             declare_number(node, f'effects.{name}.{parameter.name}', parameter, value)
 
 
-def declare_number(node: Node, name: str, parameter: NumberParameter, value: float) -> None:
+def declare_number(node: Node, name: str, parameter: NumberParameter, value: float, live: bool = False) -> None:
     """Declare one number with its unit, range and description."""
     low, high = parameter.bounds
     # rclpy compares with the range, which NaN (chosen at the start) would fail
@@ -109,15 +111,15 @@ def declare_number(node: Node, name: str, parameter: NumberParameter, value: flo
     descriptor = ParameterDescriptor(
         description=f'{parameter.description} [{parameter.unit}]',
         type=ParameterType.PARAMETER_DOUBLE,
-        read_only=name not in LIVE,
+        read_only=not live,
         floating_point_range=bounds,
         additional_constraints=f'{low:g} to {high:g} {parameter.unit}',
     )
     node.declare_parameter(name, float(value), descriptor, ignore_override=True)
 
 
-def follow_live_parameters(node: Node, apply_T_E: Callable[[], object], use_sim_time: bool) -> None:
-    """Call `apply_T_E` whenever environment.T_E has a new value.
+def follow_live_parameters(node: Node, apply: Mapping[str, Callable[[], object]], use_sim_time: bool) -> None:
+    """Call the function of a parameter whenever it has a new value; `apply` has those that a user may set.
 
     A new value is only validated before it is set: another parameter of the same request may still be refused.
     """
@@ -125,23 +127,25 @@ def follow_live_parameters(node: Node, apply_T_E: Callable[[], object], use_sim_
     def validate(parameters: list[Any]) -> SetParametersResult:
         for parameter in parameters:
             wrong = ''
-            if parameter.name == ENVIRONMENT and parameter.type_ == Parameter.Type.DOUBLE:  # rclpy refuses the other types
-                wrong = refused_T_E(float(parameter.value))
+            if parameter.name in apply and parameter.type_ == Parameter.Type.DOUBLE:  # rclpy refuses the other types
+                wrong = refused_value(parameter.name, float(parameter.value), use_sim_time)
             elif parameter.name == 'use_sim_time' and parameter.value != use_sim_time:
                 wrong = 'use_sim_time: give it when the node starts (-p use_sim_time:=true)'
             if wrong:
                 return SetParametersResult(successful=False, reason=wrong)
         return SetParametersResult(successful=True)
 
-    def apply(parameters: list[Any]) -> None:
-        if any(parameter.name == ENVIRONMENT for parameter in parameters):
-            apply_T_E()
+    def apply_values(parameters: list[Any]) -> None:
+        for name in {parameter.name for parameter in parameters} & set(apply):
+            apply[name]()
 
     node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(apply)
+    node.add_post_set_parameters_callback(apply_values)
 
 
-def refused_T_E(kelvin: float) -> str:
-    """Why an ambient temperature is refused; empty where it is not."""
-    low, high = DEFAULTS[ENVIRONMENT].bounds
-    return '' if low <= kelvin <= high else f'{ENVIRONMENT} = {kelvin} K: expected {low:g} to {high:g} K'
+def refused_value(name: str, value: float, use_sim_time: bool) -> str:
+    """Why a number is refused while the node runs; empty where it is not."""
+    if name == REAL_TIME_FACTOR and use_sim_time:
+        return f'{name}: with use_sim_time, /clock sets the pace'
+    (low, high), unit = DEFAULTS[name].bounds, DEFAULTS[name].unit
+    return '' if low <= value <= high else f'{name} = {value} {unit}: expected {low:g} to {high:g} {unit}'
