@@ -25,7 +25,7 @@ from cases import add_options, solved
 from sma_sim import Dataset, Input, Recording
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
-from sma_sim.evidence.estimation.calibrate import Options, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
@@ -87,7 +87,7 @@ def achieved(plan: Plan, old: Dataset, new: Recording, context: SearchContext) -
 def refitted(hypothesis: ModelHypothesis, more: Dataset, context: SearchContext) -> FitResult:
     """The best fit to one more recording, from the fit without it and from the middle of the priors."""
     fitted = hypothesis.fitted
-    problem = replace(problem_for(more, fitted.problem.config, Options(), 1), free=fitted.problem.free)
+    problem = replace(problem_for(more, fitted.problem.config, FitOptions(), 1), free=fitted.problem.free)
     known = np.append(fitted.z, np.zeros(problem.wires))  # the new run's starts in the middle of their priors
     of_effects = [p.name.startswith('effects.') for p in problem.free]
     middle = np.where([*of_effects, *[False] * (len(known) - len(of_effects))], known, 0.0)

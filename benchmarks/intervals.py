@@ -20,7 +20,17 @@ from typing import Any
 import numpy as np
 from common import random_command, report
 
-from sma_sim import Config, Dataset, Model, Options, Recording, calibrate, default_parameters, held_out, simulate
+from sma_sim import (
+    Config,
+    Dataset,
+    FitOptions,
+    Model,
+    Recording,
+    calibrate,
+    default_parameters,
+    evaluate_held_out,
+    simulate,
+)
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.free_parameters import default_names
 
@@ -61,9 +71,9 @@ def one_seed(seed: int, runs: int, model: str) -> dict[str, Any]:
     truth = true_config(seed, model)
     recordings = tuple(recorded(truth, seed, run) for run in range(runs + 1))
     t_start = time.process_time()
-    found = calibrate(Dataset(recordings[:-1], NOISE), Config(), Options(model=model))
+    found = calibrate(Dataset(recordings[:-1], NOISE), Config(), FitOptions(model=model))
     seconds = time.process_time() - t_start
-    out = held_out(found.config, Dataset(recordings[-1:], NOISE), found.delay)
+    out = evaluate_held_out(found.config, Dataset(recordings[-1:], NOISE), found.delay)
     assert found.uncertainty is not None
     parameters = {
         one.name: {

@@ -15,8 +15,8 @@ from typing import Any
 from cases import add_options, solved
 
 from sma_sim.challenge.make import RecordingPlan, make_challenge
-from sma_sim.evidence.latent_input.latent_search import latent
-from sma_sim.evidence.latent_input.results import Latent
+from sma_sim.evidence.latent_input.latent_search import estimate_latent_inputs
+from sma_sim.evidence.latent_input.results import LatentInputs
 
 KINDS = (
     'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam',
@@ -49,7 +49,7 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     case = make_challenge(
         seed, len(kinds), None, kinds, channels == 'forces', plan=RecordingPlan(duration=duration, rate=rate)
     )
-    found = latent(case.dataset, case.nominal, executor=pool)
+    found = estimate_latent_inputs(case.dataset, case.nominal, executor=pool)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
         'port': right, 'verdict': found.verdict,
@@ -58,7 +58,7 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     }  # fmt: skip
 
 
-def hooks(found: Latent) -> list[str]:
+def hooks(found: LatentInputs) -> list[str]:
     """Where the verdict acts, then those named as indistinguishable."""
     if found.verdict == 'none':
         return []

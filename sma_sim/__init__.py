@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from sma_sim.evidence.diagnosis.diagnose import Diagnosis as Diagnosis
     from sma_sim.evidence.diagnosis.diagnose import diagnose as diagnose
     from sma_sim.evidence.estimation.calibrate import Calibration as Calibration
-    from sma_sim.evidence.estimation.calibrate import Options as Options
+    from sma_sim.evidence.estimation.calibrate import FitOptions as FitOptions
     from sma_sim.evidence.estimation.calibrate import calibrate as calibrate
-    from sma_sim.evidence.estimation.cross_validation import held_out as held_out
+    from sma_sim.evidence.estimation.cross_validation import evaluate_held_out as evaluate_held_out
     from sma_sim.evidence.estimation.residuals import Nuisance as Nuisance
     from sma_sim.evidence.estimation.residuals import predict as predict
-    from sma_sim.evidence.latent_input.latent_search import latent as latent
-    from sma_sim.evidence.latent_input.results import Latent as Latent
+    from sma_sim.evidence.latent_input.latent_search import estimate_latent_inputs as estimate_latent_inputs
+    from sma_sim.evidence.latent_input.results import LatentInputs as LatentInputs
     from sma_sim.model.config import Config as Config
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from sma_sim.solver.simulate import simulate as simulate
 
 HOMES = {
-    'evidence.estimation.calibrate': ('Calibration', 'Options', 'calibrate'),
+    'evidence.estimation.calibrate': ('Calibration', 'FitOptions', 'calibrate'),
     'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
-    'evidence.estimation.cross_validation': ('held_out',),
-    'evidence.latent_input.latent_search': ('latent',),
-    'evidence.latent_input.results': ('Latent',),
+    'evidence.estimation.cross_validation': ('evaluate_held_out',),
+    'evidence.latent_input.latent_search': ('estimate_latent_inputs',),
+    'evidence.latent_input.results': ('LatentInputs',),
     'evidence.data.recording': ('Dataset', 'Recording'),
     'evidence.data.recordings': ('read_dataset',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),

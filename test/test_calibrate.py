@@ -11,13 +11,13 @@ import sma_sim.evidence.estimation.executors as executors
 from sma_sim import (
     Config,
     Dataset,
+    FitOptions,
     Model,
-    Options,
     Recording,
     UserError,
     calibrate,
+    evaluate_held_out,
     find_effects,
-    held_out,
     module_input,
     read_config,
     simulate,
@@ -33,8 +33,8 @@ OFF = {
     'beam__E': 0.93, 'beam__b_alpha': 1.1,
 }  # fmt: skip
 NAMES = tuple(name.replace('__', '.') for name in OFF)
-QUICK = Options(free=NAMES, model='hybrid', starts=1, intervals=False)
-FEW = Options(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1, intervals=False)
+QUICK = FitOptions(free=NAMES, model='hybrid', starts=1, intervals=False)
+FEW = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1, intervals=False)
 
 
 @pytest.fixture(scope='module')
@@ -54,21 +54,21 @@ def test_noise_free_data_give_the_parameters_back(model):
 
 
 def test_a_held_out_run_that_cannot_be_made_is_infinitely_far_off(small):
-    (fit,) = held_out(config(wire__l0=0.06), small)
+    (fit,) = evaluate_held_out(config(wire__l0=0.06), small)
     assert fit.error == np.inf and set(fit.channels.values()) == {np.inf}
 
 
 def test_the_better_model_is_chosen_and_foretells():
     truth = scaled(config('mas'), wire__E_A=0.9, wire__V_L=1.1, **OFF)
     runs = dataset(truth, [1, 2, 3], noise=1.0, rate=25.0)
-    options = Options(free=(*NAMES, 'wire.E_A'), starts=1, intervals=False)
+    options = FitOptions(free=(*NAMES, 'wire.E_A'), starts=1, intervals=False)
     found = calibrate(Dataset(runs.recordings[:2], NOISE), config(), options)
     assert found.config.model == 'mas'
     assert found.cross_validation['mas'] < found.cross_validation['hybrid']
     out = Dataset(runs.recordings[2:], NOISE)
-    assert held_out(found.config, out, found.delay)[0].error < 1.1
+    assert evaluate_held_out(found.config, out, found.delay)[0].error < 1.1
     hybrid = calibrate(Dataset(runs.recordings[:2], NOISE), config(), replace(options, model='hybrid'))
-    assert held_out(hybrid.config, out, hybrid.delay)[0].error < 1.3
+    assert evaluate_held_out(hybrid.config, out, hybrid.delay)[0].error < 1.3
 
 
 def test_delay_and_starts_are_nuisances():
@@ -117,7 +117,7 @@ def test_wire_from_its_test_bench():
         runs.append(Recording(f'{T_E} K', 'wire', times, {'stress': seen['stress_Pa'], 'T': seen['T_K']}, source))
         assert seen.completed
     found = calibrate(Dataset(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
-                      Options(model='hybrid', starts=1, intervals=False))  # fmt: skip
+                      FitOptions(model='hybrid', starts=1, intervals=False))  # fmt: skip
     for name in ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.c_V'):
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
 
@@ -146,7 +146,7 @@ def test_further_starts_are_reported(small):
 def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
     case = make_challenge(1, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
     training = replace(case.dataset, recordings=case.dataset.recordings[:2])
-    found = calibrate(training, case.nominal, Options(model='mas', intervals=False))
+    found = calibrate(training, case.nominal, FitOptions(model='mas', intervals=False))
     assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads
 
 
@@ -223,7 +223,7 @@ def test_a_start_has_several_optima():
     """The right parameters predict all three runs: the third from near sigma_A, where the middle does not lead."""
     made = make_challenge(1089, 0)
     truth = Config(dict(made.robot.parameters), 'module', 'mas')
-    assert all(fit.error < 1.05 for fit in held_out(truth, made.dataset))
+    assert all(fit.error < 1.05 for fit in evaluate_held_out(truth, made.dataset))
 
 
 def test_a_softening_beam_is_recovered():
@@ -231,7 +231,9 @@ def test_a_softening_beam_is_recovered():
     effect = find_effects()['beam_nonlinearity']
     truth, start = (with_effect(config(), effect, {'b': b, 'c': 0.0}) for b in (-0.3, 0.0))
     run = recording(truth, module_input([0.0, 8.0, 16.0, 20.0], [25.0, -25.0, 8.0, 0.0]), noise=1.0)
-    fit = calibrate(Dataset((run,), NOISE), start, Options(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1))
+    fit = calibrate(
+        Dataset((run,), NOISE), start, FitOptions(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1)
+    )
     assert fit.uncertainty is not None
     (interval,) = fit.uncertainty.intervals
     assert interval.seen and interval.std < 0.01  # one draw of noise: three standard deviations, not its 95 % interval

@@ -21,7 +21,7 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
-from sma_sim.evidence.estimation.calibrate import Options, final_fit
+from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.forward_selection import retry_from_finite_step, with_realistic_values
@@ -45,7 +45,7 @@ def measured(effect='', rate=10.0, **values):
 @pytest.fixture(scope='module')
 def with_gravity():
     runs = measured('gravity', g_y=-9.81)
-    return runs, diagnose(runs, config(), request=DiagnosisRequest(options=Options(starts=1)))
+    return runs, diagnose(runs, config(), request=DiagnosisRequest(options=FitOptions(starts=1)))
 
 
 def test_a_hidden_effect_is_found_with_its_value(with_gravity):
@@ -73,7 +73,7 @@ def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gr
     free = tuple(limited(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free)
     problem = replace(accepted.problem, free=free)
     start = replace(accepted, problem=problem, z=np.clip(accepted.z, *problem.limits()))
-    options = Options(free=tuple(p.name for p in free))
+    options = FitOptions(free=tuple(p.name for p in free))
     with ThreadPoolExecutor(1) as pool:
         last = final_fit(hold_out_last(runs, None)[0], start, options, SearchContext(pool, Event()))
     assert last.values['effects.gravity.g_y'] == pytest.approx(-5.0)
@@ -170,7 +170,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     runs = measured()
     other = dataset(scaled(config('mas'), beam__E=1.4), SEEDS, noise=1.0, rate=10.0).recordings[-1]
     changed = replace(runs, recordings=(*runs.recordings[:-1], other))
-    found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=Options(starts=1, intervals=False)))
+    found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.stages[-1].train < 1.1 and found.stages[-1].held_out > 1.3
     assert found.pooled_errors is not None and not found.pooled_errors.explained
@@ -182,7 +182,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     """The robot was turned over between the fitted runs and the held-out one."""
     runs, _ = with_gravity
     turned = replace(runs, recordings=(*runs.recordings[:-1], measured('gravity', g_y=9.81).recordings[-1]))
-    quick = DiagnosisRequest('mas', options=Options(starts=1, intervals=False), equation=False)
+    quick = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False), equation=False)
     found = diagnose(turned, config(), request=quick)
     assert found.selection_steps[0].accepted.name == 'gravity'
     assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
@@ -201,7 +201,7 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)
     powers = {1: 0.75, 2: 0.75, 3: 15.0}
     runs = [recording(truth, command(seed, power=power), 10.0, 1.0, seed=seed) for seed, power in powers.items()]
-    request = DiagnosisRequest('mas', options=Options(starts=1, intervals=False))
+    request = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False))
     weakly_driven = Dataset(tuple(runs), dict(NOISE))
     found = diagnose(weakly_driven, config(), request=request)
     assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out > 1.3
@@ -285,7 +285,9 @@ def test_order_names_units_and_seeds_change_nothing(with_gravity, tmp_path):
     dressed = in_foreign_files(runs, tmp_path)
     assert [one.name for one in dressed.recordings] == [one.name for one in runs.recordings[::-1]]
     found = diagnose(
-        dressed, config(), request=DiagnosisRequest('mas', seed=7, options=Options(starts=1, seed=7, intervals=False))
+        dressed,
+        config(),
+        request=DiagnosisRequest('mas', seed=7, options=FitOptions(starts=1, seed=7, intervals=False)),
     )
     assert (found.verdict, found.effects, found.held_out) == (first.verdict, first.effects, first.held_out)
     assert found.stages[0].held_out == pytest.approx(first.stages[0].held_out, rel=0.02)
@@ -298,7 +300,9 @@ def test_decimation_changes_nothing(with_gravity):
         replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=halved), config(), request=DiagnosisRequest('mas', options=Options(starts=1)))
+    found = diagnose(
+        replace(runs, recordings=halved), config(), request=DiagnosisRequest('mas', options=FitOptions(starts=1))
+    )
     assert (found.verdict, found.effects) == (first.verdict, first.effects) and found.stages[-1].held_out < 1.2
 
 
@@ -324,7 +328,7 @@ def test_what_no_effect_explains_is_unknown():
 @pytest.mark.slow
 def test_a_single_run_has_no_held_out_one():
     runs = measured('gravity', g_y=-9.81)
-    request = DiagnosisRequest('mas', options=Options(starts=1), equation=False)
+    request = DiagnosisRequest('mas', options=FitOptions(starts=1), equation=False)
     found = diagnose(Dataset(runs.recordings[:1], NOISE), config(), request=request)
     assert found.effects[:1] == ('gravity',) and found.held_out == () and np.isnan(found.stages[-1].held_out)
     assert as_data(found)['error'][0]['held_out'] is None

@@ -12,7 +12,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
-from sma_sim.evidence.estimation.calibrate import Options
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
@@ -44,7 +44,7 @@ def effects(tmp_path_factory):
 
 
 def request(model):
-    return DiagnosisRequest(model, options=Options(starts=1, intervals=False))
+    return DiagnosisRequest(model, options=FitOptions(starts=1, intervals=False))
 
 
 def robot(effects, model, *hidden, delay=0.0):

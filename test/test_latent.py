@@ -23,7 +23,7 @@ from sma_sim.evidence.latent_input.inference import (
     schur_complement,
     squares_in_gaps,
 )
-from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
+from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.evidence.latent_input.sensitivities import (
     KnotResponseTask,
     binned,
@@ -43,7 +43,7 @@ BY_NAME = {port.name: port for port in PORTS}
 @pytest.fixture(scope='module')
 def shaken():
     case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    return case, latent(case.dataset, case.nominal)
+    return case, estimate_latent_inputs(case.dataset, case.nominal)
 
 
 def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
@@ -60,7 +60,7 @@ def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
 
 def test_with_nothing_missing_no_port_is_named():
     case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    found = latent(case.dataset, case.nominal)
+    found = estimate_latent_inputs(case.dataset, case.nominal)
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(verdict_sentences(found))).startswith('none')
 
@@ -214,7 +214,7 @@ def test_hypotheses_and_reasons():
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
     case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=30.0, rate=10.0))
-    found = latent(case.dataset, case.nominal)
+    found = estimate_latent_inputs(case.dataset, case.nominal)
     best, *others = found.findings
     assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2
     assert 1.0 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
@@ -236,7 +236,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
 @pytest.mark.slow
 def test_a_calibrated_model_is_taken_as_it_is(shaken):
     case, fitted = shaken
-    found = latent(case.dataset, fitted.config, request=LatentRequest(model='mas', fit=False))
+    found = estimate_latent_inputs(case.dataset, fitted.config, request=LatentRequest(model='mas', fit=False))
     assert found.verdict == 'force_U_y' and found.config.parameters['beam.E'] == fitted.config.parameters['beam.E']
 
 

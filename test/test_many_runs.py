@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_data import config, dataset, scaled
 
-from sma_sim import Options, calibrate, find_effects
+from sma_sim import FitOptions, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation import run_subset
 from sma_sim.evidence.estimation.calibrate import SAME_OPTIMUM, problem_for
@@ -14,7 +14,7 @@ from sma_sim.evidence.estimation.run_subset import from_subset, to_subset
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
-FEW = Options(free=('wire.lambda', 'beam.E'), model='mas', starts=1, intervals=False)
+FEW = FitOptions(free=('wire.lambda', 'beam.E'), model='mas', starts=1, intervals=False)
 TRUTH = scaled(config('mas'), wire__lambda=1.1, beam__E=0.95)
 
 

@@ -9,7 +9,7 @@ import pytest
 from simulated_data import config, dataset, scaled
 
 from sma_sim import find_effects
-from sma_sim.evidence.estimation.calibrate import Options
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.backward_elimination import best_replacement, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import best_acceptable
@@ -19,7 +19,7 @@ from sma_sim.evidence.model_selection.forward_selection import pair_steps, selec
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.report.html.candidates import elimination_section
 
-QUICK = DiagnosisRequest('mas', options=Options(starts=1))
+QUICK = DiagnosisRequest('mas', options=FitOptions(starts=1))
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, command, config, dataset, recording, scaled
 
-from sma_sim import Dataset, Options, calibrate, module_input, predict
+from sma_sim import Dataset, FitOptions, calibrate, module_input, predict
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.uncertainty import autocorrelation_time, interval, long_run, unidentified
@@ -83,7 +83,7 @@ def test_hybrid_wires_that_never_empty_do_not_show_their_length():
         np.testing.assert_allclose(same[name], run.channels[name], atol=2e-3 * noise, rtol=1e-6)
     names = ('wire.l0', 'wire.eps_T', 'wire.E_A', 'wire.E_M', 'wire.c_V', 'wire.lambda')
     noisy = recording(given, run.source, noise=1.0)
-    found = calibrate(Dataset((noisy,), NOISE), config(), Options(free=names, model='hybrid', starts=1))
+    found = calibrate(Dataset((noisy,), NOISE), config(), FitOptions(free=names, model='hybrid', starts=1))
     assert found.uncertainty is not None
     along = np.array([one.coordinate(other.parameters[one.name]) for one in choose_free(given, names)[0]])
     along /= np.linalg.norm(along)
@@ -99,7 +99,7 @@ def test_hybrid_wires_that_never_empty_do_not_show_their_length():
 def test_data_at_rest_tell_nothing_of_heat():
     runs = Dataset((recording(config(), module_input([0, 20], [0, 0]), noise=1.0),), NOISE)
     names = ('wire.c_V', 'wire.lambda', 'beam.E', 'beam.b_alpha')
-    found = calibrate(runs, config(), Options(free=names, model='hybrid', starts=1))
+    found = calibrate(runs, config(), FitOptions(free=names, model='hybrid', starts=1))
     assert found.uncertainty is not None
     seen = {one.name: one.seen for one in found.uncertainty.intervals}
     assert seen == {'wire.c_V': False, 'wire.lambda': False, 'beam.E': True, 'beam.b_alpha': False}
@@ -114,7 +114,7 @@ def test_intervals_hold_the_truth():
     inside = []
     for seed in range(4):
         runs = dataset(truth, [10 * seed + 1], noise=1.0)
-        found = calibrate(runs, config(), Options(free=names, model='hybrid', starts=1))
+        found = calibrate(runs, config(), FitOptions(free=names, model='hybrid', starts=1))
         assert found.uncertainty is not None
         for one in found.uncertainty.intervals:
             inside.append(one.low <= truth.parameters[one.name] <= one.high)

@@ -54,10 +54,10 @@ def run(arguments: argparse.Namespace) -> int:
     systems = {config.system for _, config in named}
     if len(systems) > 1:
         raise UserError('one configuration is of a module, the other of a wire: expected two of the same system')
-    fitted, held = read_data(arguments, named[0][1])
+    fitted, held_out = read_data(arguments, named[0][1])
     announce_compilation()
     with chosen_executor(arguments) as executor:
-        found = [compare(fitted, config, held, label, not arguments.no_nuisance, executor) for label, config in named]
+        found = [compare(fitted, config, held_out, label, not arguments.no_nuisance, executor) for label, config in named]
     summaries = [summarize(comparison) for comparison in found]
     pairs = error_changes(found[0], found[1]) if len(found) == 2 else ()
     print(compare_text(summaries, pairs))
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
             'changes': [vars(change) for change in pairs], 'noise_std': fitted.noise_std,
         })  # fmt: skip
     if arguments.report:
-        write_compare_page(arguments.report, summaries, pairs, (fitted, held))
+        write_compare_page(arguments.report, summaries, pairs, (fitted, held_out))
     print_written(arguments.report, arguments.json)
     return 0
 

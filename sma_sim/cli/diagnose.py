@@ -56,20 +56,22 @@ def run(arguments: argparse.Namespace) -> int:
     """Diagnose, and write what was asked for."""
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
-    training, held = read_data(arguments, config)
+    training, held_out = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_compilation()
     request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
-            found = diagnose(training, config, held, request, executor, print_progress)
+            found = diagnose(training, config, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        written = write_outputs(arguments, found, *hold_out_last(training, held))
+        written = write_outputs(arguments, found, *hold_out_last(training, held_out))
     print_written(arguments.out, written, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0
 
 
-def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Dataset, held: Dataset | None) -> Path | None:
+def write_outputs(
+    arguments: argparse.Namespace, found: Diagnosis, training: Dataset, held_out: Dataset | None
+) -> Path | None:
     """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
     written = write_improved(arguments, found) if arguments.out else None
     rivals = confounded(found)
@@ -78,7 +80,7 @@ def write_outputs(arguments: argparse.Namespace, found: Diagnosis, training: Dat
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(arguments.json, as_data(found, written) | offered)
     if arguments.report:
-        write_diagnosis_page(arguments.report, reviewed(found, training, held), command)
+        write_diagnosis_page(arguments.report, reviewed(found, training, held_out), command)
     if command:
         print(f'To find the experiment that tells {" from ".join(rivals)}: {command}')
     return written

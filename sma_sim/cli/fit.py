@@ -24,8 +24,8 @@ from sma_sim.cli.common.data import (
 from sma_sim.cli.common.options import ProgressLine, add_config_options, announce_compilation, config_from, folders_beside
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
-from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
+from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
@@ -57,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Fit, predict what was held out, write what was asked for."""
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
-    fitted, held = read_data(arguments, config)
-    options = Options(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
+    fitted, held_out = read_data(arguments, config)
+    options = FitOptions(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
     announce_compilation()
     progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:
@@ -68,18 +68,18 @@ def run(arguments: argparse.Namespace) -> int:
             progress.close()
         if arguments.out:
             write_fitted(arguments, found)
-        predicted = predict_held_out(found, held, executor)
-        runs = runs_of_wire(found, fitted, held, executor)
+        predicted = predict_held_out(found, held_out, executor)
+        runs = runs_of_wire(found, fitted, held_out, executor)
     print(fit_text(found, predicted))
     if runs:
         print('', *runs.sentences, sep='\n')
     if arguments.json or arguments.report:
-        summary = summarize(compared_calibration(found, fitted, held, predicted, 'fitted'))
+        summary = summarize(compared_calibration(found, fitted, held_out, predicted, 'fitted'))
     if arguments.json:
         further = {'run_by_run': asdict(runs) if runs else None, 'comparison': comparison_data(summary)}
         write_json(arguments.json, fit_result_data(found, predicted, fitted) | further)
     if arguments.report:
-        write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held), runs)
+        write_fit_page(arguments.report, found, values_of(config), summary, (fitted, held_out), runs)
     print_written(arguments.out, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0
 
@@ -96,18 +96,18 @@ def step_words(label: str, iteration: int, cost: float) -> str:
     return f'{label}, step {iteration}, cost {cost:.4g}'
 
 
-def predict_held_out(found: Calibration, held: Dataset | None, executor: Executor) -> tuple[RunFit, ...]:
+def predict_held_out(found: Calibration, held_out: Dataset | None, executor: Executor) -> tuple[RunFit, ...]:
     """The runs that were held out, unless the fit was stopped."""
-    if held is None or found.interrupted:
+    if held_out is None or found.interrupted:
         return ()
-    return held_out(found.config, held, found.delay, executor)
+    return evaluate_held_out(found.config, held_out, found.delay, executor)
 
 
-def runs_of_wire(found: Calibration, fitted: Dataset, held: Dataset | None, executor: Executor) -> Agreement | None:
+def runs_of_wire(found: Calibration, fitted: Dataset, held_out: Dataset | None, executor: Executor) -> Agreement | None:
     """A wire run by run, where there are several runs and the fit was not stopped."""
     if found.config.system != 'wire' or found.interrupted:
         return None
-    return agreement(found.config, fitted, held, executor)
+    return agreement(found.config, fitted, held_out, executor)
 
 
 def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:
@@ -156,7 +156,7 @@ def remarks_on(found: Calibration) -> list[str]:
     """What else a person must know."""
     remarks = [f'these data cannot tell: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
-    remarks += [f'{parameter.name} was held: {parameter.reason}' for parameter in found.held]
+    remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     other = [start for start in found.other_starts if not start.same]
     if other:
@@ -184,8 +184,8 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'delay_std': uncertainty.delay_std if uncertainty else None,
         'error': {
             'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channels,
-            'runs': {fit.name: run_data(fit, held=False) for fit in found.runs}
-            | {fit.name: run_data(fit, held=True) for fit in predicted},
+            'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
+            | {fit.name: run_data(fit, held_out=True) for fit in predicted},
         },
         'cross_validation': found.cross_validation,
         'unseen': uncertainty.unseen if uncertainty else None,
@@ -195,7 +195,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
-        'held': {parameter.name: parameter.reason for parameter in found.held},
+        'held': {parameter.name: parameter.reason for parameter in found.fixed},
         'other_starts': [
             {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts
         ],
@@ -211,9 +211,9 @@ def interval_data(interval: Any) -> dict[str, Any]:
     return {} if interval is None else {name: getattr(interval, name) for name in ('low', 'high', 'std', 'log', 'seen')}
 
 
-def run_data(fit: RunFit, held: bool) -> dict[str, Any]:
+def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
     """The errors of one run as plain data."""
-    return {'error': fit.error, 'channels': fit.channels, 'held_out': held, 'x_M': fit.x_M, 'start': fit.start}
+    return {'error': fit.error, 'channels': fit.channels, 'held_out': held_out, 'x_M': fit.x_M, 'start': fit.start}
 
 
 def mean_error_of(fits: Sequence[RunFit]) -> float | None:

@@ -21,7 +21,7 @@ from sma_sim.cli.common.data import (
 )
 from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.latent_input.latent_search import LatentRequest, latent
+from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
 from sma_sim.report.html.latent_page import write_latent_page
 
@@ -43,15 +43,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, and write what was asked for."""
     check_outputs(arguments)
     config = config_from(arguments, *system_words(arguments))
-    training, held = read_data(arguments, config)
+    training, held_out = read_data(arguments, config)
     announce_compilation()
     with chosen_executor(arguments) as executor:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)
-        found = latent(training, config, held, request, executor, print_progress)
+        found = estimate_latent_inputs(training, config, held_out, request, executor, print_progress)
     if arguments.json:
         write_json(arguments.json, latent_data(found))
     if arguments.report:
-        write_latent_page(arguments.report, found, *hold_out_last(training, held))
+        write_latent_page(arguments.report, found, *hold_out_last(training, held_out))
     print(*verdict_sentences(found), sep='\n')
     if found.findings:
         print(table_text(RANKING_HEADER, ranking_rows(found)))

@@ -45,10 +45,10 @@ def split_dataset(dataset: Dataset, words: Sequence[str]) -> tuple[Dataset, Data
             raise UserError(f'--hold-out {word}: no such file and no such recording{hint}; there are {", ".join(names)}')
         chosen |= matching
     training = tuple(recording for recording in dataset.recordings if recording.name not in chosen)
-    held = tuple(recording for recording in dataset.recordings if recording.name in chosen)
+    held_out = tuple(recording for recording in dataset.recordings if recording.name in chosen)
     if not training:
         raise UserError(f'--hold-out {" ".join(words)}: that is all there is ({", ".join(names)}); leave some to fit')
-    return replace(dataset, recordings=training), replace(dataset, recordings=held) if held else None
+    return replace(dataset, recordings=training), replace(dataset, recordings=held_out) if held_out else None
 
 
 def matches(name: str, word: str) -> bool:
@@ -68,14 +68,14 @@ def recording_name(path: Path) -> str:
     return path.stem if path.is_file() else path.name
 
 
-def hold_out_last(dataset: Dataset, held: Dataset | None) -> tuple[Dataset, Dataset | None]:
+def hold_out_last(dataset: Dataset, held_out: Dataset | None) -> tuple[Dataset, Dataset | None]:
     """Training and held-out recordings by name: the last name of several is held out where nothing else was chosen.
 
     By name, so that the result does not depend on the order in which the recordings are given.
     """
     training = sorted_by_name(dataset)
-    if held is not None:
-        return training, sorted_by_name(held)
+    if held_out is not None:
+        return training, sorted_by_name(held_out)
     if len(training.recordings) < MIN_RUNS_TO_HOLD_OUT:
         return training, None
     *rest, last = training.recordings

@@ -110,7 +110,7 @@ class Diagnosis:
 
 
 def diagnose(
-    dataset: Dataset, config: Config, held: Dataset | None = None, request: DiagnosisRequest | None = None,
+    dataset: Dataset, config: Config, held_out: Dataset | None = None, request: DiagnosisRequest | None = None,
     executor: Executor | None = None, on_progress: OnProgress = silent,
 ) -> Diagnosis:  # fmt: skip
     """Find the physical effects that a model lacks to explain recordings.
@@ -121,7 +121,7 @@ def diagnose(
         Recordings with their noise.
     config : Config
         The nominal model; its active effects are part of it.
-    held : Dataset, optional
+    held_out : Dataset, optional
         Recordings that only judge the result; without it, the last by name of three or more.
     request : DiagnosisRequest, optional
         Kinetics, folders of effects, seed, options of fits, whether to search for an equation.
@@ -154,13 +154,13 @@ def diagnose(
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
-    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
     >>> request = DiagnosisRequest(model='hybrid', options=options, equation=False)
     >>> sma_sim.diagnose(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
-    training, held_out = hold_out_last(dataset, held)
+    training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
     with stoppable() as stop, some_executor(executor) as pool:
         context = SearchContext(pool, stop, on_progress, request.folders, request.seed)

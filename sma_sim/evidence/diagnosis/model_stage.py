@@ -9,12 +9,12 @@ from typing import Literal
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     Calibration,
-    Options,
+    FitOptions,
     calibration_of,
     final_calibration,
     full_problem,
 )
-from sma_sim.evidence.estimation.cross_validation import RunFit, held_out, pooled_error
+from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.model.config import Config
@@ -89,11 +89,11 @@ class StageData:
 
     training: Dataset
     held_out: Dataset | None
-    options: Options
+    options: FitOptions
 
     def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs under a model."""
-        return held_out(config, self.held_out, delay, context.pool) if self.held_out else ()
+        return evaluate_held_out(config, self.held_out, delay, context.pool) if self.held_out else ()
 
 
 def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:

@@ -27,11 +27,11 @@ class StageChange:
     errors: tuple[float, float]
 
 
-def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held: Dataset | None) -> StageChange:
+def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_out: Dataset | None) -> StageChange:
     """The change from one stage to the next: in a held-out run where both can be run. Raises SimulationError."""
     predicted = bool(before.predicted) and bool(after.predicted) and math.isfinite(before.held_out + after.held_out)
-    out = held is not None and predicted
-    dataset = held if held is not None and out else training
+    out = held_out is not None and predicted
+    dataset = held_out if held_out is not None and out else training
     first, then = (before.predicted, after.predicted) if out else (before.runs, after.runs)
     channel = most_changed(before, after, out)
     worst = max((fit for fit in first if channel in fit.channels), key=lambda fit: fit.channels[channel])

@@ -21,7 +21,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
-from sma_sim.evidence.estimation.free_parameters import FreeParameter, Held, choose_free
+from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
@@ -48,7 +48,7 @@ AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """How to fit.
 
     Attributes
@@ -77,16 +77,43 @@ class Options:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A fit as it is reported; SI units. `config` runs as it is. `cost`: half the sum of squares, prior included.
+    """A fit as it is reported; SI units.
 
-    `channels` and `error`: RMSE over noise by channel, over all runs, and sqrt(mean of its square);
-    `cross_validation`: that error on runs left out in turn, by model; `implausible`: what left its plausible range, where
-    intervals are known.
+    Attributes
+    ----------
+    config : Config
+        The model with the fitted values; it runs as it is.
+    free, fixed : tuple
+        The parameters that were fitted, and those that were requested but kept at their values, with the reason.
+    values : mapping
+        Fitted values by full name.
+    delay : float
+        Delay of the recordings behind the model [s].
+    runs : tuple of RunFit
+        Errors and nuisance parameters of each recording.
+    channels, error
+        RMSE over noise by channel over all runs, and sqrt(mean of its square).
+    cost : float
+        Half the sum of the squared residuals over noise, with the priors.
+    iterations : int
+    converged, interrupted : bool
+    at_bound : tuple of str
+        Parameters that ended at a bound.
+    cross_validation : mapping
+        The error on runs left out in turn, by model (``'hybrid'``, ``'mas'``).
+    other_starts : tuple of OtherStart
+        Where the other starting points ended.
+    uncertainty : Uncertainty or None
+        95 % intervals, correlations, and directions that the data leave undetermined.
+    implausible : tuple of ImplausibleParameter
+        Parameters that left their plausible range, where intervals are known.
+    seconds : float
+        Time that the fit took.
     """
 
     config: Config
     free: tuple[FreeParameter, ...]
-    held: tuple[Held, ...]
+    fixed: tuple[FixedParameter, ...]
     values: Mapping[str, float]
     delay: float
     runs: tuple[RunFit, ...]
@@ -105,7 +132,7 @@ class Calibration:
 
 
 def calibrate(
-    dataset: Dataset, config: Config, options: Options | None = None, executor: Executor | None = None,
+    dataset: Dataset, config: Config, options: FitOptions | None = None, executor: Executor | None = None,
     progress: OnIteration = silent_iteration,
 ) -> Calibration:  # fmt: skip
     """Fit free parameters to all recordings of a dataset.
@@ -116,7 +143,7 @@ def calibrate(
         Recordings with their noise.
     config : Config
         The model to start from; its values are the centres of weak priors.
-    options : Options, optional
+    options : FitOptions, optional
         What to fit, and how.
     executor : Executor, optional
         Where the simulations run; without it, threads on all cores.
@@ -142,11 +169,11 @@ def calibrate(
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
     >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
     >>> start = sma_sim.read_config(words=['beam.E=1.9e9'])
-    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
     >>> f"{sma_sim.calibrate(dataset, start, options).values['beam.E']:.3g}"
     '2e+09'
     """
-    options, t_start = options or Options(), time.perf_counter()
+    options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
     with some_executor(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
@@ -158,7 +185,7 @@ def calibrate(
     return replace(found, config=runs_as_asked, cross_validation=errors, seconds=time.perf_counter() - t_start)
 
 
-def fits_by_model(dataset: Dataset, config: Config, options: Options, context: SearchContext) -> list[FitResult]:
+def fits_by_model(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> list[FitResult]:
     """A search with each of the kinetics to try, cross-validated where there are two."""
     fits: list[FitResult] = []
     for model in MODELS if options.model == 'auto' else (options.model,):
@@ -170,7 +197,7 @@ def fits_by_model(dataset: Dataset, config: Config, options: Options, context: S
     return [run_in_threads([partial(cross_validated, fit, quiet)], context.stop)[0] for fit in fits]
 
 
-def check(dataset: Dataset, config: Config, options: Options) -> None:
+def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
     """Raise UserError for what cannot be fitted."""
     if not dataset.recordings:
         raise UserError('there is no recording to fit')
@@ -184,7 +211,7 @@ def check(dataset: Dataset, config: Config, options: Options) -> None:
         raise UserError(f'starts = {options.starts}: expected 1 or more')
 
 
-def problem_for(dataset: Dataset, config: Config, options: Options, every: int, step_limited: bool = True) -> Problem:
+def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
@@ -192,13 +219,17 @@ def problem_for(dataset: Dataset, config: Config, options: Options, every: int, 
     return Problem(config, runs, free, options.robust).at_tolerance(rtol)
 
 
-def full_problem(dataset: Dataset, fit: FitResult, options: Options) -> Problem:
+def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
     """The problem of a fit on all samples, the parameters free within the same bounds."""
     return replace(problem_for(dataset, fit.problem.config, options, 1, step_limited=False), free=fit.problem.free)
 
 
 def multistart_search(
-    dataset: Dataset, config: Config, options: Options, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
+    dataset: Dataset,
+    config: Config,
+    options: FitOptions,
+    context: SearchContext,
+    criteria: StopCriteria = FROM_PRIORS,
 ) -> FitResult:
     """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first."""
     longest = max(len(recording.time) for recording in dataset.recordings)
@@ -233,7 +264,7 @@ def continued(
     )  # fmt: skip
 
 
-def final_fit(dataset: Dataset, fit: FitResult, options: Options, context: SearchContext) -> FitResult:
+def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> FitResult:
     """The fit continued on all samples, the parameters free within the same bounds."""
     whole = full_problem(dataset, fit, options)
     problem = whole.at_tolerance(FINAL_RTOL)
@@ -247,7 +278,7 @@ def final_fit(dataset: Dataset, fit: FitResult, options: Options, context: Searc
     return found
 
 
-def starting_points(problem: Problem, options: Options, pool: Executor) -> list[Vector]:
+def starting_points(problem: Problem, options: FitOptions, pool: Executor) -> list[Vector]:
     """The middle of the priors, then random points around it at which every run can be made."""
     points = [start_point(problem)]
     random = np.random.default_rng(options.seed)
@@ -260,7 +291,7 @@ def starting_points(problem: Problem, options: Options, pool: Executor) -> list[
     return points
 
 
-def final_calibration(dataset: Dataset, fit: FitResult, options: Options, context: SearchContext) -> Calibration:
+def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> Calibration:
     """The fit continued on all samples, with intervals; its tolerance is that of the fit that is continued."""
     t_start = time.perf_counter()
     last = final_fit(dataset, fit, options, context)
@@ -271,7 +302,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: Options, contex
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
-        held=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
+        fixed=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
         seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known),
     )  # fmt: skip
 
@@ -288,7 +319,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     runs = run_fits(fit.problem, fit.z, context.pool)
     channels = channel_errors(fit.problem, runs)
     return Calibration(
-        config=fit.config, free=fit.problem.free, held=(), values=fit.values, delay=fit.delay, runs=runs,
+        config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
         channels=channels, error=mean_error(channels), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
         interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
         cross_validation={fit.config.model: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,

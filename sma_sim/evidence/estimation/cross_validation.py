@@ -105,7 +105,9 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
         return tuple(threads.map(predicted, runs))
 
 
-def held_out(config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None) -> tuple[RunFit, ...]:
+def evaluate_held_out(
+    config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None
+) -> tuple[RunFit, ...]:
     """Predict recordings that were not fitted; only their initial states are estimated.
 
     Parameters
@@ -136,7 +138,7 @@ def held_out(config: Config, dataset: Dataset, delay: float = 0.0, executor: Exe
     >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
     >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
-    >>> sma_sim.held_out(sma_sim.Config(), dataset)[0].error < 0.1
+    >>> sma_sim.evaluate_held_out(sma_sim.Config(), dataset)[0].error < 0.1
     True
     """
     floor = config.parameters['solver.rtol']

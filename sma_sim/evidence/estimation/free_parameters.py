@@ -47,7 +47,7 @@ class FreeParameter:
 
 
 @dataclass(frozen=True)
-class Held:
+class FixedParameter:
     """A parameter that was asked for and is not fitted, and why."""
 
     name: str
@@ -56,10 +56,10 @@ class Held:
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Parameters that the equations let appear together only; `held` is kept where all of `together` are free."""
+    """Parameters that the equations let appear together only; `fixed` keeps its value where all of `free` are fitted."""
 
-    held: str
-    together: tuple[str, ...]
+    fixed: str
+    free: tuple[str, ...]
     reason: str
 
 
@@ -75,7 +75,7 @@ def equivalences(config: Config) -> tuple[Equivalence, ...]:
     )
 
 
-def why_unseen(name: str, config: Config) -> str:
+def why_unidentifiable(name: str, config: Config) -> str:
     """Why a parameter has no effect on any channel of this system and model, or an empty string."""
     if name in KINETICS_NAMES and config.model == 'hybrid':
         return 'the hybrid model has no kinetics'
@@ -145,8 +145,10 @@ def free_parameter(name: str, value: float, declared: Parameter) -> FreeParamete
     )
 
 
-def choose_free(config: Config, names: Iterable[str] | None = None) -> tuple[tuple[FreeParameter, ...], tuple[Held, ...]]:
-    """The parameters to fit (None: the default ones and all of the active effects'), and those asked for but held.
+def choose_free(
+    config: Config, names: Iterable[str] | None = None
+) -> tuple[tuple[FreeParameter, ...], tuple[FixedParameter, ...]]:
+    """The parameters to fit (None: the default ones and all of the active effects'), and those requested that stay fixed.
 
     Raises UserError for a name that no fit can change.
     """
@@ -154,23 +156,23 @@ def choose_free(config: Config, names: Iterable[str] | None = None) -> tuple[tup
     if names is None:
         effects = [name for name in declared if name.startswith('effects.')]
         names = [*default_names(config), *effects]
-    asked = list(dict.fromkeys(names))
-    for name in asked:
+    requested = list(dict.fromkeys(names))
+    for name in requested:
         if name not in declared:
             close = get_close_matches(name, list(declared), n=1, cutoff=0.4)
             hint = f'; did you mean {close[0]}?' if close else ''
             raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                             'or effects.NAME.* of an active effect')  # fmt: skip
-    held = [Held(name, why) for name in asked if (why := why_unseen(name, config))]
-    left = remaining(asked, held)
+    fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config))]
+    left = remaining(requested, fixed)
     for equivalence in equivalences(config):
-        if equivalence.held in left and set(equivalence.together) <= set(left):
-            held.append(Held(equivalence.held, equivalence.reason))
-            left = remaining(asked, held)
-    return tuple(free_parameter(name, values[name], declared[name]) for name in left), tuple(held)
+        if equivalence.fixed in left and set(equivalence.free) <= set(left):
+            fixed.append(FixedParameter(equivalence.fixed, equivalence.reason))
+            left = remaining(requested, fixed)
+    return tuple(free_parameter(name, values[name], declared[name]) for name in left), tuple(fixed)
 
 
-def remaining(names: Sequence[str], held: Sequence[Held]) -> list[str]:
-    """The names that are not held."""
-    names_held = {parameter.name for parameter in held}
-    return [name for name in names if name not in names_held]
+def remaining(names: Sequence[str], fixed: Sequence[FixedParameter]) -> list[str]:
+    """The names that are not fixed."""
+    fixed_names = {parameter.name for parameter in fixed}
+    return [name for name in names if name not in fixed_names]

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.calibrate import Options, calibrate
+from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
 
@@ -51,14 +51,14 @@ class Agreement:
 
 
 def agreement(
-    config: Config, fitted: Dataset, held: Dataset | None = None, executor: Executor | None = None
+    config: Config, fitted: Dataset, held_out: Dataset | None = None, executor: Executor | None = None
 ) -> Agreement | None:
     """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs determine them.
 
     Runs that are heated (nobody knows the temperature of the wire) or do not see both stresses are left out.
     """
     runs = [(recording, False) for recording in fitted.recordings]
-    runs += [(recording, True) for recording in (held.recordings if held else ())]
+    runs += [(recording, True) for recording in (held_out.recordings if held_out else ())]
     isotherms = [
         (recording, out) for recording, out in runs if not np.any(np.asarray(recording.source.values)[:, HEATING_COLUMN])
     ]
@@ -73,10 +73,10 @@ def agreement(
 
 
 def run_stress(
-    config: Config, dataset: Dataset, recording: Recording, held: bool, executor: Executor | None
+    config: Config, dataset: Dataset, recording: Recording, held_out: bool, executor: Executor | None
 ) -> RunStress | None:
     """One run on its own, None where it does not determine both."""
-    options = Options(free=STRESS_NAMES, model=config.model, starts=1)
+    options = FitOptions(free=STRESS_NAMES, model=config.model, starts=1)
     found = calibrate(replace(dataset, recordings=(recording,)), config, options, executor)
     known = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     if set(known) != set(STRESS_NAMES) or not all(interval.seen for interval in known.values()):
@@ -84,7 +84,7 @@ def run_stress(
     temperature = float(np.mean(np.asarray(recording.source.values)[:, -1]))
     shift = config.parameters['wire.sigma_T'] * (temperature - config.parameters['wire.T0'])
     level, width = (numbers(known[name]) for name in STRESS_NAMES)
-    return RunStress(recording.name, held, temperature, (level[0] + shift, level[1] + shift, level[2] + shift), width)
+    return RunStress(recording.name, held_out, temperature, (level[0] + shift, level[1] + shift, level[2] + shift), width)
 
 
 def numbers(interval: Interval) -> tuple[float, float, float]:

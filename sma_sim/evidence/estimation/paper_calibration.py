@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate
-from sma_sim.evidence.estimation.cross_validation import held_out
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
+from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
@@ -89,7 +89,7 @@ def calibrate_as_the_paper(
 def fitted_at(dataset: Dataset, config: Config, names: tuple[str, ...], executor: Executor | None) -> Calibration:
     """A hybrid fit with T0 at the temperature of the loop, so that sigma_MW0 is sigma_MW there."""
     here = {**config.parameters, 'wire.T0': temperature(dataset.recordings[0])}
-    return calibrate(dataset, replace(config, parameters=here), Options(free=names, model='hybrid'), executor)
+    return calibrate(dataset, replace(config, parameters=here), FitOptions(free=names, model='hybrid'), executor)
 
 
 def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:
@@ -101,7 +101,7 @@ def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:
 def stress_errors(config: Config, dataset: Dataset, executor: Executor | None) -> dict[str, float]:
     """RMSE of the stress by recording [Pa]."""
     noise = dataset.noise_std['stress']
-    return {fit.name: noise * fit.channels['stress'] for fit in held_out(config, dataset, executor=executor)}
+    return {fit.name: noise * fit.channels['stress'] for fit in evaluate_held_out(config, dataset, executor=executor)}
 
 
 def log_std(found: Calibration, name: str) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import Options, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
@@ -104,7 +104,7 @@ def thinned_rivals(
     every = max(1, max(len(recording.time) for recording in training.recordings) // REFIT_SAMPLES)
     rivals = []
     for hypothesis in hypotheses:
-        full = problem_for(training, hypothesis.fitted.problem.config, Options(), every)
+        full = problem_for(training, hypothesis.fitted.problem.config, FitOptions(), every)
         free, weight = hypothesis.fitted.problem.free, np.sqrt(every) / hypothesis.noise_factor
         problem = replace(full, free=free).at_tolerance(REFIT_RTOL).weighted(weight)
         fitted = refit(problem, hypothesis.fitted.z, context, FAST_REFIT)

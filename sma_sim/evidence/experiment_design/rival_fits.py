@@ -13,7 +13,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     FINAL_RTOL,
     MODELS,
-    Options,
+    FitOptions,
     check,
     full_problem,
     multistart_search,
@@ -98,7 +98,7 @@ class ModelHypothesis:
 
 def fit_base_model(training: Dataset, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:
     """The configuration as it is, with the kinetics that fit it better."""
-    options = Options(starts=BASE_FIT_STARTS)
+    options = FitOptions(starts=BASE_FIT_STARTS)
     check(training, config, options)
     fits = []
     for model in models:
@@ -211,7 +211,7 @@ def fit_hypotheses(training: Dataset, rivals: Sequence[NamedFit], context: Searc
 
 def refit_on_all_samples(training: Dataset, fit: FitResult, context: SearchContext) -> FitResult:
     """The fit continued on all samples."""
-    problem = full_problem(training, fit, Options()).at_tolerance(FINAL_RTOL)
+    problem = full_problem(training, fit, FitOptions()).at_tolerance(FINAL_RTOL)
     return minimize(problem, fit.z, LAST_STOP_CRITERIA, context)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import Options, check, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
@@ -44,7 +44,7 @@ from sma_sim.evidence.latent_input.ranking import (
     rank_hypotheses,
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
-from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, Latent
+from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
@@ -79,13 +79,13 @@ class LatentRequest:
     model: str = 'auto'
     fit: bool = True
     seed: int = 0
-    options: Options = field(default_factory=lambda: Options(starts=CRITERIA.nominal_starts))
+    options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
 
 
-def latent(
-    dataset: Dataset, config: Config, held: Dataset | None = None, request: LatentRequest | None = None,
+def estimate_latent_inputs(
+    dataset: Dataset, config: Config, held_out: Dataset | None = None, request: LatentRequest | None = None,
     executor: Executor | None = None, on_progress: OnProgress = lambda words: None,
-) -> Latent:  # fmt: skip
+) -> LatentInputs:  # fmt: skip
     """Find the input, and where it acts, that would make `config` explain the dataset's recordings.
 
     Parameters
@@ -94,7 +94,7 @@ def latent(
         Recordings of a module or of a wire, and the noise of their channels.
     config
         The model to start from; its effects are part of it.
-    held
+    held_out
         Recordings that are not used, so that the answer can be tested on them. None: the last of three or more.
     request
         Kinetics, whether to fit first, seed.
@@ -105,7 +105,7 @@ def latent(
 
     Returns
     -------
-    Latent
+    LatentInputs
         The verdict, and for each hypothesis the error that it leaves and its inputs over time. A KeyboardInterrupt ends the
         search with what there is (`interrupted`).
 
@@ -128,13 +128,13 @@ def latent(
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
-    >>> options = sma_sim.Options(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
     >>> request = LatentRequest(model='hybrid', options=options)
-    >>> sma_sim.latent(dataset, sma_sim.Config(), request=request).verdict
+    >>> sma_sim.estimate_latent_inputs(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
-    training, _ = hold_out_last(dataset, held)
+    training, _ = hold_out_last(dataset, held_out)
     check(training, config, request.options)
     with some_executor(executor) as pool:
         context = SearchContext(pool, stop, on_progress, (), request.seed)
@@ -170,7 +170,7 @@ def worst_runs(fitted: FitResult, pool: Executor) -> list[int]:
 
 def problem_on_all_samples(training: Dataset, fitted: FitResult, chosen: Sequence[int]) -> tuple[Problem, Vector]:
     """The problem of some runs on all their samples, and z there."""
-    full = replace(problem_for(training, fitted.problem.config, Options(), 1), free=fitted.problem.free)
+    full = replace(problem_for(training, fitted.problem.config, FitOptions(), 1), free=fitted.problem.free)
     indices, shared = full.indices(), len(full.shared)
     z = np.concatenate([fitted.z[:shared], *(fitted.z[indices[k][shared:]] for k in chosen)])
     return replace(full, runs=tuple(full.runs[k] for k in chosen)), z
@@ -201,7 +201,7 @@ def kinetics_difference(
     ]
 
 
-def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context: SearchContext) -> Latent:
+def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context: SearchContext) -> LatentInputs:
     """The search around a fitted model; where that lacks something, and `may_refit`, around one that is not biased by it."""
     chosen = worst_runs(fitted, context.pool)
     problem, z = problem_on_all_samples(training, fitted, chosen)
@@ -209,7 +209,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
-    result = Latent(
+    result = LatentInputs(
         'none', {}, (), error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
         tuple(run.name for run in problem.runs), False, 0.0,
     )  # fmt: skip
@@ -235,9 +235,9 @@ def nominal_error_in_gaps(point: LinearizationPoint, context: SearchContext) -> 
 
 
 def evaluate_hypotheses(
-    result: Latent, start: LinearizationPoint, design: DesignMatrix, ports: Sequence[Port],
+    result: LatentInputs, start: LinearizationPoint, design: DesignMatrix, ports: Sequence[Port],
     difference: Sequence[Matrix], context: SearchContext,
-) -> Latent:  # fmt: skip
+) -> LatentInputs:  # fmt: skip
     """The evidence of all hypotheses; where the best is more than chance, the best are refined and compared again."""
     hypotheses = hypotheses_of(ports)
     context.on_progress(f'comparing {len(hypotheses)} hypotheses')

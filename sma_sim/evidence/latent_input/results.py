@@ -67,7 +67,7 @@ class InputFinding:
 
 
 @dataclass(frozen=True)
-class Latent:
+class LatentInputs:
     """What was found.
 
     Attributes

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, Latent
+from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
 
 RANKING_HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evidence', 'depends on')
 
 
-def verdict_sentences(found: Latent) -> Iterator[str]:
+def verdict_sentences(found: LatentInputs) -> Iterator[str]:
     """The verdict."""
     if found.interrupted and not found.findings:
         yield 'stopped early, before any port was evaluated'
@@ -30,7 +30,7 @@ def verdict_sentences(found: Latent) -> Iterator[str]:
         yield 'stopped early'
 
 
-def ranking_rows(found: Latent) -> list[tuple[str, ...]]:
+def ranking_rows(found: LatentInputs) -> list[tuple[str, ...]]:
     """A row per port, the best first."""
     return [
         (
@@ -41,12 +41,12 @@ def ranking_rows(found: Latent) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def removed_per_value(found: Latent, finding: InputFinding) -> float:
+def removed_per_value(found: LatentInputs, finding: InputFinding) -> float:
     """Squared error over noise that it removes in gaps of the data, per effective value that was fitted."""
     return (found.held_out**2 - finding.held_out**2) / max(finding.dof, 1.0)
 
 
-def latent_data(found: Latent) -> dict[str, Any]:
+def latent_data(found: LatentInputs) -> dict[str, Any]:
     """All of it, JSON's types only; inputs over time in SI units."""
     return {
         'verdict': found.verdict,
@@ -63,7 +63,7 @@ def latent_data(found: Latent) -> dict[str, Any]:
     }
 
 
-def finding_data(found: Latent, finding: InputFinding) -> dict[str, Any]:
+def finding_data(found: LatentInputs, finding: InputFinding) -> dict[str, Any]:
     """One hypothesis."""
     return {
         'name': finding.name,

@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import MODELS, Options, multistart_search
+from sma_sim.evidence.estimation.calibrate import MODELS, FitOptions, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -26,7 +26,7 @@ class DiagnosisRequest:
     model: str = 'auto'
     folders: tuple[Path, ...] = ()
     seed: int = 0
-    options: Options = field(default_factory=lambda: Options(starts=CRITERIA.nominal_starts))
+    options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
     equation: bool = True
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import Options, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
@@ -36,7 +36,7 @@ class PooledErrors:
 
 
 def pooled_refit(
-    training: Dataset, held_out: Dataset, last: FitResult, predicted: Sequence[RunFit], options: Options,
+    training: Dataset, held_out: Dataset, last: FitResult, predicted: Sequence[RunFit], options: FitOptions,
     context: SearchContext,
 ) -> PooledErrors | None:  # fmt: skip
     """The last model fitted to the held-out runs too, from where it is and where they are `predicted` to start.

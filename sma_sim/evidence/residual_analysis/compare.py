@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
-from sma_sim.evidence.estimation.calibrate import Calibration, Options, calibrate, check
-from sma_sim.evidence.estimation.cross_validation import RunFit, held_out
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
+from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.config import Config
@@ -60,13 +60,13 @@ class Comparison:
         """Channels that any run has, in the order of the file contract."""
         return tuple(name for name in CHANNEL_COLUMNS if any(name in run.measured for run in self.runs))
 
-    def part(self, held: bool) -> tuple[ComparedRun, ...]:
+    def part(self, held_out: bool) -> tuple[ComparedRun, ...]:
         """The runs that were held out, or the others."""
-        return tuple(run for run in self.runs if run.held_out == held)
+        return tuple(run for run in self.runs if run.held_out == held_out)
 
 
 def compare(
-    dataset: Dataset, config: Config, held: Dataset | None = None, label: str = '', nuisances: bool = True,
+    dataset: Dataset, config: Config, held_out: Dataset | None = None, label: str = '', nuisances: bool = True,
     executor: Executor | None = None,
 ) -> Comparison:  # fmt: skip
     """Put a configuration as it is beside a dataset, and beside runs that are held out.
@@ -74,31 +74,31 @@ def compare(
     With `nuisances` the delay is estimated from the dataset and the start from each run; else there is no delay and
     runs start as the configuration says. Raises UserError for what cannot be compared.
     """
-    options = Options(free=(), model=config.model, starts=1, intervals=False)
+    options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
     if nuisances:
         found = calibrate(dataset, config, options, executor)
-        predicted = held_out(config, held, found.delay, executor) if held is not None else ()
-        return comparison_of_runs(config, found.delay, (dataset, found.runs), (held, predicted), label)
+        predicted = evaluate_held_out(config, held_out, found.delay, executor) if held_out is not None else ()
+        return comparison_of_runs(config, found.delay, (dataset, found.runs), (held_out, predicted), label)
     check(dataset, config, options)
-    return comparison_of_runs(config, 0.0, (dataset, ()), (held, ()), label)
+    return comparison_of_runs(config, 0.0, (dataset, ()), (held_out, ()), label)
 
 
 def compared_calibration(
-    found: Calibration, dataset: Dataset, held: Dataset | None, predicted: Sequence[RunFit], label: str
+    found: Calibration, dataset: Dataset, held_out: Dataset | None, predicted: Sequence[RunFit], label: str
 ) -> Comparison:
     """A fitted model beside the dataset that it was fitted to, and beside runs that are held out."""
     return comparison_of_runs(
-        found.config, found.delay, (dataset, found.runs), (held if predicted else None, predicted), label
+        found.config, found.delay, (dataset, found.runs), (held_out if predicted else None, predicted), label
     )
 
 
 def comparison_of_runs(
     config: Config, delay: float, fitted: tuple[Dataset, Sequence[RunFit]],
-    held: tuple[Dataset | None, Sequence[RunFit]], label: str,
+    held_out: tuple[Dataset | None, Sequence[RunFit]], label: str,
 ) -> Comparison:  # fmt: skip
     """Runs with their nuisances (those of the configuration where there are none) under one configuration."""
     runs = []
-    for (dataset, fits), is_held_out in ((fitted, False), (held, True)):
+    for (dataset, fits), is_held_out in ((fitted, False), (held_out, True)):
         if dataset is None:
             continue
         known = {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.latent_input.results import InputFinding, Latent
+from sma_sim.evidence.latent_input.results import InputFinding, LatentInputs
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, ranking_rows, verdict_sentences
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import SHOWN, new_figure, small
@@ -24,19 +24,19 @@ COLUMN_NOTES = (
 )
 
 
-def write_latent_page(path: Path, found: Latent, training: Dataset, held: Dataset | None) -> None:
+def write_latent_page(path: Path, found: LatentInputs, training: Dataset, held_out: Dataset | None) -> None:
     """The page. Raises UserError."""
-    sections = [missing_section(found), inputs_section(found), data_section(training, held)]
+    sections = [missing_section(found), inputs_section(found), data_section(training, held_out)]
     write_page(path, f'Missing quantity: {quantity(found)}', sections)
 
 
-def quantity(found: Latent) -> str:
+def quantity(found: LatentInputs) -> str:
     """What is missing, in words."""
     ports = {finding.name: finding.hypothesis.ports for finding in found.findings}.get(found.verdict, ())
     return ' and '.join(port.description for port in ports) or found.verdict
 
 
-def missing_section(found: Latent) -> Section:
+def missing_section(found: LatentInputs) -> Section:
     """The verdict, and the error that each port leaves."""
     first, *rest = verdict_sentences(found)
     blocks: list[Block] = [Paragraph(first, 'lead')]
@@ -48,7 +48,7 @@ def missing_section(found: Latent) -> Section:
     return Section('What is missing', blocks)
 
 
-def error_figure(found: Latent) -> object:
+def error_figure(found: LatentInputs) -> object:
     """Error over noise by port."""
     figure = new_figure()
     names = ['nothing', *(finding.name for finding in found.findings)]
@@ -59,7 +59,7 @@ def error_figure(found: Latent) -> object:
     return figure
 
 
-def inputs_section(found: Latent) -> Section:
+def inputs_section(found: LatentInputs) -> Section:
     """A tab per hypothesis with its inputs over time."""
     tabs = [(finding.name, [input_plot(finding)]) for finding in found.findings if finding.inputs]
     words = 'What would have to act there for the model to meet the measurement, with its 95 % band (of noise, of what else '

@@ -108,7 +108,7 @@ def fit_remarks(found: Calibration) -> list[str]:
     words = list(found.uncertainty.unseen) if found.uncertainty else []
     words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]
     words += [implausible_sentence(found.implausible)] if found.implausible else []
-    words += [f'{parameter.name} was held: {parameter.reason}' for parameter in found.held]
+    words += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     for start in found.other_starts:
         if not start.same:
             moved = ', '.join(f'{name} {value:.4g}' for name, value in start.values.items())
