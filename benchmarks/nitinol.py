@@ -61,8 +61,8 @@ def parts(dataset: Dataset, held: tuple[str, ...]) -> tuple[Dataset, Dataset]:
 def shown(step: ModelStage, noise: float) -> dict[str, Any]:
     """One step of the fall: effects, and stress RMSE [MPa] fitted and held out."""
     return {
-        'effects': list(step.effects), 'fitted': step.channels['stress'] * noise * 1e-6,
-        'held_out': step.held_out_channels['stress'] * noise * 1e-6, 'values': dict(step.values),
+        'effects': list(step.effects), 'fitted': step.channel_errors['stress'] * noise * 1e-6,
+        'held_out': step.held_out_channel_errors['stress'] * noise * 1e-6, 'values': dict(step.values),
     }  # fmt: skip
 
 

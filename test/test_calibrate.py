@@ -55,7 +55,7 @@ def test_noise_free_data_give_the_parameters_back(model):
 
 def test_a_held_out_run_that_cannot_be_made_is_infinitely_far_off(small):
     (fit,) = evaluate_held_out(config(wire__l0=0.06), small)
-    assert fit.error == np.inf and set(fit.channels.values()) == {np.inf}
+    assert fit.error == np.inf and set(fit.channel_errors.values()) == {np.inf}
 
 
 def test_the_better_model_is_chosen_and_foretells():

@@ -102,9 +102,9 @@ def answer(*names):
     return Answer(1, effects, {}, {})
 
 
-def said(kind, *effects, bare=5.0, final=1.05, ranking=('gravity', 'radiation', 'slack'), confounded=()):
+def said(kind, *effects, nominal=5.0, final=1.05, ranking=('gravity', 'radiation', 'slack'), confounded=()):
     """What a diagnosis wrote."""
-    steps = [{'effects': [], 'held_out': bare}, *({'effects': list(effects), 'held_out': final} for _ in effects[:1])]
+    steps = [{'effects': [], 'held_out': nominal}, *({'effects': list(effects), 'held_out': final} for _ in effects[:1])]
     first = [{'effect': name, 'confounded_with': list(confounded) if name == 'gravity' else []} for name in ranking]
     return verdict_from({'verdict': kind, 'effects': list(effects), 'ranking': first, 'error': steps})
 
@@ -117,7 +117,7 @@ def said(kind, *effects, bare=5.0, final=1.05, ranking=('gravity', 'radiation', 
         ((), said('unknown_effect'), 'wrong', 'false alarm'),
         (('gravity',), said('missing_effect', 'gravity'), 'right', 'gravity is missing'),
         (('gravity',), said('none'), 'wrong', 'something is missing'),
-        (('gravity',), said('none', bare=1.2), 'right', 'cannot be seen'),
+        (('gravity',), said('none', nominal=1.2), 'right', 'cannot be seen'),
         (('gravity',), said('missing_effect', 'radiation'), 'wrong', 'radiation is not what'),
         (('gravity',), said('missing_effect', 'gravity', 'slack'), 'partial', 'slack is not'),
         (('gravity',), said('unknown_effect', 'gravity'), 'partial', 'all that is missing'),
@@ -132,24 +132,24 @@ def said(kind, *effects, bare=5.0, final=1.05, ranking=('gravity', 'radiation', 
         (('truth_fan',), said('unknown_effect', 'radiation'), 'right', 'no effect of the library'),
         (('truth_fan',), said('missing_effect', 'radiation'), 'wrong', 'is not what'),
         (('truth_fan',), said('none'), 'wrong', 'something is missing'),
-        (('truth_fan',), said('none', bare=1.1), 'right', 'cannot be seen'),
+        (('truth_fan',), said('none', nominal=1.1), 'right', 'cannot be seen'),
         (('gravity', 'truth_fan'), said('unknown_effect', 'gravity'), 'right', 'gravity is missing'),
         (('gravity', 'truth_fan'), said('unknown_effect'), 'partial', 'not named'),
         (('gravity', 'truth_fan'), said('missing_effect', 'gravity', final=2.0), 'partial', 'truth_fan is missing as well'),
         (('gravity', 'truth_fan'), said('missing_effect', 'gravity'), 'right', 'gravity is missing'),
     ],
 )
-def test_marks(hidden, verdict, outcome, word):
-    marks = score_verdict(answer(*hidden), verdict)
-    assert marks.outcome == outcome and word in marks.why
+def test_score(hidden, verdict, outcome, word):
+    score = score_verdict(answer(*hidden), verdict)
+    assert score.outcome == outcome and word in score.why
 
 
-def test_marks_tell_rank_and_errors():
-    marks = score_verdict(answer('radiation', 'joint_friction'), said('missing_effect', 'radiation', bare=4.0, final=1.4))
-    assert marks.ranks == {'radiation': 2, 'joint_friction': None}
-    assert (marks.bare_error, marks.final_error, marks.expected_verdict) == (4.0, 1.4, 'missing_effect')
+def test_the_score_has_rank_and_errors():
+    score = score_verdict(answer('radiation', 'joint_friction'), said('missing_effect', 'radiation', nominal=4.0, final=1.4))
+    assert score.ranks == {'radiation': 2, 'joint_friction': None}
+    assert (score.nominal_error, score.final_error, score.expected_verdict) == (4.0, 1.4, 'missing_effect')
     empty = score_verdict(answer('gravity'), verdict_from({'verdict': 'none', 'effects': []}))
-    assert empty.outcome == 'wrong' and empty.bare_error is None
+    assert empty.outcome == 'wrong' and empty.nominal_error is None
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
     (tmp_path / 'verdict.json').write_text(json.dumps(verdict))
     assert main(['challenge', 'reveal', 'case', 'verdict.json']) == 0
     told = capsys.readouterr().out
-    assert 'missing_effect is right: gravity is missing' in told and 'gravity: rank 1' in told and 'in the end: 1.1' in told
+    assert 'missing_effect is right: gravity is missing' in told and 'gravity: rank 1' in told and 'last model: 1.1' in told
     assert main(['challenge', 'reveal', 'case', 'verdict.json', '--json']) == 0
     data = json.loads(capsys.readouterr().out)
     assert data['score']['outcome'] == 'right' and data['truth']['effects'][0]['library'] == 'gravity'

@@ -122,7 +122,7 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
 
 
 def cannot_be_made(run):
-    return replace(run, error=np.inf, channels=dict.fromkeys(run.channels, np.inf))
+    return replace(run, error=np.inf, channel_errors=dict.fromkeys(run.channel_errors, np.inf))
 
 
 def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):

@@ -17,7 +17,7 @@ from sma_sim.cli.common.units import in_unit, to_si, units_of
 from sma_sim.cli.main import main
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameter_file import number, parameter_file
+from sma_sim.model.parameter_file import parameter_file, yaml_number
 from sma_sim.model.parameters import DEFAULTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,7 +32,7 @@ def test_module_yaml_is_what_the_writer_writes():
 def test_numbers_read_back_in_yaml(value):
     import yaml
 
-    text = number(value)
+    text = yaml_number(value)
     assert '.' in text and yaml.safe_load(text) == value == float(text)
 
 

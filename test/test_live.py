@@ -10,7 +10,7 @@ from sma_sim.evidence.monitoring.live_model import (
     J_EQ,
     MODULE_CHANNEL_NAMES,
     T_E,
-    Departure,
+    DepartureDetector,
     InputChange,
     LiveModel,
     RunningError,
@@ -78,9 +78,9 @@ def test_running_error_is_that_of_its_window(steps, window):
 
 def departures(ratios, threshold=3.0, window=5.0):
     """Whether the model has left, sample by sample at 100 Hz."""
-    error, departure, left = RunningError(window, 1), Departure(threshold, window, 1), []
+    error, departure, left = RunningError(window, 1), DepartureDetector(threshold, window, 1), []
     for k, ratio in enumerate(ratios):
-        departure.look(k / 100.0, error.add(k / 100.0, np.array([ratio])))
+        departure.update(k / 100.0, error.add(k / 100.0, np.array([ratio])))
         left.append(bool(departure.left[0]))
     return np.array(left)
 

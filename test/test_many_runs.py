@@ -27,7 +27,7 @@ def many():
 @pytest.fixture(autouse=True)
 def some_are_many(monkeypatch):
     """A part of three."""
-    monkeypatch.setattr(run_subset, 'MAX_RUNS', 3)
+    monkeypatch.setattr(run_subset, 'MAX_SUBSET_RUNS', 3)
 
 
 def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
@@ -51,7 +51,7 @@ def test_few_runs_are_searched_all():
 
 def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, monkeypatch):
     found = calibrate(many, config(), FEW)
-    monkeypatch.setattr(run_subset, 'MAX_RUNS', 100)
+    monkeypatch.setattr(run_subset, 'MAX_SUBSET_RUNS', 100)
     at_once = calibrate(many, config(), FEW)
     assert abs(found.cost - at_once.cost) < 0.1 * SAME_OPTIMUM  # descents end where the next step is predicted to gain less
     for name, value in at_once.values.items():

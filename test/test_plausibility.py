@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_data import config, dataset, scaled
 
-from sma_sim import Options, calibrate, find_effects
+from sma_sim import FitOptions, calibrate, find_effects
 from sma_sim.cli.fit import fit_result_data, remarks_on
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -54,7 +54,7 @@ def test_an_effect_is_judged_by_its_realistic_range():
 def test_fit_and_diagnosis_say_it():
     """A robot that cools 1.8 times as fast as the model says: the fit explains it, with a value that is not plausible."""
     runs = dataset(scaled(config(), wire__lambda=1.8), (1, 2), noise=1.0, rate=5.0, channels=('alpha', 'F_1'))
-    options = Options(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
+    options = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
     fitted = calibrate(runs, config(), options)
     assert [one.name for one in fitted.implausible] == ['wire.lambda']
     assert any('instead of 450' in line and 'probably missing' in line for line in remarks_on(fitted))

@@ -8,7 +8,7 @@ from sma_sim import Input, find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import EDGES, INNER
 from sma_sim.model.errors import UserError
 from sma_sim.model.material import sigma_A
-from sma_sim.solver.inputs import between, pieces
+from sma_sim.solver.inputs import input_between, pieces
 from sma_sim.solver.rosenbrock import RODAS4P2
 
 
@@ -154,9 +154,9 @@ def test_a_run_is_continued_where_it_ended(kind, effects):
     whole = module_input([0.0, 3.0, 5.0, 9.0, 15.0], [12.0, -8.0, 15.0, 0.0, 0.0])
     times = np.linspace(0.0, 15.0, 200)
     once = simulate(model, whole, times)
-    first = simulate(model, between(whole, 0.0, 5.0), times[times < 5.0])
+    first = simulate(model, input_between(whole, 0.0, 5.0), times[times < 5.0])
     kept = first.state.state.y.copy()
-    second = simulate(model, between(whole, 5.0, 15.0), times[times >= 5.0], initial_state=first.state)
+    second = simulate(model, input_between(whole, 5.0, 15.0), times[times >= 5.0], initial_state=first.state)
     assert (first.state.state.y == kept).all()
     assert len(first.jumps) + len(second.jumps) == len(once.jumps)
     for name, column in once.columns.items():

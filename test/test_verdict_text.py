@@ -36,7 +36,7 @@ def candidate(name, *rivals):
 
 
 def stage(effects, held_out, kind='added'):
-    errors = {'train': held_out, 'held_out': held_out, 'channels': {}, 'held_out_channels': {'alpha': held_out}}
+    errors = {'train': held_out, 'held_out': held_out, 'channel_errors': {}, 'held_out_channel_errors': {'alpha': held_out}}
     return SimpleNamespace(kind=kind, effects=tuple(effects), model='mas', calibration=CALIBRATION, **errors)
 
 

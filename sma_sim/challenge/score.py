@@ -26,7 +26,7 @@ class Verdict:
     error: tuple[tuple[tuple[str, ...], float], ...]
 
     @property
-    def bare_error(self) -> float | None:
+    def nominal_error(self) -> float | None:
         """Held-out error over noise of the fitted model without effects."""
         return next((held_out for effects, held_out in self.error if not effects), None)
 
@@ -54,7 +54,7 @@ class VerdictScore:
     verdict: str
     expected_verdict: str
     ranks: Mapping[str, int | None]
-    bare_error: float | None
+    nominal_error: float | None
     final_error: float | None
 
 
@@ -107,7 +107,7 @@ def score_verdict(answer: Answer, verdict: Verdict) -> VerdictScore:
     """
     outcome, why = outcome_and_reason(answer, verdict)
     ranks = {name: verdict.ranking.index(name) + 1 if name in verdict.ranking else None for name in answer.library_names}
-    return VerdictScore(outcome, why, verdict.kind, answer.verdict, ranks, verdict.bare_error, verdict.final_error)
+    return VerdictScore(outcome, why, verdict.kind, answer.verdict, ranks, verdict.nominal_error, verdict.final_error)
 
 
 def outcome_and_reason(answer: Answer, verdict: Verdict) -> tuple[str, str]:
@@ -124,8 +124,8 @@ def outcome_and_reason(answer: Answer, verdict: Verdict) -> tuple[str, str]:
             else (RIGHT, 'nothing is missing')
         )
     if verdict.kind == NOTHING_MISSING:
-        if is_within_noise(verdict.bare_error):
-            return RIGHT, f'what is missing cannot be seen ({verdict.bare_error:.2f} times the noise, held out)'
+        if is_within_noise(verdict.nominal_error):
+            return RIGHT, f'what is missing cannot be seen ({verdict.nominal_error:.2f} times the noise, held out)'
         return WRONG, 'something is missing'
     if false and not found:
         return WRONG, f'{joined_names(false)} is not what is missing'

@@ -12,7 +12,7 @@ from sma_sim.challenge.answer import Answer
 from sma_sim.challenge.files import NOMINAL_FILE, WRITERS, check_new, open_answer, write_challenge
 from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, RecordingPlan, make_challenge
 from sma_sim.challenge.score import VerdictScore, read_verdict, score_verdict
-from sma_sim.cli.common.options import announce_compilation
+from sma_sim.cli.common.options import announce_first_compilation
 
 
 def add_parser(verbs: Any) -> None:
@@ -48,7 +48,7 @@ def add_parser(verbs: Any) -> None:
 def write_new(arguments: argparse.Namespace) -> int:
     """Make a challenge and write it."""
     check_new(arguments.out)
-    announce_compilation()
+    announce_first_compilation()
     challenge = make_challenge(
         arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces,
         RecordingPlan(arguments.runs, arguments.duration, arguments.rate),
@@ -65,12 +65,12 @@ def write_new(arguments: argparse.Namespace) -> int:
 def reveal_answer(arguments: argparse.Namespace) -> int:
     """Print the answer, and the score of a verdict."""
     answer = open_answer(arguments.folder)
-    marks = score_verdict(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
+    score = score_verdict(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
     if arguments.json:
         truth = answer.as_data() | {'verdict': answer.verdict}
-        print(json.dumps({'truth': truth, 'score': asdict(marks) if marks else None}, indent=2))
+        print(json.dumps({'truth': truth, 'score': score_data(score) if score else None}, indent=2))
     else:
-        print('\n'.join(answer_text(answer) + (score_text(marks) if marks else [])))
+        print('\n'.join(answer_text(answer) + (score_text(score) if score else [])))
     return 0
 
 
@@ -88,13 +88,18 @@ def answer_text(answer: Answer) -> list[str]:
     return lines
 
 
-def score_text(marks: VerdictScore) -> list[str]:
+def score_data(score: VerdictScore) -> dict[str, Any]:
+    """The score in types of JSON; `bare_error` is another name of `nominal_error`."""
+    return asdict(score) | {'bare_error': score.nominal_error}
+
+
+def score_text(score: VerdictScore) -> list[str]:
     """The score for a person, in lines."""
-    lines = [f'the verdict {marks.verdict} is {marks.outcome}: {marks.why}']
-    if marks.verdict != marks.expected_verdict:
-        lines.append(f'  expected {marks.expected_verdict}')
-    lines += [f'  {name}: {f"rank {rank}" if rank else "not ranked"}' for name, rank in marks.ranks.items()]
-    for what, error in (('bare', marks.bare_error), ('in the end', marks.final_error)):
+    lines = [f'the verdict {score.verdict} is {score.outcome}: {score.why}']
+    if score.verdict != score.expected_verdict:
+        lines.append(f'  expected {score.expected_verdict}')
+    lines += [f'  {name}: {f"rank {rank}" if rank else "not ranked"}' for name, rank in score.ranks.items()]
+    for model, error in (('nominal model', score.nominal_error), ('last model', score.final_error)):
         if error is not None:
-            lines.append(f'  held-out error over noise, {what}: {error:.3g}')
+            lines.append(f'  held-out error over noise, {model}: {error:.3g}')
     return lines

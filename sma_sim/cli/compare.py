@@ -17,7 +17,7 @@ from sma_sim.cli.common.data import (
     table_text,
     write_json,
 )
-from sma_sim.cli.common.options import add_overriding_options, announce_compilation
+from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, total_error
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(systems) > 1:
         raise UserError('one configuration is of a module, the other of a wire: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
-    announce_compilation()
+    announce_first_compilation()
     with chosen_executor(arguments) as executor:
         found = [compare(fitted, config, held_out, label, not arguments.no_nuisance, executor) for label, config in named]
     summaries = [summarize(comparison) for comparison in found]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from sma_sim.cli.common.options import announce_compilation
+from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.solver.compile import cache_folder, content_key, is_interpreted
 from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation
 
@@ -20,7 +20,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(_: argparse.Namespace) -> int:
     """Compile for the commands and for the nodes, where it has not been done."""
-    announce_compilation()
+    announce_first_compilation()
     compile_simulation()
     compile_fixed_rate()
     if is_interpreted():

@@ -20,13 +20,13 @@ from sma_sim.cli.common.data import (
     system_words,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from, folders_beside
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
-from sma_sim.evidence.diagnosis.proposed_equation import values_of
+from sma_sim.evidence.diagnosis.proposed_equation import effect_values
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = config_from(arguments, *system_words(arguments))
     training, held_out = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
-    announce_compilation()
+    announce_first_compilation()
     request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
@@ -108,7 +108,8 @@ def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | No
     source = f'sma-sim diagnose from {", ".join(found.training)}'
     if found.proposal:
         folder = arguments.out.with_name(f'{arguments.out.stem}_effects')
-        written = found.proposal.write(folder, values_of(found), f'proposed by {source}: a formula that fits, no known law')
+        note = f'proposed by {source}: a formula that fits, no known law'
+        written = found.proposal.write(folder, effect_values(found), note)
         folders, names = [*folders, folder.name], list(found.stages[-1].effects)
     origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
     text = origin + parameter_file(found.calibration.config, folders)

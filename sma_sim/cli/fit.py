@@ -21,7 +21,13 @@ from sma_sim.cli.common.data import (
     table_text,
     write_json,
 )
-from sma_sim.cli.common.options import ProgressLine, add_config_options, announce_compilation, config_from, folders_beside
+from sma_sim.cli.common.options import (
+    ProgressLine,
+    add_config_options,
+    announce_first_compilation,
+    config_from,
+    folders_beside,
+)
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
@@ -59,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
     options = FitOptions(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
-    announce_compilation()
+    announce_first_compilation()
     progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:
         try:
@@ -124,7 +130,7 @@ def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
         f'{found.config.model} model, {found.iterations} steps in {found.seconds:.1f} s'
         + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else ''),
         '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
-        table_text(('error over noise', *found.channels, 'all'), error_rows(found, predicted)),
+        table_text(('error over noise', *found.channel_errors, 'all'), error_rows(found, predicted)),
     ]  # fmt: skip
     remarks = remarks_on(found)
     return '\n'.join([*lines, *([''] if remarks else []), *remarks])
@@ -145,11 +151,11 @@ def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[st
     """Errors of every run by channel, those held out last."""
 
     def row(name: str, channels: Mapping[str, float], error: float) -> tuple[str, ...]:
-        return (name, *(f'{channels[c]:.3f}' if c in channels else '' for c in found.channels), f'{error:.3f}')
+        return (name, *(f'{channels[c]:.3f}' if c in channels else '' for c in found.channel_errors), f'{error:.3f}')
 
-    rows = [row(fit.name, fit.channels, fit.error) for fit in found.runs]
-    rows.append(row('fitted runs', found.channels, found.error))
-    return rows + [row(f'{fit.name} (held out)', fit.channels, fit.error) for fit in predicted]
+    rows = [row(fit.name, fit.channel_errors, fit.error) for fit in found.runs]
+    rows.append(row('fitted runs', found.channel_errors, found.error))
+    return rows + [row(f'{fit.name} (held out)', fit.channel_errors, fit.error) for fit in predicted]
 
 
 def remarks_on(found: Calibration) -> list[str]:
@@ -183,7 +189,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'delay': found.delay,
         'delay_std': uncertainty.delay_std if uncertainty else None,
         'error': {
-            'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channels,
+            'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channel_errors,
             'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
             | {fit.name: run_data(fit, held_out=True) for fit in predicted},
         },
@@ -213,7 +219,7 @@ def interval_data(interval: Any) -> dict[str, Any]:
 
 def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
     """The errors of one run as plain data."""
-    return {'error': fit.error, 'channels': fit.channels, 'held_out': held_out, 'x_M': fit.x_M, 'start': fit.start}
+    return {'error': fit.error, 'channels': fit.channel_errors, 'held_out': held_out, 'x_M': fit.x_M, 'start': fit.start}
 
 
 def mean_error_of(fits: Sequence[RunFit]) -> float | None:

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sma_sim.cli.common.options import add_config_options, announce_compilation, folders_beside
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.cli.common.robot_check import at_rest, when_heated
 from sma_sim.cli.common.units import in_unit, to_si, typed_units
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameter_file import number, parameter_file
+from sma_sim.model.parameter_file import parameter_file, yaml_number
 from sma_sim.model.parameters import DEFAULTS
 
 
@@ -119,14 +119,14 @@ def config_with_values(arguments: argparse.Namespace, values: Mapping[str, float
     if twice:
         flag = next(question.flag for question in QUESTIONS if question.parameter == twice[0].partition('=')[0].strip())
         raise UserError(f'--set {twice[0]} and --{flag} say the same: give one of them')
-    words = [f'{name}={number(value)}' for name, value in values.items()]
+    words = [f'{name}={yaml_number(value)}' for name, value in values.items()]
     return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
 
 
 def print_robot_check(config: Config) -> None:
     """Say how the robot rests and what heating does to it. Raises UserError when it cannot stand."""
     if config.system == 'module':
-        announce_compilation()
+        announce_first_compilation()
         print(at_rest(config), when_heated(config), sep='\n', file=sys.stderr)
 
 

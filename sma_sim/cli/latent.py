@@ -19,7 +19,7 @@ from sma_sim.cli.common.data import (
     table_text,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments)
     config = config_from(arguments, *system_words(arguments))
     training, held_out = read_data(arguments, config)
-    announce_compilation()
+    announce_first_compilation()
     with chosen_executor(arguments) as executor:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)
         found = estimate_latent_inputs(training, config, held_out, request, executor, print_progress)

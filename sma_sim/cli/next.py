@@ -20,7 +20,7 @@ from sma_sim.cli.common.data import (
     table_text,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_compilation, config_from
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import next_experiment
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'--tries {arguments.tries}: expected 1 or more')
     config = config_from(arguments, *system_words(arguments))
     training, _ = read_data(arguments, config)
-    announce_compilation()
+    announce_first_compilation()
     with chosen_executor(arguments) as executor:
         plan = next_experiment(training, config, request_from(arguments), executor, print_progress)
     if arguments.out:

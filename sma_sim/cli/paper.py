@@ -9,12 +9,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.options import announce_compilation
+from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
 from sma_sim.solver.paper_experiments import repeat_paper
 
-MAX_RUNS = 100_000
+MAX_RANDOM_RUNS = 100_000
 
 
 def add_parser(verbs: Any) -> None:
@@ -29,13 +29,13 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the folder under a temporary name, then rename it."""
-    if not 1 <= arguments.runs <= MAX_RUNS:
-        raise UserError(f'--runs {arguments.runs}: expected at least 1 and at most {MAX_RUNS}')
+    if not 1 <= arguments.runs <= MAX_RANDOM_RUNS:
+        raise UserError(f'--runs {arguments.runs}: expected at least 1 and at most {MAX_RANDOM_RUNS}')
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: expected 0 or more')
     out = arguments.out.resolve()
     check_output_folder(out, arguments.overwrite)
-    announce_compilation()
+    announce_first_compilation()
     try:
         temporary = Path(tempfile.mkdtemp(prefix=f'.{out.name}.', dir=out.parent))
     except OSError as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.input_files import read_module_input, read_wire_input
-from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_compilation
+from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jumps:
         check_writable(arguments.jumps)
     source = read_input(arguments, config)
-    announce_compilation()
+    announce_first_compilation()
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)

@@ -46,9 +46,9 @@ def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:
 def line(parameter: Parameter, value: float) -> str:
     """``name: value  # [unit] meaning``."""
     same = value == parameter.default or math.isnan(value) and math.isnan(parameter.default)
-    note = f'; default {number(parameter.default)}' if not same else ''
+    note = f'; default {yaml_number(parameter.default)}' if not same else ''
     source = f'; {parameter.source}' if same and parameter.source not in ('', PAPER) else ''
-    return f'{parameter.name}: {number(value)}  # [{parameter.unit}] {parameter.description}{source}{note}'
+    return f'{parameter.name}: {yaml_number(value)}  # [{parameter.unit}] {parameter.description}{source}{note}'
 
 
 def setting_line(name: str, config: Config) -> str:
@@ -58,7 +58,7 @@ def setting_line(name: str, config: Config) -> str:
     return f'{name.rpartition(".")[2]}: {text}  # {SETTINGS[name].description}'
 
 
-def number(value: float) -> str:
+def yaml_number(value: float) -> str:
     """A number that YAML and ROS read back as the same double: with a point, and a sign in the exponent."""
     if math.isnan(value):
         return '.nan'

@@ -15,7 +15,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES, T_E, Departure, LiveModel, RunningError
+from sma_sim.evidence.monitoring.live_model import (
+    J_EQ,
+    MODULE_CHANNEL_NAMES,
+    T_E,
+    DepartureDetector,
+    LiveModel,
+    RunningError,
+)
 from sma_sim.model.config import Config
 from sma_sim.ros import messages
 from sma_sim.ros.command import ENVIRONMENT
@@ -97,7 +104,7 @@ class ModelCheck:
 
     def _forget_verdict(self) -> None:
         self._error.clear()
-        self._departure = Departure(self._values['threshold'], self._values['window'], len(MODULE_CHANNEL_NAMES))
+        self._departure = DepartureDetector(self._values['threshold'], self._values['window'], len(MODULE_CHANNEL_NAMES))
         self._settled = False
         self._last_error = np.full(len(MODULE_CHANNEL_NAMES), np.nan)
 
@@ -169,7 +176,7 @@ class ModelCheck:
 
     def _judge(self, t: float) -> None:
         was = self._departure.left
-        self._departure.look(t, self._last_error)
+        self._departure.update(t, self._last_error)
         left = self._departure.left
         if (left & ~was).any() or left.any() and time.monotonic() > self._remind_at:
             self._logger.warning(self._departed())
@@ -207,7 +214,7 @@ class ModelCheck:
 
     def _diagnose(self) -> None:
         silence = time.monotonic() - self._heard_at
-        problems = [*self._graph_check.look()]
+        problems = [*self._graph_check.problems()]
         if self._departure.left.any():
             problems.insert(0, self._departed())
         if silence > REMINDER_PERIOD:

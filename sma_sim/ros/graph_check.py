@@ -20,7 +20,7 @@ class GraphCheck:
         self._node, self._owned, self._inputs, self._command = node, owned, inputs, command
         self._logged: set[str] = set()
 
-    def look(self) -> list[str]:
+    def problems(self) -> list[str]:
         """What is wrong now, in words; each is logged when it is seen first."""
         found = [
             f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'

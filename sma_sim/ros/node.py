@@ -291,7 +291,7 @@ class ModuleSimulation:
             f'{overruns} overruns in the last {OVERRUN_WINDOW:g} s' if overruns else '',
             f'command {self.command.state}' if self.command.state == TURNED_OFF else '',
             f'recording {recording}' if recorder is not None and recorder.failed else '',
-            *self._graph_check.look(),
+            *self._graph_check.problems(),
         ]
         words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]
         self._diagnostics.publish('; '.join(words), warn=len(words) > 1, values=values)

@@ -35,15 +35,15 @@ from sma_sim.solver.simulate import (
     new_run,
     new_work,
     notes_on_start,
-    reason_of,
     stall_step,
+    stop_reason,
     trajectory,
 )
 from sma_sim.solver.stepper import Segment
 
 STEPS_AT_ONCE = 10_000
 WHOLE_ROWS = np.zeros(0, dtype=np.int64)  # samples are of no channels in particular
-ROUNDING = 1e-4  # [steps] within which a time is that of a step: bags tell times in whole nanoseconds
+STEP_TOLERANCE = 1e-4  # [steps] within which a time is that of a step: bags tell times in whole nanoseconds
 MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
 
 
@@ -93,7 +93,7 @@ class FixedRateRun:
         log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:
-            raise SimulationError(f'the run ended after {self.time:g} s: {reason_of(status, self.model, self.run)}')
+            raise SimulationError(f'the run ended after {self.time:g} s: {stop_reason(status, self.model, self.run)}')
         self.k += len(inputs)
         return int(log.written[0])
 
@@ -106,7 +106,7 @@ class FixedRateRun:
 
 def first_steps(times: Vector, rate: float) -> NDArray[np.int64]:
     """The first steps that begin at `times` [s] or later."""
-    steps: NDArray[np.int64] = np.ceil(times * rate - ROUNDING).astype(np.int64)
+    steps: NDArray[np.int64] = np.ceil(times * rate - STEP_TOLERANCE).astype(np.int64)
     return steps
 
 

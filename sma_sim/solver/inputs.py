@@ -119,7 +119,7 @@ def wire_input(
     return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
 
 
-def between(source: Input, first: float, last: float) -> Input:
+def input_between(source: Input, first: float, last: float) -> Input:
     """The rows of an input from time `first` to `last` [s], which are times of rows."""
     rows = (source.times >= first) & (source.times <= last)
     return Input(source.times[rows], source.values[rows], source.linear)
@@ -180,7 +180,7 @@ def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
     return times, values
 
 
-def asked_times(source: Input, samples: Vector | float) -> Vector:
+def requested_times(source: Input, samples: Vector | float) -> Vector:
     """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
     if isinstance(samples, float | int):
         return regular_times(source, samples)

@@ -25,7 +25,7 @@ from sma_sim.solver.stepper import (
     copy_into,
     dense,
     flow_at,
-    linearize,
+    linearize_flow,
     prepare_dense,
     rosenbrock_step,
     with_smooth,
@@ -191,7 +191,7 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
     run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
     while t < segment.t_end:
-        linearize(t, run.state, segment, p, w, evaluated)
+        linearize_flow(t, run.state, segment, p, w, evaluated)
         status, h = accepted_step(t, min(run.control[C_H], limits.max_step), run, segment, p, w, limits)
         if status != COMPLETED:
             return status

@@ -88,15 +88,15 @@ def _native(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int,
     try:
         return compiler.native(wrapper, kernel)
     except Exception as error:
-        raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {reason_of(error)}') from error
+        raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {first_lines_of(error)}') from error
 
 
-def reason_of(error: Exception) -> str:
-    """What a person needs of the compiler's long message."""
+def first_lines_of(error: Exception) -> str:
+    """The first lines of the long message of the compiler that say what is wrong."""
     noise = ('Failed in', 'During:', 'File "', '^', 'This error', '[1]')
     lines = [line.strip() for line in str(error).splitlines()]
-    told = [line for line in lines if line and not line.startswith(noise)]
-    return ' '.join(told[:3]) or type(error).__name__
+    kept = [line for line in lines if line and not line.startswith(noise)]
+    return ' '.join(kept[:3]) or type(error).__name__
 
 
 def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool) -> bool:

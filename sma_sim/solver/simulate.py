@@ -23,7 +23,7 @@ from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import effect_table, own_scratch
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.fields_read import uses_time
-from sma_sim.solver.inputs import Input, asked_times, pieces
+from sma_sim.solver.inputs import Input, pieces, requested_times
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
@@ -201,7 +201,7 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     return Run(state, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
-def continued(model: Model, initial_state: Run) -> Run:
+def copy_of_run(model: Model, initial_state: Run) -> Run:
     """A copy of a state to go on from, its counters at zero. Raises UserError where it is of another model."""
     expected, given = len(model.scales), len(initial_state.state.y)
     if given != expected:
@@ -282,9 +282,9 @@ def simulate(
     """
     times, values, slopes = pieces(source)
     work = new_work(model)
-    run = continued(model, initial_state) if initial_state else new_run(model, values[0], work)
+    run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
     start_notes = () if initial_state else notes_on_start(model, run)
-    asked = asked_times(source, sample_times)
+    asked = requested_times(source, sample_times)
     limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
@@ -295,7 +295,7 @@ def simulate(
             part = slice(first, first + PIECES_AT_ONCE + 1)
             stretches = InputStretches(times[part], values[part], slopes[part], model.uses_time)
             status = integrate_stretches(stretches, run, compiled, work, limits, log)
-            reason = reason_of(status, model, run)
+            reason = stop_reason(status, model, run)
             if status != COMPLETED:
                 break
             if progress is not None:
@@ -322,7 +322,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
     )
 
 
-def reason_of(status: int, model: Model, run: Run) -> str:
+def stop_reason(status: int, model: Model, run: Run) -> str:
     """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
     p = model.compiled
     if status != COMPLETED and p.module and not abs(run.state.y[2]) < GIVEN_WAY:

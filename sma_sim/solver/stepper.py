@@ -76,7 +76,7 @@ def flow_at(t: float, state: SystemState, segment: Segment, p: System, w: Work, 
     update_flow(t, state, InputPoint(w.u, segment.du), p, found, EVERYTHING)
 
 
-def linearize(t: float, state: SystemState, segment: Segment, p: System, w: Work, evaluated: bool) -> None:
+def linearize_flow(t: float, state: SystemState, segment: Segment, p: System, w: Work, evaluated: bool) -> None:
     """The flow, its Jacobian (forward differences) and its time derivative at (t, y).
 
     `evaluated`: ``w.first`` is the flow there already. A column of the Jacobian evaluates what depends on its state.

@@ -11,13 +11,13 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import WireConstants
 
-ROUNDING = 2.0  # [K]
+KNEE_WIDTH = 2.0  # [K]
 
 
 def both_shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
     """Equal shifts of both transformation stresses [Pa]."""
-    z = (p.T_R - s.T) / ROUNDING
-    below = ROUNDING * (max(z, 0.0) + math.log1p(math.exp(-abs(z))))
+    z = (p.T_R - s.T) / KNEE_WIDTH
+    below = KNEE_WIDTH * (max(z, 0.0) + math.log1p(math.exp(-abs(z))))
     shift = w.rho * p.h / (p.T_R * w.eps_T) * below
     return shift, shift
 

@@ -48,7 +48,7 @@ def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
     return [os.path.relpath(folder.resolve(), home) for folder in folders]
 
 
-def announce_compilation() -> None:
+def announce_first_compilation() -> None:
     """Print why the first start takes long."""
     first_start.announce_compilation(lambda line: print(line, file=sys.stderr, flush=True))
 

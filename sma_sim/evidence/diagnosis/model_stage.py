@@ -68,9 +68,9 @@ class ModelStage:
         return self.calibration.error
 
     @property
-    def channels(self) -> Mapping[str, float]:
+    def channel_errors(self) -> Mapping[str, float]:
         """Error over noise of the training runs, by channel."""
-        return self.calibration.channels
+        return self.calibration.channel_errors
 
     @property
     def held_out(self) -> float:
@@ -78,7 +78,7 @@ class ModelStage:
         return pooled_error(self.predicted)[0]
 
     @property
-    def held_out_channels(self) -> Mapping[str, float]:
+    def held_out_channel_errors(self) -> Mapping[str, float]:
         """Error over noise of the held-out runs, by channel."""
         return pooled_error(self.predicted)[1]
 

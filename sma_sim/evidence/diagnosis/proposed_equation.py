@@ -29,7 +29,7 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'stability_by_variable': finite(proposal.by_variable),
         'coefficients': coefficients(diagnosis),
         'file': str(file) if file else None,
-        'source': formula.with_values(values_of(diagnosis)).text(),
+        'source': formula.with_values(effect_values(diagnosis)).text(),
         'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
         'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fit.cross_validated_error)},
         'alike': list(proposal.indistinguishable),
@@ -50,7 +50,7 @@ def formula_change(diagnosis: Diagnosis) -> tuple[ModelStage, ModelStage]:
     return change
 
 
-def values_of(diagnosis: Diagnosis) -> dict[str, float]:
+def effect_values(diagnosis: Diagnosis) -> dict[str, float]:
     """The parameters of the proposed effect after the last fit, by their short names."""
     prefix = f'effects.{known(diagnosis).effect}.'
     values = diagnosis.calibration.values
@@ -69,7 +69,7 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
         name = f'effects.{proposal.effect}.{p.name}'
         interval, std = seen.get(name), proposal.std.get(name)
         found[p.name] = {
-            'value': values_of(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
+            'value': effect_values(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
             'std': None if std is None else finite(std),
             'low': finite(interval.low) if interval else None, 'high': finite(interval.high) if interval else None,
         }  # fmt: skip
@@ -115,9 +115,9 @@ def error_words(before: ModelStage, after: ModelStage) -> str:
     kind, first, last = 'held-out', before.held_out, after.held_out
     if not math.isfinite(first + last):
         kind, first, last = 'fitted', before.train, after.train
-    return f'With it the error of the {kind} runs falls from {number(first)} to {number(last)} times the noise.'
+    return f'With it the error of the {kind} runs falls from {error_number(first)} to {error_number(last)} times the noise.'
 
 
-def number(value: float) -> str:
+def error_number(value: float) -> str:
     """An error over noise."""
     return f'{value:.2f}' if math.isfinite(value) else '-'

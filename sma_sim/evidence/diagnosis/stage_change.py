@@ -34,17 +34,20 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
     dataset = held_out if held_out is not None and out else training
     first, then = (before.predicted, after.predicted) if out else (before.runs, after.runs)
     channel = most_changed(before, after, out)
-    worst = max((fit for fit in first if channel in fit.channels), key=lambda fit: fit.channels[channel])
+    worst = max((fit for fit in first if channel in fit.channel_errors), key=lambda fit: fit.channel_errors[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in dataset.recordings].index(worst.name)
     run_before = compared_run(dataset, k, before.config, nuisances(first, before.delay))
     run_after = compared_run(dataset, k, after.config, nuisances(then, after.delay))
-    return StageChange(channel, out, run_before, run_after, (worst.channels[channel], same.channels[channel]))
+    return StageChange(channel, out, run_before, run_after, (worst.channel_errors[channel], same.channel_errors[channel]))
 
 
 def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
     """The channel whose squared error over noise decreased most."""
-    first, then = (before.held_out_channels, after.held_out_channels) if out else (before.channels, after.channels)
+    if out:
+        first, then = before.held_out_channel_errors, after.held_out_channel_errors
+    else:
+        first, then = before.channel_errors, after.channel_errors
     return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)
 
 

@@ -90,7 +90,7 @@ def error_of(stage: ModelStage) -> dict[str, Any]:
         'model': stage.model,
         'train': stage.train,
         'held_out': stage.held_out,
-        'channels': stage.held_out_channels or stage.channels,
+        'channels': stage.held_out_channel_errors or stage.channel_errors,
     }
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.diagnosis.proposed_equation import number, proposed_text
+from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
@@ -43,7 +43,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     yield f'{"error over noise":<44} fitted  held out'
     for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'
-        yield f'  {name + " (" + stage.model + ")":<42} {number(stage.train):>6}  {number(stage.held_out):>8}'
+        yield f'  {name + " (" + stage.model + ")":<42} {error_number(stage.train):>6}  {error_number(stage.held_out):>8}'
     yield from remarks(diagnosis)
 
 
@@ -151,7 +151,7 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
 def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """What known effects leave, and the equation that is proposed for it."""
     last = diagnosis.with_known_effects
-    channels = last.held_out_channels or last.channels
+    channels = last.held_out_channel_errors or last.channel_errors
     worst = max(channels, key=lambda name: channels[name])
     limit = CRITERIA.unexplained
     yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'

@@ -91,7 +91,7 @@ class Calibration:
         Delay of the recordings behind the model [s].
     runs : tuple of RunFit
         Errors and nuisance parameters of each recording.
-    channels, error
+    channel_errors, error
         RMSE over noise by channel over all runs, and sqrt(mean of its square).
     cost : float
         Half the sum of the squared residuals over noise, with the priors.
@@ -117,7 +117,7 @@ class Calibration:
     values: Mapping[str, float]
     delay: float
     runs: tuple[RunFit, ...]
-    channels: Mapping[str, float]
+    channel_errors: Mapping[str, float]
     error: float
     cost: float
     iterations: int
@@ -248,11 +248,11 @@ def multistart_search(
     )  # fmt: skip
     if len(subset.runs) < len(thinned.runs):
         z = from_subset(thinned, start_point(thinned), best.z)
-        best = continued(best, thinned, z, replace(criteria, damping=JOINING_DAMPING), context, 'all runs')
+        best = continued_fit(best, thinned, z, replace(criteria, damping=JOINING_DAMPING), context, 'all runs')
     return replace(best, other_starts=others)
 
 
-def continued(
+def continued_fit(
     fit: FitResult, problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str
 ) -> FitResult:  # fmt: skip
     """A fit continued from z on another problem with the same parameters; iterations of both."""
@@ -268,12 +268,12 @@ def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: Se
     """The fit continued on all samples, the parameters free within the same bounds."""
     whole = full_problem(dataset, fit, options)
     problem = whole.at_tolerance(FINAL_RTOL)
-    found = continued(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
+    found = continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     for sharper in SHARPER:
         if found.error * sharper > 10.0 * CLEAN or context.stop.is_set():
             break
         problem = whole.at_tolerance(SHARP_RTOL)
-        sharp = continued(found, problem.weighted(sharper), found.z, ALL_SAMPLES, context, 'all samples, sharper')
+        sharp = continued_fit(found, problem.weighted(sharper), found.z, ALL_SAMPLES, context, 'all samples, sharper')
         found = replace(sharp, problem=problem, cost=cost_at(problem, sharp.z, context.pool))
     return found
 
@@ -317,10 +317,10 @@ def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[Implausib
 def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     """A fit with its errors run by run, without intervals."""
     runs = run_fits(fit.problem, fit.z, context.pool)
-    channels = channel_errors(fit.problem, runs)
+    errors = errors_by_channel(fit.problem, runs)
     return Calibration(
         config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
-        channels=channels, error=mean_error(channels), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
+        channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
         interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
         cross_validation={fit.config.model: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,
         seconds=0.0,
@@ -332,7 +332,7 @@ def with_tolerance(config: Config, rtol: float) -> Config:
     return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
 
 
-def channel_errors(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
+def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
     """RMSE over noise by channel, over the samples of all runs."""
     squares: dict[str, float] = {}
     counts: dict[str, int] = {}
@@ -341,7 +341,7 @@ def channel_errors(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]
             count = int(np.count_nonzero(weights))
             if count:
                 counts[name] = counts.get(name, 0) + count
-                squares[name] = squares.get(name, 0.0) + count * fit.channels[name] ** 2
+                squares[name] = squares.get(name, 0.0) + count * fit.channel_errors[name] ** 2
     return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
 
 

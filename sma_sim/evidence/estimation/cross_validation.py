@@ -34,15 +34,15 @@ class RunFit:
     """One run under a model.
 
     `start`: per wire the part of the hysteresis (0 on sigma_A, 1 on sigma_M) and `x_M` the phase fraction there;
-    `switches`: parts of the sampling interval by which sampled commands came before their rows; `channels`: RMSE over
-    noise; `error`: sqrt(mean over channels of its square).
+    `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
+    over noise; `error`: sqrt(mean over channels of its square).
     """
 
     name: str
     start: tuple[float, ...]
     x_M: tuple[float, ...]
     switches: tuple[float, ...]
-    channels: Mapping[str, float]
+    channel_errors: Mapping[str, float]
     error: float
 
 
@@ -51,21 +51,21 @@ def own_unknowns(fit: RunFit) -> list[float]:
     return [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches)]
 
 
-def mean_error(channels: Mapping[str, float]) -> float:
+def mean_error(channel_errors: Mapping[str, float]) -> float:
     """sqrt(mean over channels of the square of RMSE over noise)."""
-    return float(np.sqrt(np.mean(np.square(list(channels.values()))))) if channels else float('nan')
+    return float(np.sqrt(np.mean(np.square(list(channel_errors.values()))))) if channel_errors else float('nan')
 
 
 def pooled_error(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
     """Error over noise of several runs, in all and by channel; NaN where there are none."""
-    names = dict.fromkeys(name for fit in fits for name in fit.channels)
-    channels = {name: mean_error(by_run(fits, name)) for name in names}
-    return mean_error(channels), channels
+    names = dict.fromkeys(name for fit in fits for name in fit.channel_errors)
+    errors = {name: mean_error(by_run(fits, name)) for name in names}
+    return mean_error(errors), errors
 
 
 def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
     """The error of one channel by run."""
-    return {fit.name: fit.channels[channel] for fit in fits if channel in fit.channels}
+    return {fit.name: fit.channel_errors[channel] for fit in fits if channel in fit.channel_errors}
 
 
 def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, ...]:

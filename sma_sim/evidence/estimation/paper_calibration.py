@@ -101,7 +101,7 @@ def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:
 def stress_errors(config: Config, dataset: Dataset, executor: Executor | None) -> dict[str, float]:
     """RMSE of the stress by recording [Pa]."""
     noise = dataset.noise_std['stress']
-    return {fit.name: noise * fit.channels['stress'] for fit in evaluate_held_out(config, dataset, executor=executor)}
+    return {fit.name: noise * fit.channel_errors['stress'] for fit in evaluate_held_out(config, dataset, executor=executor)}
 
 
 def log_std(found: Calibration, name: str) -> float:

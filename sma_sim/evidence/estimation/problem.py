@@ -107,14 +107,14 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class EvaluationTask:
     """One run at several points: configurations and nuisances."""
 
     run: FitData
     points: tuple[tuple[PickledConfig, Nuisance], ...]
 
 
-def evaluate(task: Evaluation) -> list[Matrix | None]:
+def evaluate(task: EvaluationTask) -> list[Matrix | None]:
     """Weighted residuals (channels, k) at each point; None where the model cannot be run."""
     found: list[Matrix | None] = []
     for pickled, nuisance in task.points:
@@ -142,7 +142,7 @@ def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix
     """Weighted residuals of every run."""
     config = PickledConfig(problem.fitted(z))
     tasks = [
-        Evaluation(run, ((config, problem.nuisance(z[indices])),))
+        EvaluationTask(run, ((config, problem.nuisance(z[indices])),))
         for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
     return [future.result()[0] for future in [executor.submit(evaluate, task) for task in tasks]]
@@ -164,7 +164,7 @@ def linearize(
         moves = difference_points(part, low[indices], high[indices], steps[indices], central)
         points = [(PickledConfig(problem.fitted(at)), problem.nuisance(at)) for at in [part, *(at for _, at in moves)]]
         chunks = [points[k::pieces] for k in range(pieces)]
-        futures = [executor.submit(evaluate, Evaluation(run, tuple(chunk))) for chunk in chunks if chunk]
+        futures = [executor.submit(evaluate, EvaluationTask(run, tuple(chunk))) for chunk in chunks if chunk]
         submitted.append((run, indices, moves, futures, len(points)))
     return [
         assembled(run, z[indices], indices, moves, gathered(futures, count))

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.problem import Problem
 
 Vector = NDArray[np.float64]
-MAX_RUNS = 8  # of a search; with more, the others join when its best is refined
+MAX_SUBSET_RUNS = 8  # of a search; with more, the others join when its best is refined
 
 
 def run_subset(problem: Problem) -> Problem:
-    """The problem on at most MAX_RUNS of its runs, spread over all."""
+    """The problem on at most MAX_SUBSET_RUNS of its runs, spread over all."""
     return replace(problem, runs=tuple(problem.runs[k] for k in chosen_runs(problem)))
 
 
@@ -33,7 +33,7 @@ def from_subset(problem: Problem, z: Vector, subset: Vector) -> Vector:
 def chosen_runs(problem: Problem) -> NDArray[np.int64]:
     """Which runs are in the subset."""
     count = len(problem.runs)
-    return np.unique(np.round(np.linspace(0, count - 1, min(count, MAX_RUNS))).astype(np.int64))
+    return np.unique(np.round(np.linspace(0, count - 1, min(count, MAX_SUBSET_RUNS))).astype(np.int64))
 
 
 def subset_indices(problem: Problem) -> NDArray[np.int64]:

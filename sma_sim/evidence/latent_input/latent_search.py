@@ -49,7 +49,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit
-from sma_sim.evidence.model_selection.tempered_likelihood import tempered
+from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.model.config import Config
 
 Vector = NDArray[np.float64]
@@ -215,7 +215,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     )  # fmt: skip
     if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:
         context.on_progress('fitting with a tempered likelihood')
-        fitted = tempered(fitted, context)[0]
+        fitted = tempered_fit(fitted, context)[0]
     start = linearization_point(*problem_on_all_samples(training, fitted, chosen))
     try:
         result = replace(result, held_out=nominal_error_in_gaps(linearization_point(problem, z), context))

@@ -20,7 +20,7 @@ from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUN
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS
-from sma_sim.solver.inputs import Input, between
+from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.simulate import Model, SimulationError, simulate
 
 Vector = NDArray[np.float64]
@@ -137,12 +137,12 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
     for first in range(0, len(grid.knots), KNOTS_PER_TASK):
         until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], begin)][-1])
         if until > begin:
-            state = simulate(Model(config), between(source, begin, until), np.zeros(0), initial_state=state).state
+            state = simulate(Model(config), input_between(source, begin, until), np.zeros(0), initial_state=state).state
             begin = until
         affected = (run.time - nuisance.delay >= begin) | (state is None)
         later = replace(
             run, time=run.time[affected], measured=run.measured[:, affected], weight=run.weight[:, affected],
-            source=between(source, begin, float(source.times[-1])), initial_state=state,
+            source=input_between(source, begin, float(source.times[-1])), initial_state=state,
         )  # fmt: skip
         knots = tuple(range(first, min(first + KNOTS_PER_TASK, len(grid.knots))))
         segments.append(RunSegment(knots, later, affected, nominal[:, affected]))

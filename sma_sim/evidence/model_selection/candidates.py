@@ -65,7 +65,7 @@ def shape_values(parameter: Parameter) -> list[float]:
     """Values of a parameter that is undefined while the effect is off: a grid over its realistic range."""
     if parameter.realistic is None:
         return [parameter.default]
-    return [between(*parameter.realistic, fraction) for fraction in CRITERIA.shape_fractions]
+    return [interpolated(*parameter.realistic, fraction) for fraction in CRITERIA.shape_fractions]
 
 
 def steps_of(parameter: Parameter) -> list[float]:
@@ -76,13 +76,13 @@ def steps_of(parameter: Parameter) -> list[float]:
         step = parameter.default - neutral
         return [step] if step else []
     if low > neutral:
-        return [between(low - neutral, high - neutral, 0.5)]
+        return [interpolated(low - neutral, high - neutral, 0.5)]
     if high < neutral:
-        return [-between(neutral - high, neutral - low, 0.5)]
+        return [-interpolated(neutral - high, neutral - low, 0.5)]
     return [CRITERIA.probe_fraction * (end - neutral) for end in (high, low) if end != neutral]
 
 
-def between(low: float, high: float, fraction: float) -> float:
+def interpolated(low: float, high: float, fraction: float) -> float:
     """A point of a range, on a logarithmic scale where that has one."""
     if low > 0.0 and high / low > CRITERIA.log_range_ratio:
         return low * math.pow(high / low, fraction)

@@ -89,7 +89,7 @@ def step_with(
 def retry_from_finite_step(first: SelectionStep, context: SearchContext) -> SelectionStep:
     """A step that accepts nothing and leaves much, with the best of those too that the score test passed over.
 
-    A bent model may lie such that the right effect gains nothing to first order, and yet leads downhill at a finite step.
+    A biased model may lie such that the right effect gains nothing to first order, and yet leads downhill at a finite step.
     Not asked of the nominal model, where minimisations are long and the score test has missed next to nothing.
     """
     if first.accepted is not None or first.stopped or first.base.error <= CRITERIA.unexplained:
@@ -126,7 +126,7 @@ def cross_validated_candidate(
 def in_better_kinetics(base: FitResult, fits: Sequence[CandidateFit], context: SearchContext) -> list[CandidateFit]:
     """All of them with the kinetics that suit them better, where those suit the best of them better.
 
-    Rivals are to be compared with the kinetics that the model is left with: with others their values and errors are bent.
+    Rivals are to be compared with the kinetics that the model is left with: with others their values and errors are biased.
     """
     chosen = best_acceptable(fits)
     other = None if chosen is None else better_kinetics(chosen.fit, context)
@@ -175,7 +175,7 @@ def realistic_fit(fit: FitResult, found: FoundEffect, context: SearchContext) ->
 def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionStep, ...]:
     """A step that accepts nothing; or its best candidate and the next step, if what that accepts explains beside it.
 
-    Where two effects are missing, a model with one of them is still bent by the other, and may predict no better than
+    Where two effects are missing, a model with one of them is still biased by the other, and may predict no better than
     with none. Both are judged together, by what they predict, without a score test. Which candidate is right shows only
     then, so that a second one is tried where the first does not lead to the noise.
     """

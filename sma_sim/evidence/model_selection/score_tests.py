@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.problem import Evaluation, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
 from sma_sim.evidence.estimation.uncertainty import correlation_times
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -97,7 +97,9 @@ def probe_all(
     for candidate, probe in probes:
         values = {**probe.shape, probe.parameter: probe.neutral + probe.step}
         probed = PickledConfig(with_effect(config, candidate.found, values))
-        tasks = [Evaluation(run, ((probed, problem.nuisance(z[k])),)) for run, k in zip(problem.runs, indices, strict=True)]
+        tasks = [
+            EvaluationTask(run, ((probed, problem.nuisance(z[k])),)) for run, k in zip(problem.runs, indices, strict=True)
+        ]
         futures.append([pool.submit(evaluate, task) for task in tasks])
     found = {}
     for (_, probe), runs in zip(probes, futures, strict=True):

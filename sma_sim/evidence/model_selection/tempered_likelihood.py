@@ -1,9 +1,9 @@
 """Tempered likelihood: fits of a model that is known to be wrong, in which correlated residuals count as few.
 
-A model that lacks something bends its parameters as far as white noise would let it. With N residuals of size e (in units of
-the noise) that stay correlated over tau samples there are N/tau independent ones, each as uncertain as e: their squares are
-divided by the overdispersion k^2 = e^2 tau (generalised Bayes; k = 1 when the model is right), so that the priors keep their
-weight.
+A model that lacks something biases its parameters as far as white noise would let it. With N residuals of size e (in units
+of the noise) that stay correlated over tau samples there are N/tau independent ones, each as uncertain as e: their squares
+are divided by the overdispersion k^2 = e^2 tau (generalised Bayes; k = 1 when the model is right), so that the priors keep
+their weight.
 """
 
 from __future__ import annotations
@@ -59,12 +59,15 @@ def square_cost(problem: Problem, z: Vector, pool: Executor) -> float:
     return 0.5 * float(z @ z) + 0.5 * sum(float(np.vdot(residuals, residuals)) for residuals in found)
 
 
-def tempered(bent: FitResult, context: SearchContext) -> tuple[FitResult, float]:
-    """A fit from the middle of the priors that is not bent by what the model lacks, and its k; `bent` is the usual fit."""
-    k = overdispersion(bent.problem, bent.z, context.pool)
+def tempered_fit(biased: FitResult, context: SearchContext) -> tuple[FitResult, float]:
+    """The tempered fit from the middle of the priors, which is not biased by what the model lacks, and its k.
+
+    `biased` is the ordinary fit.
+    """
+    k = overdispersion(biased.problem, biased.z, context.pool)
     try:
-        soft = tempered_minimum(bent.problem, np.zeros_like(bent.z), k, context)
+        unbiased = tempered_minimum(biased.problem, np.zeros_like(biased.z), k, context)
     except SimulationError:
-        soft = tempered_minimum(bent.problem, bent.z, k, context)
-    soft = replace(soft, cross_validated_error=bent.cross_validated_error)
-    return soft, overdispersion(bent.problem, soft.z, context.pool)
+        unbiased = tempered_minimum(biased.problem, biased.z, k, context)
+    unbiased = replace(unbiased, cross_validated_error=biased.cross_validated_error)
+    return unbiased, overdispersion(biased.problem, unbiased.z, context.pool)

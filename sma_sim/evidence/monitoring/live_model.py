@@ -90,7 +90,7 @@ class RunningError:
         return error
 
 
-class Departure:
+class DepartureDetector:
     """The channels that the model has left: their running error was above `threshold` for more than `window` seconds.
 
     A single outlier raises the running error for one window at the most, and so never tells that the model has left.
@@ -101,7 +101,7 @@ class Departure:
         self._since = np.full(channels, np.nan)
         self.left = np.zeros(channels, dtype=bool)
 
-    def look(self, t: float, error: Vector) -> None:
+    def update(self, t: float, error: Vector) -> None:
         """Take the running error (n,) at time t [s]; a channel is back once it is not above the threshold."""
         above = error > self._threshold
         self._since = np.where(above, np.where(np.isnan(self._since), t, self._since), np.nan)

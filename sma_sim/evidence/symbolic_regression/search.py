@@ -11,7 +11,7 @@ import numpy as np
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered
+from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered_fit
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, fit_with_terms
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, fit_all_terms
@@ -20,7 +20,7 @@ from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFi
 def search_formulas(nominal: FitResult, context: SearchContext) -> list[AugmentedFit]:
     """Fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
     criteria = TERM_SEARCH_CRITERIA
-    base, tempering = tempered(nominal, context)
+    base, tempering = tempered_fit(nominal, context)
     context.on_progress('fitting the terms of an equation at every port')
     terms = fit_all_terms(LinearizedFit(base.problem.weighted(1.0 / tempering), base.z, context.pool))
     first = [(term,) for term in best_by_location(terms, criteria.max_first_terms)]

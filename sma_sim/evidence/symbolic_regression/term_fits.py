@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
-from sma_sim.evidence.estimation.problem import Evaluation, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
@@ -115,7 +115,7 @@ class LinearizedFit:
     def _submit(self, config: PickledConfig, k: int) -> Future[list[Any]]:
         """The residuals of run k."""
         nuisance = self._problem.nuisance(self._z[self._indices[k]])
-        return self._pool.submit(evaluate, Evaluation(self._problem.runs[k], ((config, nuisance),)))
+        return self._pool.submit(evaluate, EvaluationTask(self._problem.runs[k], ((config, nuisance),)))
 
     def project(self, response: Vector) -> Vector | None:
         """What the fitted parameters do not absorb of a response; None where the channels do not see it."""

@@ -96,8 +96,8 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
 
 def channel_plot(before: ModelStage, after: ModelStage) -> Plot:
     """Errors by channel, held out where there is a held-out run; the channel that changed most first."""
-    first = before.held_out_channels or before.channels
-    then = after.held_out_channels or after.channels
+    first = before.held_out_channel_errors or before.channel_errors
+    then = after.held_out_channel_errors or after.channel_errors
     names = sorted(first, key=lambda name: then[name] / first[name])
     figure = new_figure()
     figure.add_bar(x=names, y=[first[name] for name in names], name='before', marker={'color': ORANGE})

@@ -10,7 +10,7 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import Parameter, WireConstants
 
-ROUNDING = 0.05  # of the threshold
+RELATIVE_KNEE_WIDTH = 0.05  # of the threshold
 SMALLEST = 1e-9  # [W]; a smaller threshold is none
 
 
@@ -18,7 +18,7 @@ def passed(s: State, w: WireConstants, p: Any) -> float:
     """What the driver passes on [W], nothing without a command."""
     if p.J_d < SMALLEST or s.J <= 0.0:
         return s.J
-    width: float = ROUNDING * p.J_d
+    width: float = RELATIVE_KNEE_WIDTH * p.J_d
     beyond: float = (s.J - p.J_d) / width
     return width * (max(beyond, 0.0) + math.log1p(math.exp(-abs(beyond))))
 
