@@ -31,7 +31,7 @@ def solve(name: str, seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say what was found."""
     made = challenge_with((FORMS[name].truth,), seed, forces)
     t_start = time.process_time()
-    data = as_data(diagnose(made.campaign, made.nominal, executor=pool))
+    data = as_data(diagnose(made.dataset, made.nominal, executor=pool))
     used = time.process_time() - t_start
     proposed, last = data.get('proposed'), data['error'][-1]
     return {

@@ -285,4 +285,4 @@ def test_forms_are_those_of_listed_effects():
 def test_a_challenge_with_a_named_truth_is_that_of_its_kind():
     one = challenge_with((truths()['truth_gravity'],), 5, True, SHORT)
     other = make_challenge(5, kinds=['gravity'], forces=True, plan=SHORT)
-    assert np.array_equal(one.campaign.recordings[0].channels['alpha'], other.campaign.recordings[0].channels['alpha'])
+    assert np.array_equal(one.dataset.recordings[0].channels['alpha'], other.dataset.recordings[0].channels['alpha'])
