@@ -158,12 +158,12 @@ def configured_runner(node: Any, make: Maker, live: Collection[str]) -> tuple[Ru
 def serve_node(program: Program, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
 
+    from sma_sim.ros.parameter_node import ParameterNode
     from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
-    node = Node(program.name, automatically_declare_parameters_from_overrides=True)
+    node = ParameterNode(program.name, automatically_declare_parameters_from_overrides=True)
     runner, settings = configured_runner(node, make, program.live)
     working.set()
     executor = SingleThreadedExecutor()

@@ -158,10 +158,11 @@ def module_node(given: ModuleArguments) -> Node:
 
 def python_node(file: str, name: str, given: ModuleArguments, parameters: Mapping[str, Any]) -> Node:
     """A node that is one Python file, run by the Python that runs the launch; when it ends, so does everything."""
+    values: dict[Any, Any] = {**parameters, 'use_sim_time': given.use_sim_time}
     return Node(
         executable=sys.executable, arguments=[file], name=name, exec_name=name, namespace=given.namespace,
-        parameters=[{**parameters, 'use_sim_time': given.use_sim_time}],
-        ros_arguments=['--log-level', given.log_level], output='screen', on_exit=Shutdown(reason=f'{name} has ended'),
+        parameters=[values], ros_arguments=['--log-level', given.log_level], output='screen',
+        on_exit=Shutdown(reason=f'{name} has ended'),
     )  # fmt: skip
 
 

@@ -16,7 +16,6 @@ from std_msgs.msg import Float64
 
 from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import beam_constants
 from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
 from sma_sim.ros.bag_names import bag_path
@@ -29,7 +28,7 @@ from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recorder import Recorder
 from sma_sim.ros.robot_frames import RobotFrames
-from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule
+from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
@@ -66,11 +65,8 @@ class ModuleSimulation:
         self._running = False  # until there is a clock
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
         self._speed = Speed()
-        senses = any(active.found.effect.port == 'sensing' for active in config.effects)
-        beam = beam_constants(config.parameters)
-        prefix = str(config.settings['node.joint_prefix'])
-        self._publishers = Publishers(node, beam, config.parameters['beam.h'], senses, self._is_clock, prefix)
-        self._frames = RobotFrames(node, beam_links(config.parameters), prefix)
+        self._publishers = Publishers(node, config, self._is_clock)
+        self._frames = RobotFrames(node, beam_links(config.parameters), str(config.settings['node.joint_prefix']))
         self._control, self._diagnostics = Control(node, self), Diagnostics(node, 'simulated SMA module')
         self._set_steps_per_call()
         receivers = (self.command.receive, self._ambient.receive)
@@ -215,13 +211,11 @@ class ModuleSimulation:
             epoch = self._anchor - round(self._run.k * 1e9 / self._rate)
             # The computer's clock may be behind the stamps, after many single steps: stamps go back with /clock only.
             self._epoch = epoch if self._follows else max(epoch, self._epoch)
-        if due.moved > 0.0:
-            self._logger.warning(
-                f'{due.moved:.2f} s behind the clock: simulated time stands still for as long',
-                throttle_duration_sec=WARNING_PERIOD,
-            )
+        warning = clock_warning(due, self._follows, self._schedule.anchor)
         if due.back > 0.0:
-            self._logger.warning(f'the clock went back by {due.back:.2f} s: the simulation goes on from there')
+            self._logger.warning(warning)
+        elif due.moved > 0.0:
+            self._logger.warning(warning, throttle_duration_sec=WARNING_PERIOD)
         if due.steps:
             self._advance(due.steps)
 

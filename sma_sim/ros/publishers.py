@@ -13,7 +13,8 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.config import Config
+from sma_sim.model.parameters import beam_constants
 from sma_sim.ros import messages
 from sma_sim.ros.graph_check import type_name
 from sma_sim.ros.markers import frame_of, markers
@@ -43,11 +44,11 @@ def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
 class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
-    def __init__(
-        self, node: Node, beam: BeamConstants, h: float, senses: bool, clock: bool, joint_prefix: str
-    ) -> None:  # fmt: skip
-        self._beam, self._h, self._frame = beam, h, frame_of(node.get_namespace())
-        self._joint_prefix, self._frame_prefix = joint_prefix, frame_prefix(node.get_namespace())
+    def __init__(self, node: Node, config: Config, clock: bool) -> None:
+        self._beam, self._h = beam_constants(config.parameters), config.parameters['beam.h']
+        self._frame, self._frame_prefix = frame_of(node.get_namespace()), frame_prefix(node.get_namespace())
+        self._joint_prefix = str(config.settings['node.joint_prefix'])
+        senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
         self._publishers = {
             name: make_publisher(node, kind, name, LATEST if name in CHANGE_TOPICS else LAST_FEW)

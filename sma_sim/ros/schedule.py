@@ -21,6 +21,21 @@ class Due(NamedTuple):
     back: float = 0.0
 
 
+def clock_warning(due: Due, followed: bool, now: int) -> str:
+    """What a clock did that simulated time doesn't follow; `followed`: /clock is, now [ns] is its time."""
+    if due.back > 0.0:
+        return (
+            f'/clock went back by {due.back:.2f} s, to {now / 1e9:.2f} s: its source was restarted, or a bag plays from its '
+            'start. The module keeps its state and goes on from there, with stamps of /clock; ~/reset starts it anew'
+        )
+    if due.moved > 0.0 and followed:
+        return (
+            f'/clock is {due.moved:.2f} s ahead, at {now / 1e9:.2f} s: it jumped, or this computer is too slow for it. That '
+            'time is not simulated; the module keeps its state and goes on from there'
+        )
+    return f'{due.moved:.2f} s behind the clock: simulated time stands still for as long' if due.moved > 0.0 else ''
+
+
 class Schedule(Protocol):
     """What says when steps are due."""
 
