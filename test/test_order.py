@@ -10,7 +10,7 @@ from sma_sim.solver import rosenbrock
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.rosenbrock import RosenbrockMethod
 from sma_sim.solver.simulate import new_work
-from sma_sim.solver.stepper import ORDER, Segment, Step, dense, linearize, prepare_dense, rosenbrock_step
+from sma_sim.solver.stepper import ORDER, Segment, Step, dense, linearize_flow, prepare_dense, rosenbrock_step
 
 METHODS = [value for value in vars(rosenbrock).values() if isinstance(value, RosenbrockMethod)]
 HALVINGS = np.array([1, 2, 4, 8])
@@ -76,7 +76,7 @@ def fixed_steps(model, start, duration, count, theta=None):
     segment = Segment(0.0, duration, start.u, start.du, bool((start.du != 0).any()))
     state = SystemState(y, start.mode, start.x_frozen)
     compiled = package_compiler().function
-    linear, step, prepare, output = (compiled(f) for f in (linearize, rosenbrock_step, prepare_dense, dense))
+    linear, step, prepare, output = (compiled(f) for f in (linearize_flow, rosenbrock_step, prepare_dense, dense))
     for k in range(count):
         linear(k * h, state, segment, model.compiled, work, False)
         step(Step(k * h, h), state, segment, model.compiled, work)
