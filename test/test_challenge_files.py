@@ -181,7 +181,7 @@ def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = '--seed 3 --out case --kind gravity --format csv --forces --duration 40 --rate 25'
     assert main(['challenge', 'new', *words.split()]) == 0
-    assert 'case: 3 recordings of 40 s, U_x, U_y, alpha, F_1, F_2' in capsys.readouterr().out
+    assert '3 recordings of 40 s to case, with the channels U_x, U_y, alpha, F_1, F_2' in capsys.readouterr().out
     assert len((tmp_path / 'case' / 'run1.csv').read_text().splitlines()) >= 1 + 40 * 25
     assert main(['challenge', 'reveal', 'case']) == 0
     told = capsys.readouterr().out

@@ -154,7 +154,7 @@ def test_compile_leaves_nothing_for_the_first_start(capsys):
     """Here it has been done; with an empty cache see below."""
     assert main(['compile']) == 0
     said = capsys.readouterr()
-    assert 'native code in' in said.out or 'nothing is compiled' in said.out
+    assert 'native code is in' in said.out or 'Nothing is compiled' in said.out
 
 
 @pytest.mark.slow

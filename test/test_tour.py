@@ -13,7 +13,7 @@ def test_the_tour(tmp_path, capsys):
     out = tmp_path / 'tour'
     assert main(['tour', '--out', str(out)]) == 0
     said = capsys.readouterr().out
-    assert 'the verdict missing_effect is right' in said and 'sma_module_sim --ros-args --params-file' in said
+    assert 'The verdict missing_effect is right' in said and 'sma_module_sim --ros-args --params-file' in said
     steps = json.loads((out / 'verdict.json').read_text())['error']
     assert steps[0]['held_out'] > 2.0 and steps[-1]['held_out'] < 1.15
     assert (out / 'error_fall.png').stat().st_size > 5000 and len(list(out.glob('*.html'))) == 4

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import folders_beside
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import read_config
@@ -15,8 +16,10 @@ from sma_sim.model.parameter_file import parameter_file
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('add', help='switch effects on in a parameter file')
-    parser.add_argument('effects', nargs='+', metavar='EFFECT[:PARAM=VALUE,...]', help='`sma-sim effects` lists them')
+    parser = add_command(verbs, 'add', 'switch effects on in a parameter file')
+    parser.add_argument(
+        'effects', nargs='+', metavar='EFFECT[:PARAM=VALUE,...]', help='effects to switch on; `sma-sim effects` lists them'
+    )
     parser.add_argument('--config', type=Path, metavar='FILE', help='YAML parameter file (default: the paper\'s values)')
     parser.add_argument('-o', '--out', type=Path, required=True, metavar='FILE.yaml', help='parameter file to write')
     parser.set_defaults(run=run, words=[])
@@ -31,5 +34,5 @@ def run(arguments: argparse.Namespace) -> int:
     text = parameter_file(config, folders_beside(arguments, arguments.out))
     write_whole(arguments.out, lambda file: file.write(text))
     names = ', '.join(active.found.effect.name for active in config.effects)
-    print(f'{arguments.out}: active effects {names}')
+    print(f'Wrote {arguments.out}; active effects: {names}.')
     return 0

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.cli.common.recorded_parameters import recorded_parameters
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
@@ -17,18 +18,20 @@ from sma_sim.model.errors import UserError
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb and its own verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser('bag', help='look into bags, repair and convert them')
+    parser = add_command(verbs, 'bag', 'inspect, repair and convert bags')
     own = parser.add_subparsers(dest='bag_verb', required=True)
-    info = own.add_parser('info', help='topics, counts, duration, parameters')
+    info = add_command(own, 'info', 'print topics, counts, duration and parameters')
     info.add_argument('bag', type=Path, metavar='BAG')
     info.set_defaults(run=show_info)
-    repairing = own.add_parser('repair', help='make a whole bag of one that breaks off (killed recorder, full disk)')
+    repairing = add_command(
+        own, 'repair', 'write the readable messages of a damaged bag (killed recorder, full disk) to a new one'
+    )
     repairing.add_argument('bag', type=Path, metavar='BAG')
     repairing.add_argument('--out', type=Path, metavar='NEW', help='folder of the new bag (default: BAG_repaired)')
     repairing.set_defaults(run=repair_bag)
-    convert = own.add_parser('convert', help='CSV from a bag, or an mcap file from a CSV')
-    convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV of a module')
-    convert.add_argument('target', type=Path, metavar='TO', help='name that ends in .csv or .mcap')
+    convert = add_command(own, 'convert', 'convert a bag to CSV, or a CSV file to mcap')
+    convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV file of a module')
+    convert.add_argument('target', type=Path, metavar='TO', help='file to write; its name ends in .csv or .mcap')
     add_namespace_option(convert)
     convert.set_defaults(run=convert_bag)
 
@@ -42,7 +45,7 @@ def show_info(arguments: argparse.Namespace) -> int:
         first = message.log_time if first is None else min(first, message.log_time)
         last = max(last, message.log_time)
     duration = (last - first) / 1e9 if first is not None else 0.0
-    state = 'whole' if bag.whole else f'breaks off: `sma-sim bag repair {arguments.bag}` makes a whole one of it'
+    state = 'whole' if bag.whole else f'damaged; `sma-sim bag repair {arguments.bag}` writes what is readable to a new bag'
     print(f'{arguments.bag}: {sum(count for _, count in topics.values())} messages, {duration:.3f} s, {state}')
     for name, (kind, count) in sorted(topics.items()):
         print(f'  {name:<28} {kind:<36} {count}')
@@ -59,7 +62,7 @@ def repair_bag(arguments: argparse.Namespace) -> int:
     path = arguments.bag
     out = arguments.out or path.with_name(f'{path.stem if path.is_file() else path.name}_repaired')
     count = repair(path, out)
-    print(f'{out}: {count} messages')
+    print(f'Wrote {count} messages to {out}.')
     return 0
 
 

@@ -12,36 +12,41 @@ from sma_sim.challenge.answer import Answer
 from sma_sim.challenge.files import NOMINAL_FILE, WRITERS, check_new, open_answer, write_challenge
 from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, RecordingPlan, make_challenge
 from sma_sim.challenge.score import VerdictScore, read_verdict, score_verdict
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb and its own verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser('challenge', help='find out what is hidden in a simulated robot')
+    parser = add_command(verbs, 'challenge', 'make recordings of a robot with a hidden effect, and score a verdict about it')
     own = parser.add_subparsers(dest='challenge_verb', required=True)
-    new = own.add_parser('new', help='write recordings of a robot that differs from its model, and seal the answer')
-    new.add_argument('--seed', type=int, required=True, metavar='N', help='decides everything, the same each time')
+    new = add_command(own, 'new', 'write recordings of a robot that differs from its model, and seal the answer')
+    new.add_argument('--seed', type=int, required=True, metavar='N', help='seed; the same seed makes the same files')
     new.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder to write; it must not exist')
-    new.add_argument('--effects', type=int, choices=(0, 1, 2), help='how many are hidden (default: the seed decides)')
+    new.add_argument('--effects', type=int, choices=(0, 1, 2), help='number of hidden effects (default: drawn)')
     new.add_argument(
         '--outside', action=argparse.BooleanOptionalAction, default=None,
-        help='hide only what is not in the library, or only what is (default: the seed decides)',
+        help='hide only effects outside the library, or only effects of it (default: drawn)',
     )  # fmt: skip
-    new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this one (up to twice)')
+    new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this effect (up to twice)')
     new.add_argument('--forces', action='store_true', help='record the forces of the wires too')
-    new.add_argument('--runs', type=int, default=MIN_RUNS, help=f'recordings (default {MIN_RUNS}, which is the least)')
+    new.add_argument('--runs', type=int, default=MIN_RUNS, help=f'number of recordings (default and minimum {MIN_RUNS})')
     new.add_argument(
-        '--duration', type=float, default=DEFAULT_DURATION, metavar='S', help=f'of each (default {DEFAULT_DURATION:g} s)'
+        '--duration',
+        type=float,
+        default=DEFAULT_DURATION,
+        metavar='S',
+        help=f'duration of each recording (default {DEFAULT_DURATION:g} s)',
     )
     new.add_argument(
         '--rate', type=float, default=DEFAULT_RATE, metavar='HZ', help=f'samples per second (default {DEFAULT_RATE:g})'
     )
-    new.add_argument('--format', choices=tuple(WRITERS), default='mcap', help='of the recordings (default mcap)')
+    new.add_argument('--format', choices=tuple(WRITERS), default='mcap', help='format of the recordings (default mcap)')
     new.set_defaults(run=write_new)
-    reveal = own.add_parser('reveal', help='open the answer; score a verdict of `sma-sim diagnose`')
+    reveal = add_command(own, 'reveal', 'open the answer, and score a verdict of `sma-sim diagnose`')
     reveal.add_argument('folder', type=Path, metavar='DIR')
     reveal.add_argument('verdict', type=Path, nargs='?', metavar='VERDICT.json')
-    reveal.add_argument('--json', action='store_true', help='for programs')
+    reveal.add_argument('--json', action='store_true', help='print JSON, for programs')
     reveal.set_defaults(run=reveal_answer)
 
 
@@ -56,8 +61,8 @@ def write_new(arguments: argparse.Namespace) -> int:
     write_challenge(challenge, arguments.out, arguments.format)
     first = challenge.dataset.recordings[0]
     print(
-        f'{arguments.out}: {arguments.runs} recordings of {first.source.times[-1]:g} s, {", ".join(first.channels)}; '
-        f'start from {arguments.out / NOMINAL_FILE}'
+        f'Wrote {arguments.runs} recordings of {first.source.times[-1]:g} s to {arguments.out}, with the channels '
+        f'{", ".join(first.channels)}; the model to start from is {arguments.out / NOMINAL_FILE}.'
     )
     return 0
 
@@ -76,13 +81,15 @@ def reveal_answer(arguments: argparse.Namespace) -> int:
 
 def answer_text(answer: Answer) -> list[str]:
     """The answer for a person, in lines."""
-    lines = [f'seed {answer.seed}: ' + (f'{len(answer.effects)} hidden' if answer.effects else 'nothing hidden')]
+    count = len(answer.effects)
+    hidden = f'{count} effect{"s" if count > 1 else ""} hidden' if count else 'nothing hidden'
+    lines = [f'The robot of seed {answer.seed} has {hidden}.']
     for effect in answer.effects:
         lines.append(f'  {effect.library or effect.name} ({effect.port}{"" if effect.library else ", not in the library"})')
         lines += [f'    {name:<12} {value:.4g} {unit}' for name, (value, unit) in effect.parameters.items()]
         influence = ', '.join(f'{name} {size:.2g}' for name, size in effect.influence.items())
         lines.append(f'    changes, over the noise: {influence}')
-    lines.append('parameters of the robot against those of the model:')
+    lines.append('Parameters of the robot, and how far they are from those of the model:')
     for name, (nominal, true) in answer.parameters.items():
         lines.append(f'  {name:<14} {true:<12.5g} {100.0 * (true / nominal - 1.0):+.2f} %')
     return lines
@@ -95,7 +102,7 @@ def score_data(score: VerdictScore) -> dict[str, Any]:
 
 def score_text(score: VerdictScore) -> list[str]:
     """The score for a person, in lines."""
-    lines = [f'the verdict {score.verdict} is {score.outcome}: {score.why}']
+    lines = [f'The verdict {score.verdict} is {score.outcome}: {score.why}']
     if score.verdict != score.expected_verdict:
         lines.append(f'  expected {score.expected_verdict}')
     lines += [f'  {name}: {f"rank {rank}" if rank else "not ranked"}' for name, rank in score.ranks.items()]

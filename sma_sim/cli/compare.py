@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     add_data_options,
     check_outputs,
@@ -33,14 +34,14 @@ MAX_LINES = 8  # of findings on the terminal; the report has all
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('compare', help='put the model beside recordings: where it fails')
+    parser = add_command(verbs, 'compare', 'compare the model with recordings, and say where the error is')
     add_data_options(parser)
     parser.add_argument(
         '--config', action='append', type=Path, default=[], metavar='FILE', dest='configs',
-        help='YAML parameter file; twice: two side by side (default: the paper\'s values)',
+        help='YAML parameter file (default: the paper\'s values); give it twice to compare two models',
     )  # fmt: skip
-    parser.add_argument('--model', choices=('hybrid', 'mas'), help='default: as the configuration says')
-    parser.add_argument('--no-nuisance', action='store_true', help='estimate neither delay nor starts')
+    parser.add_argument('--model', choices=('hybrid', 'mas'), help='kinetics (default: those of the configuration)')
+    parser.add_argument('--no-nuisance', action='store_true', help='estimate neither the delay nor the initial states')
     add_overriding_options(parser)
     parser.set_defaults(run=run)
 
@@ -84,7 +85,8 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
     lines = []
     for summary in summaries:
         comparison = summary.comparison
-        lines += [f'{comparison.label}, {comparison.config.model} model, delay {1e3 * comparison.delay:.3g} ms', '',
+        name, delay = f'{comparison.label} ({comparison.config.model} model)', 1e3 * comparison.delay
+        lines += [f'Compared {name} with the recordings; delay {delay:.3g} ms.', '',
                   table_text(SCORE_HEADER, channel_rows(summary)), '', *finding_lines(summary), '']  # fmt: skip
     return '\n'.join([*lines, *(change.text for change in pairs)]).rstrip()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.solver.compile import cache_folder, content_key, is_interpreted
 from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation
@@ -12,8 +13,8 @@ from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        'compile', help='compile the equations now, for instance while a container is built, instead of at the first start'
+    parser = add_command(
+        verbs, 'compile', 'compile the equations now instead of at the first start, for instance while a container is built'
     )
     parser.set_defaults(run=run)
 
@@ -24,7 +25,7 @@ def run(_: argparse.Namespace) -> int:
     compile_simulation()
     compile_fixed_rate()
     if is_interpreted():
-        print('nothing is compiled: NUMBA_DISABLE_JIT is set')
+        print('Nothing is compiled, because NUMBA_DISABLE_JIT is set.')
     else:
-        print(f'native code in {cache_folder(content_key())}')
+        print(f'The native code is in {cache_folder(content_key())}.')
     return 0

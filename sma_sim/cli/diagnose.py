@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
@@ -39,14 +40,14 @@ from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('diagnose', help='find the physical effect that the model lacks')
+    parser = add_command(verbs, 'diagnose', 'find the physical effect that the model lacks')
     add_data_options(parser)
-    add_search_options(parser, 'of the tests by chance')
+    add_search_options(parser, 'seed of the significance tests')
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file of the improved model, for the node and --config'
     )
     parser.add_argument(
-        '--no-equation', action='store_true', help='do not look for the equation of what no known effect explains'
+        '--no-equation', action='store_true', help='do not search for an equation where no known effect explains the error'
     )
     add_config_options(parser)
     parser.set_defaults(run=run)

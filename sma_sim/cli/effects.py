@@ -8,6 +8,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.model.config import effect_folders_of, suggestion
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.effect import SYSTEMS, Effect
@@ -20,10 +21,12 @@ LIST_FIELDS = ('confused_with', 'same_as', 'systems', 'states')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('effects', help='list the physical effects that can be switched on')
-    parser.add_argument('names', nargs='*', metavar='NAME', help='only these')
-    parser.add_argument('--json', action='store_true', help='for programs')
-    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML file that names folders of your effects')
+    parser = add_command(verbs, 'effects', 'list the physical effects that can be switched on')
+    parser.add_argument(
+        'names', nargs='*', metavar='NAME', help='effects to show with their equations (default: a list of all)'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON, for programs')
+    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML file that names the folders of your own effects')
     parser.add_argument('--set', action='append', default=[], metavar='effects.paths=FOLDER', dest='words')
     parser.set_defaults(run=run)
 

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
@@ -43,18 +44,20 @@ from sma_sim.report.html.comparison_page import write_fit_page
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('fit', help='calibrate the model on recordings')
+    parser = add_command(verbs, 'fit', 'estimate parameters of the model from recordings')
     add_data_options(parser)
     parser.add_argument(
         '--free', action='append', metavar='NAMES',
-        help='parameters to fit, joined by commas (default: those that such data can tell, and all of active effects)',
+        help='parameters to fit, separated by commas (default: those that such data determine, and all of active effects)',
     )  # fmt: skip
     parser.add_argument(
-        '--starts', type=int, default=2, metavar='N', help='optimizations from different starting points (default 2)'
+        '--starts', type=int, default=2, metavar='N', help='number of starting points of the optimization (default 2)'
     )
-    parser.add_argument('--robust', action='store_true', help='outliers count less')
-    add_search_options(parser, 'of the further starts')
-    parser.add_argument('-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file, for the node and --config')
+    parser.add_argument('--robust', action='store_true', help="reduce the weight of outliers (Huber's loss)")
+    add_search_options(parser, 'seed of the further starting points')
+    parser.add_argument(
+        '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file to write, for the node and --config'
+    )
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -127,8 +130,8 @@ def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:
 def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
     """The result for the terminal."""
     lines = [
-        f'{found.config.model} model, {found.iterations} steps in {found.seconds:.1f} s'
-        + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else ''),
+        f'Fitted the {found.config.model} model in {found.iterations} iterations ({found.seconds:.1f} s)'
+        + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else '') + '.',
         '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
         table_text(('error over noise', *found.channel_errors, 'all'), error_rows(found, predicted)),
     ]  # fmt: skip
@@ -166,7 +169,8 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     other = [start for start in found.other_starts if not start.same]
     if other:
-        remarks.append(f'{len(other)} of {len(found.other_starts) + 1} starts led elsewhere, to higher cost: see --json')
+        points = f'{len(other)} of {len(found.other_starts) + 1} starting points'
+        remarks.append(f'{points} led to another minimum, of higher cost: see --json')
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         remarks.append(f'error over noise of runs left out in turn: {scores}')

@@ -63,13 +63,18 @@ NOTHING_WRITTEN = 'nothing was written'
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser(
-        'init', help='write a parameter file for a robot of your own',
-        description='Asks for the robot on a terminal. With a dimension among the options, or without a terminal, it does '
-        'not ask; what is not given is taken from --config, else from the paper.',
+        'init', help='write the parameter file of your robot',
+        description='Write the parameter file of your robot. On a terminal it asks for the dimensions. With a dimension '
+        'among the options, or without a terminal, it does not ask; what is not given is taken from --config, else from '
+        'the paper.',
     )  # fmt: skip
-    parser.add_argument('--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='default: robot.yaml')
+    parser.add_argument(
+        '--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='parameter file to write (default: robot.yaml)'
+    )
     parser.add_argument('--overwrite', action='store_true', help='replace FILE')
-    parser.add_argument('--no-questions', action='store_true', help='do not ask')
+    parser.add_argument(
+        '--no-questions', action='store_true', help='take all dimensions from the options, without questions'
+    )
     for question in QUESTIONS:
         units = f'; in {question.unit}, or with its unit ({typed_units(question.si)})' if question.unit else ''
         parser.add_argument(f'--{question.flag}', metavar='VALUE', help=question.words + units)

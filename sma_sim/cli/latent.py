@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
@@ -28,13 +29,13 @@ from sma_sim.report.html.latent_page import write_latent_page
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        'latent', help='find the quantity that is missing, and where it acts, where no known effect explains the error'
-    )
+    parser = add_command(verbs, 'latent', 'estimate the missing force, heat or other input over time, and where it acts')
     add_data_options(parser)
     parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=report_path)
-    parser.add_argument('--no-fit', action='store_true', help='--config is calibrated: fit starts and delay only')
-    add_search_options(parser, 'of the tests by chance')
+    parser.add_argument(
+        '--no-fit', action='store_true', help='take --config as calibrated: only the initial states and the delay are fitted'
+    )
+    add_search_options(parser, 'seed of the significance tests')
     add_config_options(parser)
     parser.set_defaults(run=run)
 

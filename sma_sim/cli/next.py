@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
@@ -34,27 +35,37 @@ from sma_sim.report.html.design_page import write_design_page
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('next', help='design the experiment that decides')
+    parser = add_command(verbs, 'next', 'design the experiment that separates explanations, or determines parameters better')
     add_data_options(parser)
     parser.add_argument(
         '--between', nargs='+', default=[], metavar='EFFECT',
-        help='explanations to tell apart: effects, a+b for two together, `nothing` (default: those that rival the best)',
+        help='explanations to separate: effects, a+b for two together, `nothing` (default: those that rival the best)',
     )  # fmt: skip
-    parser.add_argument('--parameters', nargs='+', default=[], metavar='NAME', help='parameters to know better, instead')
     parser.add_argument(
-        '--length', type=float, default=DesignRequest.length, metavar='S', help='of the experiment (default 100 s)'
+        '--parameters', nargs='+', default=[], metavar='NAME', help='parameters to determine better, instead of --between'
     )
     parser.add_argument(
-        '--hold', type=float, default=DesignRequest.hold, metavar='S', help='least time of a level (default 0.5 s)'
+        '--length', type=float, default=DesignRequest.length, metavar='S', help='duration of the experiment (default 100 s)'
     )
-    parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: that of the recordings)')
-    parser.add_argument('--max-temperature', type=float, metavar='K', help='of wires (default: of recordings, + 10 %%)')
-    parser.add_argument('--max-stress', type=float, metavar='PA', help='of wires (default: of recordings, + 10 %%)')
     parser.add_argument(
-        '--tries', type=int, default=DesignRequest.budget, metavar='N', help='effort of the search (default 120)'
+        '--hold', type=float, default=DesignRequest.hold, metavar='S', help='shortest duration of a level (default 0.5 s)'
     )
-    add_search_options(parser, 'of the search')
-    parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='the sequence, for `sma-sim play`')
+    parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: the largest in the recordings)')
+    parser.add_argument(
+        '--max-temperature', type=float, metavar='K', help='limit of the wires (default: 10 %% above the recordings)'
+    )
+    parser.add_argument(
+        '--max-stress', type=float, metavar='PA', help='limit of the wires (default: 10 %% above the recordings)'
+    )
+    parser.add_argument(
+        '--tries',
+        type=int,
+        default=DesignRequest.budget,
+        metavar='N',
+        help='sequences that the search may evaluate (default 120)',
+    )
+    add_search_options(parser, 'seed of the search')
+    parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='command sequence to write, for `sma-sim play`')
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -94,8 +105,8 @@ def plan_text(plan: Plan) -> Iterator[str]:
     """The result for the terminal."""
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield (
-        f'{rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer; '
-        f'the best of {plan.evaluated} sequences'
+        f'Designed a sequence of {rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer: '
+        f'the best of {plan.evaluated}.'
     )
     yield ''
     if plan.discriminates:

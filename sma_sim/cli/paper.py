@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
@@ -19,11 +20,11 @@ MAX_RANDOM_RUNS = 100_000
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('paper', help="make the paper's figures and numbers again")
+    parser = add_command(verbs, 'paper', "reproduce the paper's figures and numbers")
     parser.add_argument('--out', type=Path, default=Path('paper'), metavar='FOLDER', help='folder to write (default: paper)')
     parser.add_argument('--overwrite', action='store_true', help='replace FOLDER if an earlier run of this command wrote it')
-    parser.add_argument('--runs', type=int, default=30, help='random runs (default 30, as in the paper)')
-    parser.add_argument('--seed', type=int, default=1, help='of the random commands (default 1)')
+    parser.add_argument('--runs', type=int, default=30, help='number of random runs (default 30, as in the paper)')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the random commands (default 1)')
     parser.set_defaults(run=run)
 
 

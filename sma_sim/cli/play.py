@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.input_files import read_module_input
 from sma_sim.cli.common.options import ProgressLine, add_namespace_option
 from sma_sim.model.errors import UserError
@@ -17,10 +18,10 @@ from sma_sim.ros.entry import NO_ROS
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('play', help='send the command of a CSV or bag to J_eq, in time')
-    parser.add_argument('file', type=Path, metavar='FILE', help='CSV with time_s and J_eq_W, or a bag')
+    parser = add_command(verbs, 'play', 'send the commands of a CSV file or a bag to J_eq, in time')
+    parser.add_argument('file', type=Path, metavar='FILE', help='CSV file with time_s and J_eq_W, or a bag')
     parser.add_argument('--topic', default='J_eq', help='topic to publish on (default J_eq)')
-    parser.add_argument('--speed', type=float, default=1.0, help='2 plays twice as fast (default 1)')
+    parser.add_argument('--speed', type=float, default=1.0, help='factor of time: 2 plays twice as fast (default 1)')
     add_namespace_option(parser)
     parser.set_defaults(run=run)
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
@@ -17,7 +18,7 @@ from sma_sim.report.style import save
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('plot', help='draw a run: pose, temperatures, forces, modes')
+    parser = add_command(verbs, 'plot', 'draw a run: pose, temperatures, forces, modes')
     parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a module or a wire, or a bag')
     add_namespace_option(parser)
     parser.add_argument('--out', type=Path, metavar='PICTURE', help='PNG, SVG or PDF to write (default: FILE with .png)')

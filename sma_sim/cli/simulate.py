@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.input_files import read_module_input, read_wire_input
 from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
@@ -24,17 +25,26 @@ JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('simulate', help='run the model under an input file')
+    parser = add_command(verbs, 'simulate', 'simulate the response of the model to an input file')
     parser.add_argument(
-        '--input', type=Path, required=True, help='CSV with time_s and J_eq_W (module) or strain (wire), or a bag'
+        '--input', type=Path, required=True, help='CSV file with time_s and J_eq_W (module) or strain (wire), or a bag'
     )
-    parser.add_argument('--out', type=Path, required=True, help='CSV to write, or mcap file (a name that ends in .mcap)')
+    parser.add_argument(
+        '--out', type=Path, required=True, help='CSV file to write, or an mcap file where the name ends in .mcap'
+    )
     parser.add_argument('--rate', type=float, default=100.0, help='samples per second (default 100)')
     parser.add_argument('--model', choices=('hybrid', 'mas'))
     parser.add_argument('--system', choices=('module', 'wire'))
-    parser.add_argument('--interpolation', choices=('hold', 'linear'), default='hold', help='of J_eq or J_W between rows')
-    parser.add_argument('--integration-rate', type=float, metavar='HZ', help='fixed steps, just as the node makes them')
-    parser.add_argument('--jumps', type=Path, metavar='FILE', help='CSV to write with the jumps of the hybrid model')
+    parser.add_argument(
+        '--interpolation',
+        choices=('hold', 'linear'),
+        default='hold',
+        help='how J_eq or J_W goes from row to row (default hold)',
+    )
+    parser.add_argument('--integration-rate', type=float, metavar='HZ', help='integrate in fixed steps, as the node does')
+    parser.add_argument(
+        '--jumps', type=Path, metavar='FILE', help='CSV file to write with the mode changes of the hybrid model'
+    )
     add_namespace_option(parser)
     add_config_options(parser)
     parser.set_defaults(run=run)
@@ -59,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
         rows = [(repr(jump.t), jump.j, jump.wire, jump.guard, jump.source, jump.target) for jump in trajectory.jumps]
         write_rows(arguments.jumps, JUMP_COLUMNS, rows)
     print(
-        f'{arguments.out}: {len(trajectory.time)} samples, {trajectory.steps} steps, {len(trajectory.jumps)} jumps; '
-        f'ended by {trajectory.reason}'
+        f'Simulated {trajectory.end:g} s in {trajectory.steps} steps with {len(trajectory.jumps)} mode changes; '
+        f'{len(trajectory.time)} samples are in {arguments.out}.'
     )
     if trajectory.reason == STOPPED:
         raise KeyboardInterrupt

@@ -10,35 +10,36 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli import challenge, compare, diagnose, fit
+from sma_sim.cli.common.commands import add_command
 from sma_sim.model.errors import UserError
 from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.style import save
 
 TOUR_DATA = Path(__file__).parent / 'tour_data'
 ERROR_FIGURE = 'error_fall.png'
-STORY = (
+STEPS = (
     (compare, 'compare data --hold-out run3 --report 1_before.html',
-     "Three recordings of a robot on the bench, and the model with the paper's values beside them."),
+     "Compare three recordings of a robot with the model, which has the paper's values."),
     (fit, 'fit data --hold-out run3 --model mas --starts 1 --report 2_fit.html -o fitted.yaml',
-     'Fit the parameters. Run 3 is held out: the fit never sees it. Something stays that no parameter explains.'),
+     'Fit the parameters; run 3 is held out. An error remains that no parameter explains.'),
     (diagnose, 'diagnose data --hold-out run3 --report 3_diagnosis.html --json verdict.json -o better.yaml',
-     'Which physical effect is missing? Every effect of the library is tried; what explains the most is added.'),
+     'Find the missing physical effect: every effect of the library is tested, and the one that explains most is added.'),
     (compare, 'compare data --hold-out run3 --config fitted.yaml --config better.yaml --report 4_after.html',
-     'Fitted and improved model side by side.'),
+     'Compare the fitted and the improved model.'),
     (challenge, 'challenge reveal data verdict.json',
-     'The robot was a simulated one with a sealed answer. Open it.'),
+     'The robot is simulated, and its answer is sealed. Open it.'),
 )  # fmt: skip
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser('tour', help='the whole story in two minutes, on data of ours')
-    parser.add_argument('--out', type=Path, default=Path('tour'), metavar='FOLDER', help='folder to make (default: tour)')
+    parser = add_command(verbs, 'tour', 'demonstrate the package in two minutes, on recordings that come with it')
+    parser.add_argument('--out', type=Path, default=Path('tour'), metavar='FOLDER', help='folder to write (default: tour)')
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tell the story: each command, as it could be typed, and what it finds."""
+    """Run the commands of the tour, each shown as it could be typed."""
     out: Path = arguments.out
     started = time.monotonic()
     if out.exists():
@@ -48,15 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
         shutil.copytree(TOUR_DATA, out / 'data')
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
-    for number, (verb, words, story) in enumerate(STORY, start=1):
-        print(f'\n--- {number}. {story}\n$ sma-sim {words}\n', flush=True)
+    for number, (verb, words, purpose) in enumerate(STEPS, start=1):
+        print(f'\n--- {number}. {purpose}\n$ sma-sim {words}\n', flush=True)
         code = run_command(verb, words, out)
         if code != 0:
             return code
     save(draw_error_reduction(json.loads((out / 'verdict.json').read_text(encoding='utf-8'))['error']), out / ERROR_FIGURE)
     pages = ', '.join(sorted(path.name for path in out.glob('*.html')))
     print(
-        f'\nThe end, after {time.monotonic() - started:.0f} s. Look at {ERROR_FIGURE} and {pages} in {out}; '
+        f'\nFinished after {time.monotonic() - started:.0f} s. Look at {ERROR_FIGURE} and {pages} in {out}; '
         'run the improved model:'
     )
     print(f'$ sma_module_sim --ros-args --params-file {out / "better.yaml"}')

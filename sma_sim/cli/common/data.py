@@ -33,15 +33,15 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
         help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
     )  # fmt: skip
-    parser.add_argument('--system', choices=('module', 'wire'), help='what was measured (default: as --config says)')
-    parser.add_argument('--map', type=Path, metavar='FILE', help='YAML that names foreign columns and units')
+    parser.add_argument('--system', choices=('module', 'wire'), help='what was measured (default: the system of --config)')
+    parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(
         '--noise', action='append', default=[], metavar='CHANNEL=STD',
-        help='standard deviation of the noise of a channel, SI (default: meta.json, else estimated)',
+        help='standard deviation of the noise of a channel, SI units (default: that of meta.json, else estimated)',
     )  # fmt: skip
     add_namespace_option(parser)
-    parser.add_argument('--report', type=report_path, metavar='FILE.html', help='page to write, with figures')
-    parser.add_argument('--json', type=Path, metavar='FILE.json', help='file to write, for programs')
+    parser.add_argument('--report', type=report_path, metavar='FILE.html', help='HTML report to write, with figures')
+    parser.add_argument('--json', type=Path, metavar='FILE.json', help='results to write, for programs')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
 
 
@@ -61,7 +61,9 @@ def system_words(arguments: argparse.Namespace) -> list[str]:
 
 def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
     """``--model`` and ``--seed`` of what searches."""
-    parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='auto: the better of both')
+    parser.add_argument(
+        '--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='kinetics; auto takes those that predict better'
+    )
     parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
 
 

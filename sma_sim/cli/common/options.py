@@ -23,11 +23,16 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
 def add_overriding_options(parser: argparse.ArgumentParser) -> None:
     """``--set`` and ``--effect``."""
     parser.add_argument(
-        '--set', action='append', default=[], metavar='NAME=VALUE', dest='words', help='one parameter, such as wire.E_A=12e9'
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        dest='words',
+        help='set a parameter, such as wire.E_A=12e9',
     )
     parser.add_argument(
         '--effect', action='append', default=[], metavar='NAME[:PARAM=VALUE,...]', dest='effects',
-        help='one more active effect; `sma-sim effects` lists them',
+        help='switch an effect on; `sma-sim effects` lists them',
     )  # fmt: skip
 
 
