@@ -224,8 +224,8 @@ class Steps:
         self.made += min(most, 10)
         return min(most, 10)
 
-    def reset(self):
-        self.resets += 1
+    def reset(self, state, time):
+        self.resets += state and time
         return 'reset'
 
 

@@ -41,6 +41,19 @@ def test_a_node_starts_without_them(code, running):
         assert process.wait(60) == 0 and running in log[-1], ''.join(log)
 
 
+def test_a_node_without_the_interfaces_of_simulators_says_so_once():
+    pytest.importorskip('rclpy')
+    words = program(NODE, hidden=('simulation_interfaces',))
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        log = []
+        for line in process.stderr:
+            log.append(line)
+            if 'running: ' in line:
+                process.send_signal(signal.SIGINT)
+                break
+        assert process.wait(60) == 0 and ''.join(log).count('the package simulation_interfaces is not installed') == 1
+
+
 @pytest.mark.parametrize('package', ['rosbags', 'mcap'])
 def test_a_node_that_shall_record_says_what_to_install(tmp_path, package):
     pytest.importorskip('rclpy')

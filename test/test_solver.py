@@ -8,6 +8,7 @@ from sma_sim import Input, find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import EDGES, INNER
 from sma_sim.model.errors import UserError
 from sma_sim.model.material import sigma_A
+from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.inputs import input_between, pieces
 from sma_sim.solver.rosenbrock import RODAS4P2
 
@@ -227,3 +228,17 @@ def test_start_that_no_mode_admits_is_moved_and_said():
     run = simulate(make_model(initial__x_M_1=0.1), module_input([0, 1], [0, 0]), np.array([0.0]))
     assert 'initial.x_M_1 = 0.1 is not admitted at rest' in run.notes[0]
     assert run['x_M_1'][0] > 0.5
+
+
+def test_a_run_whose_time_restarts_goes_on_as_if_it_had_not():
+    """Jumps included: the wire is heated from cold, and cools again."""
+    model = make_model("module", "hybrid")
+    runs = [FixedRateRun(model, 1000.0, np.array([0.0, 298.0])) for _ in range(2)]
+    for number, J_eq in enumerate((12.0, 12.0, 0.0, 0.0, 12.0)):
+        for run in runs:
+            run.step(np.array([J_eq, 298.0]), 700)
+        if number == 2:
+            runs[1].restart_clock(np.array([J_eq, 298.0]))
+            assert runs[1].time == 0.0 and runs[1].sample == pytest.approx(runs[0].sample, rel=1e-9, abs=1e-12, nan_ok=True)
+    assert runs[0].time == 3.5 and runs[1].time == 1.4 and len(runs[0].take_jumps()) == len(runs[1].take_jumps())
+    assert runs[1].sample == pytest.approx(runs[0].sample, rel=1e-6, abs=1e-12, nan_ok=True)

@@ -68,6 +68,10 @@ class Command:
         self.state = NO_COMMAND
         self._turn_off()
 
+    def advance_clock(self, seconds: float) -> None:
+        """Simulated time is so much later (earlier where negative) from now on, without any time having passed [s]."""
+        self._taken_at += seconds
+
     def at(self, t: float) -> float:
         """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
         if self._mailbox:  # only this thread takes from it, so there is still one below

@@ -34,8 +34,11 @@ class Simulation(Protocol):
     def make_steps(self, most: int) -> int:
         """Make some steps at once, at most so many; their number. A longer request is carried out in several rounds."""
 
-    def reset(self) -> str:
-        """Back to the start; what was done, in words. Raises Refused."""
+    def reset(self, state: bool, time: bool) -> str:
+        """The state of the start, time zero, or both; what was done, in words."""
+
+    def end(self) -> str:
+        """End the node."""
 
 
 class Stepping:
@@ -70,7 +73,7 @@ class Control:
     """Whether the simulation is paused, and the requests that wait for it."""
 
     def __init__(self, node: Node, simulation: Simulation) -> None:
-        self.paused = False
+        self.paused = self.stopped = False  # stopped: paused at the start
         self.steps_per_call = 1
         self._node, self._simulation = node, simulation
         self._requests: deque[tuple[Callable[[], str], Future[str]]] = deque()
@@ -91,19 +94,41 @@ class Control:
         self._wake()
         return answer
 
-    def ask_reset(self) -> Future[str]:
-        """Return to the start; steps that are still to be made are not."""
+    def set_paused(self, paused: bool) -> bool:
+        """Pause or go on; whether it was paused."""
+        was, self.paused, self.stopped = self.paused, paused, False
+        return was
+
+    def ask_reset(self, state: bool = True, time: bool = True) -> Future[str]:
+        """Return to the state of the start, to time zero, or both; steps that are still to be made are not."""
 
         def reset() -> str:
             self.refuse_steps('ended by a reset')
-            return self._simulation.reset()
+            return self._simulation.reset(state, time)
 
         return self.ask(reset)
+
+    def ask_stop(self) -> Future[str]:
+        """Pause and return to the start."""
+
+        def stop() -> str:
+            self.refuse_steps('stopped')
+            answer = self._simulation.reset(True, True)
+            self.paused = self.stopped = True
+            return answer
+
+        self.paused = True
+        return self.ask(stop)
+
+    def ask_end(self) -> Future[str]:
+        """End the node."""
+        return self.ask(self._simulation.end)
 
     def ask_steps(self, steps: int, on_progress: Callable[[int], object] | None = None) -> Stepping:
         """Have steps made after those that were asked for before. Raises Refused while the simulation is not paused."""
         if not self.paused:
             raise Refused(NOT_PAUSED)
+        self.stopped = False
         stepping = Stepping(steps, on_progress)
         self._steppings.append(stepping)
         self._wake()
@@ -163,7 +188,7 @@ class Control:
                 self._requests.popleft()[1].set_exception(Refused(self._closed))
 
     def _pause(self, request: Any, response: Any) -> Any:
-        was, self.paused = self.paused, bool(request.data)
+        was = self.set_paused(bool(request.data))
         words = ('running', 'paused')
         response.success = True
         response.message = f'{words[self.paused]} (as before)' if was == self.paused else words[self.paused]

@@ -29,6 +29,7 @@ ROS arguments come after --ros-args:
   -r __ns:=/NAME       the namespace of the topics
   -r FROM:=TO          another name for a topic
 Ctrl-C ends the node. Exit code: 0 when stopped, 2 for wrong arguments or parameters, 1 for a failed run."""
+LAST_ROUNDS = 20  # of the executor after the end, in which requests that still waited are answered
 WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError')  # what rclpy raises for them
 
 
@@ -155,10 +156,39 @@ def configured_runner(node: Any, make: Maker, live: Collection[str]) -> tuple[Ru
     return runner, settings
 
 
+class Server:
+    """Serves a node's messages and requests in a thread of its own."""
+
+    def __init__(self, node: Any) -> None:
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._node, self._executor = node, SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Answer what still waits, and end."""
+        self._ended.set()
+        self._thread.join()
+        self._executor.remove_node(self._node)
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            self._serve_once(0.1)
+        for _ in range(LAST_ROUNDS):
+            self._serve_once(0.0)
+
+    def _serve_once(self, longest: float) -> None:
+        try:
+            self._executor.spin_once(timeout_sec=longest)
+        except Exception as error:  # a message that cannot be read must not end the listening
+            self._node.get_logger().error(f'a message or request was lost: {short_message(error)}')
+
+
 def serve_node(program: Program, make: Maker, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
-    from rclpy.executors import SingleThreadedExecutor
-
     from sma_sim.ros.parameter_node import ParameterNode
     from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
@@ -166,18 +196,7 @@ def serve_node(program: Program, make: Maker, stop: threading.Event, working: th
     node = ParameterNode(program.name, automatically_declare_parameters_from_overrides=True)
     runner, settings = configured_runner(node, make, program.live)
     working.set()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def serve() -> None:
-        while not stop.is_set():
-            try:
-                executor.spin_once(timeout_sec=0.1)
-            except Exception as error:  # a message that cannot be read must not end the listening
-                node.get_logger().error(f'a message or request was lost: {short_message(error)}')
-
-    server = threading.Thread(target=serve, daemon=True)
-    server.start()
+    server = Server(node)
     try:
         use_realtime_priority(round(settings['realtime_priority']))
         freeze_objects()
@@ -189,8 +208,7 @@ def serve_node(program: Program, make: Maker, stop: threading.Event, working: th
     finally:
         runner.close()
         stop.set()
-        server.join()
-        executor.remove_node(node)
+        server.close()
         node.destroy_node()
     return 0
 

@@ -33,6 +33,10 @@ from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
 CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
+NO_SIMULATION_INTERFACES = (
+    'no standard services of simulators: the package simulation_interfaces is not installed '
+    '(apt install ros-$ROS_DISTRO-simulation-interfaces); ~/pause, ~/step and ~/reset do the same'
+)
 INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
 OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
 RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
@@ -67,25 +71,18 @@ class ModuleSimulation:
         self._speed = Speed()
         self._publishers = Publishers(node, config, self._is_clock)
         self._frames = RobotFrames(node, beam_links(config.parameters), str(config.settings['node.joint_prefix']))
-        self._control, self._diagnostics = Control(node, self), Diagnostics(node, 'simulated SMA module')
-        self._set_steps_per_call()
+        self._diagnostics = Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             make_subscription(node, kind, topic, receive, LAST_FEW)
         owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
         self._graph_check = GraphCheck(node, owned, INPUT_TOPICS, command='J_eq')
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
-        live = {
-            ENVIRONMENT: self._ambient.apply,
-            'node.J_max': self._set_J_max,
-            'node.command_timeout': self._set_command_timeout,
-            'node.steps_per_call': self._set_steps_per_call,
-            REAL_TIME_FACTOR: lambda: self._control.ask(self._set_pace),
-        }
-        follow_live_parameters(node, live, use_sim_time)
+        self._serve(node)
 
     def begin(self, stop: threading.Event) -> None:
         """Publish the start, once there is a clock, and make the bag. Raises UserError where it cannot be made."""
+        self._stop = stop
         while self._follows and self._now() == 0 and not stop.is_set():
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
             self._control.refuse_steps('waiting for /clock: nothing runs yet')
@@ -124,16 +121,45 @@ class ModuleSimulation:
         self._schedule.restart()
         return steps
 
-    def reset(self) -> str:
-        """The initial state, without a command, in the ambient temperature of the start."""
-        self.command.clear()
-        self._ambient.reset()
-        self._new_run()
+    def reset(self, state: bool, time: bool) -> str:
+        """The initial state, without a command, in the ambient temperature of the start; time zero; or both."""
+        if state:
+            self.command.clear()
+            self._ambient.reset()
+            self._new_run(0 if time else self._run.k)
+        elif self._running:
+            self.command.advance_clock(-self._run.time)
+            self._run.restart_clock(np.array([np.nan_to_num(self._applied), self._ambient.T_E]))
+            self._forget_applied()  # for the next bag
         if not self._running:
             return f'{RESET_DONE}; waiting for /clock'
-        self._begin()
+        self._begin(time)
         self._speed = Speed()
         return RESET_DONE
+
+    def end(self) -> str:
+        """End the node."""
+        self._stop.set()
+        return 'the node is ending'
+
+    def _serve(self, node: Node) -> None:
+        """Offer services, and take parameters that are set while the node runs."""
+        self._control = Control(node, self)
+        self._set_steps_per_call()
+        try:
+            from sma_sim.ros.simulation_services import SimulationServices
+        except ImportError:
+            self._logger.info(NO_SIMULATION_INTERFACES)
+        else:
+            self._simulation_services = SimulationServices(node, self._control)
+        live = {
+            ENVIRONMENT: self._ambient.apply,
+            'node.J_max': self._set_J_max,
+            'node.command_timeout': self._set_command_timeout,
+            'node.steps_per_call': self._set_steps_per_call,
+            REAL_TIME_FACTOR: lambda: self._control.ask(self._set_pace),
+        }
+        follow_live_parameters(node, live, self._follows)
 
     def _value(self, name: str) -> float:
         """The number that a parameter has now; the post-set callback reads it here, so that what is set last is in force."""
@@ -171,22 +197,32 @@ class ModuleSimulation:
             self._logger.warning('use_sim_time: /clock sets the pace, node.real_time_factor is not used')
         return ClockSchedule(self._rate, self._now)
 
-    def _new_run(self) -> None:
-        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]))
+    def _new_run(self, k: int = 0) -> None:
+        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]), k)
         self._modes = [int(mode) for mode in messages.wire_values(self._run.sample, 'mode')]
+        self._forget_applied()
+
+    def _forget_applied(self) -> None:
+        """Publish what is applied at the next step, whether it changes or not."""
         self._applied, self._applied_T_E = math.nan, math.nan
 
-    def _begin(self) -> None:
-        """Simulated time 0: its stamp, a new bag, the first sample."""
+    def _begin(self, at_zero: bool = True) -> None:
+        """A new state or simulated time 0: a new bag, the stamp of time 0, the first sample."""
         self._running = True
-        self._log_epoch = 0 if self._is_clock else self._now()
+        if at_zero:
+            self._log_epoch = 0 if self._is_clock else self._now()
         self._start_recording()  # before the clock of the steps starts: it takes a while
         self._schedule.restart()
+        if at_zero:
+            self._set_epoch()
+        self._publish()
+
+    def _set_epoch(self) -> None:
+        """The stamp of simulated time 0."""
         self._anchor = self._schedule.anchor
         self._epoch = 0 if self._is_clock else self._anchor or self._now()
         seconds, nanoseconds = divmod(self._epoch, 10**9)
         self._logger.info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
-        self._publish()
 
     def _start_recording(self) -> None:
         name = str(self._config.settings['node.record'])

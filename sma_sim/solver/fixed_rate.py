@@ -13,6 +13,9 @@ from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import (
+    C_BURST,
+    C_LAST_JUMP,
+    C_WINDOW,
     COMPLETED,
     N_JUMPS,
     REASONS,
@@ -65,9 +68,7 @@ class FixedRateRun:
         self._compiled = own_scratch(model.compiled)
         self._integrate = package_compiler().function(integrate_held)
         self._samples = np.full((1, SAMPLE_SIZE), np.nan)
-        start = Segment(self.time, self.time, np.asarray(first_input, float), self._still, False)
-        sample = package_compiler().function(observe)
-        sample(self.time, self.run.state, start, self._compiled, self._work, self._samples[0])
+        self._observe(first_input)
         self.advance(np.zeros((0, len(self._still))), 1, self._samples)  # compiled now, not at the first step
 
     @property
@@ -80,6 +81,19 @@ class FixedRateRun:
         """What was seen at the end of the last step."""
         row: Vector = self._samples[0]
         return row
+
+    def restart_clock(self, u: Vector) -> None:
+        """Go on from the state of now at time 0, under the input `u`; `sample` is renewed."""
+        self.run.control[C_LAST_JUMP:C_BURST] -= self.time
+        self.run.control[C_WINDOW] -= self.time
+        self.k = 0
+        self._observe(u)
+
+    def _observe(self, u: Vector) -> None:
+        """Renew `sample` by what is seen now, under the input `u`."""
+        now = Segment(self.time, self.time, np.asarray(u, float), self._still, False)
+        sample = package_compiler().function(observe)
+        sample(self.time, self.run.state, now, self._compiled, self._work, self._samples[0])
 
     def step(self, u: Vector, count: int = 1, every: int = 1) -> None:
         """Steps under the input `u`: module (J_eq [W], T_E [K]); `sample` is renewed where `every` divides their number."""
