@@ -23,7 +23,7 @@ def generate_launch_description():
             *declared(
                 controller=(
                     share('examples', 'controller.py'),
-                    'Python file of a node that reads joint_states and sends J_eq',
+                    'Python file of a controller node, or controller or trajectory_follower of the examples',
                 )
             ),
             OpaqueFunction(function=start),

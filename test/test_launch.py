@@ -109,8 +109,9 @@ class Launched:
 def test_every_argument_is_described(environment, file):
     code, text = launch(environment, file, '--show-args')
     described = dict(re.findall(r"^    '(\w+)':\n        (.+)$", text, re.M))
-    assert code == 0 and {'model', 'system', 'effects', 'params_file', 'namespace', 'use_sim_time', 'log_level', 'rviz',
-                          'controller', 'record', 'alpha_target', 'demo'} == set(described), text  # fmt: skip
+    expected = {'model', 'system', 'effects', 'params_file', 'namespace', 'use_sim_time', 'log_level', 'rviz', 'controller',
+                'record', 'alpha_target', 'demo', 'joint_prefix'}  # fmt: skip
+    assert code == 0 and set(described) == expected, text
     assert 'no description given' not in text
 
 
@@ -120,7 +121,7 @@ def test_every_argument_is_described(environment, file):
     (['alpha_target:=far'], 'alpha_target:=far: expected an angle'),
     (['rviz:=maybe'], 'rviz:=maybe: expected true or false'),
     (['params_file:=none.yaml'], 'there is no file none.yaml'),
-    (['controller:=none.py'], 'there is no file none.py'),
+    (['controller:=none.py'], 'there is no file none.py; of the examples there are controller, trajectory_follower'),
 ])  # fmt: skip
 def test_wrong_arguments_start_nothing(environment, words, message):
     for file in FILES:
@@ -151,3 +152,10 @@ def test_two_modules(environment, tmp_path):
     topics = ['/left/joint_states', '/right/joint_states']
     with Launched(environment, tmp_path / 'log', topics, 'two_modules.launch.py') as launched:
         launched.until(lambda seen: all(seen.values()))
+
+
+@by_ros2
+def test_an_example_follows_trajectories(environment, tmp_path):
+    words = ('closed_loop.launch.py', 'controller:=trajectory_follower')
+    with Launched(environment, tmp_path / 'log', ['/joint_states'], *words) as launched:
+        launched.until(lambda _: 'alpha_trajectory_controller]: waiting for joint_states' in (tmp_path / 'log').read_text())

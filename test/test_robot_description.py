@@ -23,7 +23,7 @@ from std_msgs.msg import String  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import prefix_of, read_bag  # noqa: E402
 from sma_sim.ros.messages import JOINT_NAMES  # noqa: E402
 from sma_sim.ros.publishers import SAMPLE_TOPICS  # noqa: E402
-from sma_sim.ros.urdf import urdf_of  # noqa: E402
+from sma_sim.ros.urdf import TopicControl, urdf_of  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 VALUES = default_parameters() | {'beam.L': 0.101, 'plate.W': 0.017}
@@ -125,6 +125,20 @@ def test_a_prefix_is_recognized_only_where_it_is_clear(names, prefix):
     assert prefix_of(names, JOINT_NAMES) == prefix
 
 
+def test_the_hardware_of_ros2_control_finds_its_topics_and_joints():
+    control = TopicControl('alpha', '/left/joint_commands', '/left/joint_states')
+    description = ElementTree.fromstring(urdf_of(beam_links(VALUES), 'left/', 'arm_', control))
+    element = description.find('ros2_control')
+    assert element.get('type') == 'system' and element.findtext('hardware/plugin').endswith('/JointStateTopicSystem')
+    topics = {param.get('name'): param.text for param in element.findall('hardware/param')}
+    assert topics == {'joint_commands_topic': '/left/joint_commands', 'joint_states_topic': '/left/joint_states'}
+    joints = {joint.get('name'): [kind.get('name') for kind in joint.findall('command_interface')]
+              for joint in element.findall('joint')}  # fmt: skip
+    assert joints == {'arm_U_x': [], 'arm_U_y': [], 'arm_alpha': ['position']}
+    assert set(joints) == {joint.get('name') for joint in description.findall('joint') if joint.get('type') != 'fixed'}
+    assert 'ros2_control' not in urdf_of(beam_links(VALUES))
+
+
 def test_rviz_shows_topics_of_the_node_in_its_frame():
     manager = yaml.safe_load((ROOT / 'rviz' / 'sma_module.rviz').read_text())['Visualization Manager']
     displays = {display['Name']: display for display in manager['Displays']}
@@ -138,6 +152,7 @@ def test_a_late_subscriber_gets_the_description_and_the_frames(tmp_path):
     tf = tf_messages()
     topics = [] if tf is None else [(tf.TFMessage, '/tf')]
     words = ('-r', '__ns:=/left', '-p', 'beam.L:=0.101', '-p', 'plate.W:=0.017', '-p', 'node.joint_prefix:=left_',
+             '-p', 'node.ros2_control:=true',
              '-p', f'node.record:={tmp_path / "bag"}')  # fmt: skip
     topics += [(JointState, 'joint_states'), (Temperature, 'wire_2/temperature')]
     with ros_client.Simulation(*words, topics=topics, namespace='/left') as one:
@@ -153,7 +168,9 @@ def test_a_late_subscriber_gets_the_description_and_the_frames(tmp_path):
             assert children == {f'left/{link.name}' for link in beam_links(VALUES).links[1:]}
         one.until(lambda: late and one.seen['joint_states'] and one.seen['wire_2/temperature'])
         code, log = one.stop()
-    assert code == 0 and late[0].data == urdf_of(beam_links(VALUES), 'left/', 'left_')
+    assert code == 0 and late[0].data == urdf_of(
+        beam_links(VALUES), 'left/', 'left_', TopicControl('alpha', '/left/joint_commands', '/left/joint_states')
+    )
     moving = [joint.get('name') for joint in joints_of(late[0].data) if joint.get('type') != 'fixed']
     assert list(one.seen['joint_states'][0].name) == moving == ['left_U_x', 'left_U_y', 'left_alpha']
     links = {link.get('name') for link in ElementTree.fromstring(late[0].data).findall('link')}

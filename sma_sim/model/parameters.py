@@ -139,6 +139,7 @@ SETTINGS: Mapping[str, Setting] = {
     f'{group}.{one.name}': one
     for group, one in (
         ('node', Setting('record', '', 'bag to write (mcap); NAME/: a new one in this folder; none: nothing is recorded')),
+        ('node', Setting('ros2_control', False, "robot_description has ros2_control's topic-based hardware")),
         ('node', Setting('joint_prefix', '', 'stands before the names of the joints in joint_states and in the URDF')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
         ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),

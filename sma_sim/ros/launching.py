@@ -18,6 +18,7 @@ from launch_ros.actions import Node
 from sma_sim.ros.bag_names import record_of_side
 
 PACKAGE = 'sma_sim'
+EXAMPLES = {'controller': 'alpha_controller', 'trajectory_follower': 'alpha_trajectory_controller'}  # file: node
 BOOLEANS = {'true': True, '1': True, 'false': False, '0': False}
 ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'params_file': ('', 'ROS 2 parameter file; empty: the paper\'s module'),
@@ -30,7 +31,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'use_sim_time': ('false', 'follow /clock'),
     'log_level': ('info', 'debug, info, warn, error or fatal'),
     'rviz': ('false', 'start RViz with a picture of the module'),
-    'controller': ('', 'Python file of a node that reads joint_states and sends J_eq; empty: none'),
+    'controller': ('', 'Python file of a controller node, or controller or trajectory_follower of the examples'),
     'alpha_target': ('0.0', 'target angle of the controller [rad]'),
     'demo': ('false', 'the target is a sine; without another controller, the example controller follows it'),
 }  # fmt: skip
@@ -89,9 +90,11 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         names = [] if text['effects'] == 'none' else [name.strip() for name in text['effects'].split(',')]
         overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
     use_sim_time, rviz, demo = (boolean(name, text[name]) for name in ('use_sim_time', 'rviz', 'demo'))
-    controller = text['controller'] or (share('examples', 'controller.py') if demo else '')
+    controller = text['controller'] or ('controller' if demo else '')
+    if controller in EXAMPLES:
+        controller = share('examples', f'{controller}.py')
     if controller and not Path(controller).is_file():
-        raise RuntimeError(f'controller: there is no file {controller}')
+        raise RuntimeError(f'controller: there is no file {controller}; of the examples there are {", ".join(EXAMPLES)}')
     return ModuleArguments(
         file, text['namespace'].strip('/'), tuple(overrides.items()), text['record'], text['log_level'],
         use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo, text['joint_prefix'],
@@ -125,7 +128,8 @@ def module_actions(given: ModuleArguments) -> list[Action]:
         parameters: dict[str, Any] = {'alpha_target': given.alpha_target}
         if given.joint_prefix:
             parameters['joint'] = f'{given.joint_prefix}alpha'
-        actions.append(python_node(given.controller, 'alpha_controller', given, parameters))
+        name = EXAMPLES.get(Path(given.controller).stem, 'alpha_controller')
+        actions.append(python_node(given.controller, name, given, parameters))
     if given.demo:
         actions.append(python_node(share('examples', 'sine_target.py'), 'sine_target', given, {}))
     return actions

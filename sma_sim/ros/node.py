@@ -70,7 +70,7 @@ class ModuleSimulation:
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
         self._speed = Speed()
         self._publishers = Publishers(node, config, self._is_clock)
-        self._frames = RobotFrames(node, beam_links(config.parameters), str(config.settings['node.joint_prefix']))
+        self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
         self._diagnostics = Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):

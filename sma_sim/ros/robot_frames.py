@@ -14,7 +14,7 @@ from std_msgs.msg import Header, String
 
 from sma_sim.model.structures.links import LinkTree, Transform, fixed_transforms, moving_transforms
 from sma_sim.ros.qos import LATEST, make_publisher
-from sma_sim.ros.urdf import urdf_of
+from sma_sim.ros.urdf import TopicControl, urdf_of
 
 MOVING = QoSProfile(depth=100)  # as tf2 has it
 NO_TF = (
@@ -39,13 +39,22 @@ def stamped(transform: Transform, prefix: str, stamp: Time) -> TransformStamped:
     return message
 
 
-class RobotFrames:
-    """Publishes what a structure says of its links and joints."""
+def topic_control(node: Node, settings: Mapping[str, str | bool]) -> TopicControl | None:
+    """The topics by which ros2_control reaches the module and its controller, where that was asked for."""
+    if not settings['node.ros2_control']:
+        return None
+    return TopicControl('alpha', *map(node.resolve_topic_name, ('joint_commands', 'joint_states')))
 
-    def __init__(self, node: Node, tree: LinkTree, joint_prefix: str = '') -> None:
+
+class RobotFrames:
+    """Publishes what a structure says of its links and joints; `settings` are the parameters of the node."""
+
+    def __init__(self, node: Node, tree: LinkTree, settings: Mapping[str, str | bool]) -> None:
         self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
         description = make_publisher(node, String, 'robot_description', LATEST)
-        description.publish(String(data=urdf_of(tree, self._prefix, joint_prefix)))
+        description.publish(
+            String(data=urdf_of(tree, self._prefix, str(settings['node.joint_prefix']), topic_control(node, settings)))
+        )
         self._kind: Any = None
         try:
             self._kind = import_module('tf2_msgs.msg').TFMessage
