@@ -141,6 +141,7 @@ SETTINGS: Mapping[str, Setting] = {
         ('node', Setting('record', '', 'bag to write (mcap); NAME/: a new one in this folder; none: nothing is recorded')),
         ('node', Setting('ros2_control', False, "robot_description has ros2_control's topic-based hardware")),
         ('node', Setting('joint_prefix', '', 'stands before the names of the joints in joint_states and in the URDF')),
+        ('node', Setting('stamped_topics', False, 'publish variants with a header too, such as wire_forces_stamped')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
         ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),
         *(('check', Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states"))

@@ -11,7 +11,7 @@ from datetime import datetime
 
 import numpy as np
 from rclpy.node import Node
-from sensor_msgs.msg import Temperature
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.model.config import Config, flat_parameters
@@ -29,6 +29,7 @@ from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recorder import Recorder
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
+from sma_sim.ros.stamped import STAMPED_COMMAND, StampedCommands
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
@@ -76,7 +77,8 @@ class ModuleSimulation:
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
             make_subscription(node, kind, topic, receive, LAST_FEW)
         owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
-        self._graph_check = GraphCheck(node, owned, INPUT_TOPICS, command='J_eq')
+        self._stamped_commands = StampedCommands(node, self.command, self._stamp_clock)
+        self._graph_check = GraphCheck(node, owned, INPUT_TOPICS | {STAMPED_COMMAND: JointState}, command='J_eq')
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
         self._serve(node)
 
@@ -263,7 +265,8 @@ class ModuleSimulation:
             self._run.step(np.array([self._applied, self._applied_T_E]), count, self._every)
             for jump in self._run.take_jumps():
                 self._modes[jump.wire - 1] = jump.target
-                self._publishers.send('wire_modes', self._log_epoch + round(jump.t * 1e9), messages.wire_modes(self._modes))
+                t, modes = round(jump.t * 1e9), messages.wire_modes(self._modes)
+                self._publishers.send_with_variant('wire_modes', self._epoch + t, self._log_epoch + t, modes)
             if self._run.k % self._every == 0:
                 self._publish()
             elif self._run.k % self._clock_every == 0:
@@ -272,13 +275,14 @@ class ModuleSimulation:
 
     def _apply(self) -> None:
         """Apply the input of the next steps; publish it when it changes."""
-        J_eq, T_E, now = self.command.at(self._run.time), self._ambient.T_E, self._time(self._log_epoch)
+        J_eq, T_E = self.command.at(self._run.time), self._ambient.T_E
+        stamp, now = self._time(self._epoch), self._time(self._log_epoch)
         if J_eq != self._applied:
             self._applied = J_eq
-            self._publishers.send('J_eq_applied', now, Float64(data=J_eq))
+            self._publishers.send_with_variant('J_eq_applied', stamp, now, Float64(data=J_eq))
         if self._applied_T_E != T_E:
             self._applied_T_E = T_E
-            self._publishers.send('T_E_applied', now, Float64(data=T_E))
+            self._publishers.send_with_variant('T_E_applied', stamp, now, Float64(data=T_E))
 
     def _now(self) -> int:
         """The time of the clock of the node [ns]; 0 before /clock was heard of."""
@@ -309,6 +313,7 @@ class ModuleSimulation:
             'stamps behind the clock [s]': self._lag(),
             'command': self.command.state,
             'command timeouts': self.command.timeouts,
+            **self._stamped_commands.diagnostics(),
             'rejected commands': self.command.rejected,
             'clipped commands': self.command.clipped,
             'rejected ambient temperatures': self._ambient.rejected,
@@ -328,9 +333,11 @@ class ModuleSimulation:
 
     def _lag(self) -> str:
         """By how much the last stamp is behind the clock of the node [s]."""
-        if self._is_clock:
-            return '0.000'  # the stamps are the clock
-        return f'{(self._now() - self._time(self._epoch)) / 1e9:.3f}'
+        return f'{(self._stamp_clock() - self._time(self._epoch)) / 1e9:.3f}'
+
+    def _stamp_clock(self) -> int:
+        """The time [ns] with which stamps compare: that of the node's clock, or of its /clock where it is the source."""
+        return self._time(0) if self._is_clock else self._now()
 
 
 def largest_divisor(number: int, most: float) -> int:

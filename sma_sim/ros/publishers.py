@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, Header, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from sma_sim.model.config import Config
@@ -21,6 +21,7 @@ from sma_sim.ros.markers import frame_of, markers
 from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
 from sma_sim.ros.recorder import RecordedTopic, Recorder
 from sma_sim.ros.robot_frames import frame_prefix
+from sma_sim.ros.stamped import SUFFIX, VARIANTS
 
 SAMPLE_TOPICS: Mapping[str, Any] = {
     'joint_states': JointState,
@@ -50,8 +51,10 @@ class Publishers:
         self._joint_prefix = str(config.settings['node.joint_prefix'])
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
+        self._stamps = bool(config.settings['node.stamped_topics'])
+        kinds |= {name + SUFFIX: variant.kind for name, variant in VARIANTS.items() if self._stamps}
         self._publishers = {
-            name: make_publisher(node, kind, name, LATEST if name in CHANGE_TOPICS else LAST_FEW)
+            name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in CHANGE_TOPICS else LAST_FEW)
             for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
@@ -66,6 +69,13 @@ class Publishers:
         if self.recorder is not None:
             self.recorder.write(self._numbers[name], log_time, cdr)
 
+    def send_with_variant(self, name: str, stamp: int, log_time: int, message: Any) -> None:
+        """Send a message that has no header and, where they are asked for, its variant with a stamp [ns]."""
+        self.send(name, log_time, message)
+        if self._stamps:
+            header = Header(stamp=messages.stamp_of(stamp))
+            self.send(name + SUFFIX, log_time, VARIANTS[name].make(header, message))
+
     def send_clock(self, stamp: int) -> None:
         """Publish the time [ns], if the node is its source."""
         if self._clock is not None:
@@ -78,12 +88,12 @@ class Publishers:
         if TRUE_POSE in self._publishers:
             self.send(TRUE_POSE, log_time, messages.joint_state(time, row, False, self._joint_prefix))
         self.send('wire_states', log_time, messages.wire_state(time, row))
-        self.send('wire_forces', log_time, messages.wire_forces(row))
+        self.send_with_variant('wire_forces', stamp, log_time, messages.wire_forces(row))
         for wire, name in enumerate(messages.WIRE_NAMES):
             temperature = messages.temperature_message(time, row, wire, self._frame_prefix)
             self.send(f'{name}/temperature', log_time, temperature)
-        self.send('phase_fractions', log_time, messages.phase_fractions(row))
-        self.send('wire_modes', log_time, messages.wire_modes(modes))
+        self.send_with_variant('phase_fractions', stamp, log_time, messages.phase_fractions(row))
+        self.send_with_variant('wire_modes', stamp, log_time, messages.wire_modes(modes))
 
     def send_markers(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
         """Publish the picture of a row, if anyone looks at it or it is recorded."""
