@@ -31,9 +31,9 @@ def test_sections_describe_the_signature(name):
     assert re.search(r'^Returns\n-+$', text, re.M)
 
 
-def test_most_public_docstrings_have_sections():
+def test_public_docstrings_have_sections():
     with_sections = [name for name in sma_sim.__all__ if re.search(r'\n-{4,}\n', inspect.getdoc(getattr(sma_sim, name)))]
-    assert len(with_sections) > 0.8 * len(sma_sim.__all__), sorted(set(sma_sim.__all__) - set(with_sections))
+    assert set(sma_sim.__all__) - set(with_sections) == {'UserError'}
 
 
 def test_every_public_name_is_in_the_reference():

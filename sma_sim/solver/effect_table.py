@@ -51,9 +51,9 @@ class Layout(NamedTuple):
 def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> Layout:
     """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only."""
     acting = [k for k, one in enumerate(found) if SYSTEMS[0 if module else 1] in one.effect.systems]
-    order = tuple(sorted(acting, key=lambda k: found[k].effect.place))
+    order = tuple(sorted(acting, key=lambda k: found[k].effect.order))
     effects = [found[k].effect for k in order]
-    ports = np.array([effect.place[0] for effect in effects], dtype=np.int64)
+    ports = np.array([effect.order[0] for effect in effects], dtype=np.int64)
     natives = [native_effect(found[k]).addresses for k in order]
     addresses = np.array(natives, dtype=np.int64).reshape(-1, 3).T.copy()
     scales: list[float] = []

@@ -106,7 +106,13 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Model:
-    """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used."""
+    """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used.
+
+    Attributes
+    ----------
+    config : Config
+        Parameters, system, kinetics and active effects; default: the paper's module.
+    """
 
     config: Config = field(default_factory=Config)
 

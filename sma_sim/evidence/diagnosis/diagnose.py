@@ -40,14 +40,39 @@ ModelPath = list[tuple[StageKind, FitResult]]  # the models from the nominal one
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.
+    """What a diagnosis found.
 
-    `stages`: the models from the nominal one to the last; with a `proposal` the last one has the proposed effect, which
-    `effects` does not name. `selection_steps` and `elimination_steps`: what was tried, in order. `held_out_ratio`: by effect
-    of the first selection step, held-out error with over without. `confounding`: by accepted effect, why others cannot be
-    told apart. `pooled_errors`: how well one model explains fitted and held-out runs, where the one fitted to the former
-    misses the latter. `taken_back`: effects that were accepted, but hardly help to predict the held-out runs. `implausible`:
-    parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
+    Attributes
+    ----------
+    verdict : str
+        ``'none'``, ``'missing_effect'`` or ``'unknown_effect'``.
+    effects : tuple of str
+        Names of the accepted effects, in order.
+    stages : tuple of ModelStage
+        The models from the nominal one to the last; with a `proposal` the last one has the proposed effect, which `effects`
+        does not name.
+    selection_steps, elimination_steps : tuple
+        The candidates that were compared in each step, in order.
+    held_out_ratio : mapping
+        By effect of the first selection step, held-out error with over without.
+    confounding : mapping
+        By accepted effect, the effects that cannot be distinguished from it, and why.
+    training, held_out : tuple of str
+        Names of the recordings that were fitted, and of those held out.
+    noise_std : mapping
+        Standard deviation of the noise by channel, SI units.
+    interrupted : bool
+        Whether the search was stopped; the results are those up to then.
+    seconds : float
+        Time that the diagnosis took.
+    proposal : Proposal or None
+        The equation of what no known effect explains.
+    pooled_errors : PooledErrors or None
+        How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
+    taken_back : tuple of str
+        Effects that were accepted, but hardly help to predict the held-out runs.
+    implausible : tuple of ImplausibleParameter
+        Parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
     """
 
     verdict: str

@@ -21,16 +21,38 @@ SYSTEMS = ('module', 'wire')
 class Effect:
     """A physical effect, declared as data.
 
-    `kernel(s, w, p)` returns what the effect adds at its port (on actuation and sensing: the value passed on), as
-    a float or a tuple; `s` is a `State`, `w` the wire's constants (the beam's for structure_force), `p` the
-    effect's parameters by name. With extra states the signature is ``kernel(s, w, p, m)`` where `m` has them by
-    name; `rate` gives their derivatives and `start` their first values (default 0). `scale` is the size of an
-    extra state, for the error control (relative to its channel on sensing). `channels` are those that a sensing
-    effect acts on, `systems` those in which the effect has a meaning (in others it is left out). `energy` says how the
-    effect enters the energy balance, `signature` what it leaves in measurements, and `confused_with` names what leaves
-    nearly the same: effects, parameters by their full names, or 'delay' of the recording. `same_as` says in words what the
-    equations make the same, so that no measurement tells them apart. `title` is a short phrase that completes "the model
-    lacks ..."; without one the name with spaces serves.
+    Attributes
+    ----------
+    name, port : str
+        The effect's name, and the port at which it acts.
+    equation, source : str
+        The equation in one line, and where it comes from.
+    parameters : tuple of Parameter
+        With unit, bounds, neutral value and realistic range.
+    kernel : callable
+        ``kernel(s, w, p)`` returns what the effect adds at its port (on actuation and sensing: the value passed on), as a
+        float or a tuple; `s` is a `State`, `w` the wire's constants (the beam's for structure_force), `p` the effect's
+        parameters by name. With extra states it is ``kernel(s, w, p, m)``, where `m` has them by name.
+    states, scale : tuple
+        Names of the extra states, and their sizes for the error control (relative to its channel on sensing).
+    rate, start : callable, optional
+        The derivatives of the extra states, and their first values (default 0).
+    stage : str
+        Position in the chain of the ports that have one (`CHAIN`).
+    channels : tuple of str
+        The channels that a sensing effect acts on.
+    systems : tuple of str
+        The systems in which the effect has a meaning; in others it is left out.
+    energy : str
+        How the effect enters the energy balance.
+    description, signature : str
+        Remarks, and the trace that the effect leaves in measurements.
+    confused_with : tuple of str
+        What leaves nearly the same trace: effects, parameters by their full names, or the 'delay' of the recording.
+    same_as : str
+        What is identical in the equations, so that no measurement distinguishes it, in words.
+    title : str
+        A short phrase that completes "the model lacks ..."; the default is the name.
     """
 
     name: str
@@ -68,7 +90,7 @@ class Effect:
         return self.title or self.name.replace('_', ' ')
 
     @property
-    def place(self) -> tuple[int, int]:
-        """Port and place in the port's chain: the order in which effects act."""
+    def order(self) -> tuple[int, int]:
+        """Number of the port, and of the stage in its chain: effects act in this order."""
         stages = CHAIN.get(self.port, ('',))
         return PORT_NAMES.index(self.port), stages.index(self.stage) if self.stage in stages else 0
