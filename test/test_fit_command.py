@@ -1,5 +1,6 @@
 """`sma-sim fit`: what it finds, what it writes, what it says when it is used wrongly."""
 
+import html
 import json
 import os
 import re
@@ -39,6 +40,10 @@ def test_known_parameters_come_back(fitted):
         assert parameters[name]['value'] == pytest.approx(value, rel=5e-3)
         assert parameters[name]['low'] < value < parameters[name]['high']
     assert fitted[1]['implausible'] == []
+    by_recording = fitted[1]['by_recording']
+    assert by_recording['agree'] and by_recording['recording'] is None
+    assert set(by_recording['parameters']['wire.lambda']['recordings']) == {'run1', 'run2'}
+    assert by_recording['text'] in html.unescape(fitted[2].read_text())
     assert 0.9 < fitted[1]['error']['train'] < 1.1
     assert 0.9 < fitted[1]['error']['held_out'] < 1.1
 

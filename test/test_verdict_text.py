@@ -27,6 +27,7 @@ def interval(name, value, low, high):
 CALIBRATION = SimpleNamespace(
     values={name: numbers[0] for name, numbers in KNOWN.items()},
     implausible=(),
+    by_run=(),
     uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
 )
 

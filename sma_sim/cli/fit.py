@@ -36,6 +36,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_o
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
+from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.model.parameter_file import parameter_file
@@ -167,6 +168,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
+    remarks += [sentence] if (sentence := agreement_sentence(found.by_run)) else []
     other = [start for start in found.other_starts if not start.same]
     if other:
         points = f'{len(other)} of {len(found.other_starts) + 1} starting points'
@@ -205,6 +207,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
+        'by_recording': by_run_data(found.by_run),
         'held': {parameter.name: parameter.reason for parameter in found.fixed},
         'other_starts': [
             {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts

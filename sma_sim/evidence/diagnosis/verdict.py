@@ -13,6 +13,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
+from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
 
@@ -38,6 +39,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'intervals': intervals_of(diagnosis),
         'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
         'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
+        'by_recording': by_run_data(diagnosis.calibration.by_run),
         'training': diagnosis.training,
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,

@@ -26,10 +26,11 @@ from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, m
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
+from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_by_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.estimation.uncertainty import Uncertainty, uncertainty
+from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
@@ -107,6 +108,8 @@ class Calibration:
         95 % intervals, correlations, and directions that the data leave undetermined.
     implausible : tuple of ImplausibleParameter
         Parameters that left their plausible range, where intervals are known.
+    by_run : tuple of ParameterByRun
+        What each recording says of every parameter, where intervals are known.
     seconds : float
         Time that the fit took.
     """
@@ -129,6 +132,7 @@ class Calibration:
     uncertainty: Uncertainty | None
     seconds: float
     implausible: tuple[ImplausibleParameter, ...] = ()
+    by_run: tuple[ParameterByRun, ...] = ()
 
 
 def calibrate(
@@ -296,14 +300,16 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     t_start = time.perf_counter()
     last = final_fit(dataset, fit, options, context)
     found = calibration_of(last, context)
-    known = None
+    known, by_run = None, tuple[ParameterByRun, ...]()
     if options.intervals and not context.stop.is_set():
-        (known,) = run_in_threads([lambda: uncertainty(last.problem, last.z, context.pool)], context.stop)
+        job = partial(precise_linearization, last.problem, last.z, context.pool)
+        (linear,) = run_in_threads([job], context.stop)
+        known, by_run = uncertainty(last.problem, last.z, linear), estimates_by_run(last.problem, last.z, linear)
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
         fixed=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
-        seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known),
+        seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known), by_run=by_run,
     )  # fmt: skip
 
 

@@ -68,10 +68,14 @@ class Uncertainty:
     delay_std: float
 
 
-def uncertainty(problem: Problem, z: Vector, executor: Executor) -> Uncertainty:
-    """Intervals of the free parameters at z. Raises SimulationError when the model cannot be run there."""
+def precise_linearization(problem: Problem, z: Vector, executor: Executor) -> list[LinearizedRun]:
+    """Every recording linearized at z as intervals need it. Raises SimulationError when the model cannot be run there."""
     precise = problem.at_tolerance(JACOBIAN_RTOL)
-    linear = linearize(precise, z, executor, measured_steps(precise, z, executor), central=True)
+    return linearize(precise, z, executor, measured_steps(precise, z, executor), central=True)
+
+
+def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) -> Uncertainty:
+    """Intervals of the free parameters at z, at which the recordings were linearized."""
     times = correlation_times(problem, linear)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, BOUND_STDS**-2.0, 1.0)

@@ -9,6 +9,7 @@ import numpy as np
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
+from sma_sim.report.html.by_run import by_run_blocks
 from sma_sim.report.html.figures import log_axis, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
@@ -34,7 +35,7 @@ def parameters_section(found: Calibration, before: Mapping[str, float]) -> Secti
         blocks.append(
             Plot(correlation_figure(uncertainty), 'Correlation of the estimates.', 130 + 26 * len(uncertainty.intervals))
         )
-    return Section('Parameters', blocks)
+    return Section('Parameters', [*blocks, *by_run_blocks(found.by_run)])
 
 
 def fitted_names(found: Calibration) -> list[tuple[str, str]]:

@@ -1,0 +1,248 @@
+"""What each recording by itself says of every fitted parameter, and whether the recordings agree.
+
+Each recording is linearized once, at the optimum of all. One parameter at a time may then have a value of its own in every
+recording, while all recordings share the other parameters and determine them together; initial states are eliminated.
+Whether the values of a parameter differ by more than they are uncertain is Cochran's Q, generalised to estimates that are
+correlated through what they share. Beside that stands what a recording says alone, with all parameters its own: a
+Gauss-Newton step from the optimum of all. docs/explanation/calibration.md derives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
+from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, robust_weights
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
+from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95, autocorrelation_time
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+DISAGREE = 0.01  # chance, over all parameters, below which recordings do not agree
+MIN_RUNS = 2
+WEAK = BOUND_STDS**-2.0  # information of the priors, as in the intervals
+AT_BOUND = 1e-6
+LEAST_P = 1e-16  # smaller ones are not told apart in words
+
+
+@dataclass(frozen=True)
+class RunEstimate:
+    """A parameter in one recording (SI).
+
+    `value` where all recordings share the other parameters, `std` the standard error of its difference from what all say
+    together, `deviation` that difference over it; not `seen` where this recording does not determine it. `value_alone` and
+    `std_alone` where the recording has all parameters for itself, held by their priors.
+    """
+
+    run: str
+    value: float
+    std: float
+    deviation: float
+    seen: bool
+    value_alone: float
+    std_alone: float
+
+
+@dataclass(frozen=True)
+class ParameterByRun:
+    """A parameter in every recording. `p`: how likely so much spread is if all have the same value; NaN for fewer than two.
+
+    `Q`: Cochran's, `dof`: one less than the recordings that determine the parameter.
+    """
+
+    name: str
+    unit: str
+    value: float
+    runs: tuple[RunEstimate, ...]
+    Q: float
+    dof: int
+    p: float
+
+    @property
+    def outlier(self) -> RunEstimate:
+        """The recording that deviates most from the others."""
+        return max(self.runs, key=lambda run: abs(run.deviation) if run.seen else -1.0)
+
+
+@dataclass(frozen=True)
+class ReducedRun:
+    """A recording's information (s, s) and gradient (s,) on the shared unknowns, its own eliminated, over its noise."""
+
+    name: str
+    information: Matrix
+    gradient: Vector
+
+    def alone(self, z: Vector) -> tuple[Vector, Vector]:
+        """The shared unknowns (s,) as this recording alone has them, held by the priors, and their standard errors."""
+        covariance = np.linalg.inv(self.information + np.eye(len(self.gradient)))
+        shared = z[: len(self.gradient)]
+        return shared - covariance @ (self.gradient + shared), np.sqrt(np.diag(covariance))
+
+
+def estimates_by_run(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) -> tuple[ParameterByRun, ...]:
+    """Every shared unknown of a problem in each of its recordings; nothing of a single one.
+
+    `linear`: the recordings linearized at the optimum z (n,).
+    """
+    if len(linear) < MIN_RUNS:
+        return ()
+    reduced = [reduced_run(problem, z, run, part) for run, part in zip(problem.runs, linear, strict=True)]
+    names, alone = [run.name for run in reduced], [run.alone(z) for run in reduced]
+    found = []
+    for k, unknown in enumerate(problem.shared):
+        by_itself = [shown_value(unknown, float(value[k]), float(std[k])) for value, std in alone]
+        found.append(parameter_by_run(unknown, float(z[k]), names, own_values(k, z, reduced), by_itself))
+    return tuple(found)
+
+
+def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun) -> ReducedRun:
+    """One recording without the unknowns of its own, which keep their priors; those on a bound stay there."""
+    part, s = z[linear.indices], len(problem.shared)
+    low, high = (limit[linear.indices] for limit in problem.limits())
+    inner = np.flatnonzero((part - low > AT_BOUND) & (high - part > AT_BOUND))
+    own, shared = inner[inner >= s], np.arange(s)
+    equations = normal_equations(linear, problem.robust)
+    H, g = equations.hessian, equations.gradient
+    gain = np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), H[np.ix_(own, shared)]).T
+    information = H[:s, :s] - gain @ H[np.ix_(own, shared)]
+    gradient = g[:s] - gain @ (g[own] + part[own])
+    step = np.zeros(len(part))
+    step[:s] = -np.linalg.solve(information + WEAK * np.eye(s), gradient)
+    step[own] = -np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), g[own] + part[own]) - gain.T @ step[:s]
+    inflation = overdispersion(run, linear.residuals + np.tensordot(step, linear.jacobian, 1), len(inner), problem.robust)
+    return ReducedRun(run.name, information / inflation, gradient / inflation)
+
+
+def overdispersion(run: FitData, residuals: Matrix, unknowns: int, robust: bool) -> float:
+    """By how much the scores of a recording, fitted by itself, scatter more than white noise of the stated size would.
+
+    `residuals` (channels, k) over noise. The largest of its channels, at least 1.
+    """
+    counts = np.count_nonzero(run.weight, axis=1)
+    if robust:
+        residuals = residuals * robust_weights(residuals)
+    left = 1.0 - min(0.5, unknowns / max(1, run.samples))
+    found: list[float] = [
+        float(row @ row) / (count * left) * autocorrelation_time(row)
+        for row, count in zip(residuals, counts, strict=True) if count
+    ]  # fmt: skip
+    return max([1.0, *found])
+
+
+@dataclass(frozen=True)
+class OwnValues:
+    """How far a shared unknown moves in each recording (m,) that may have its own, their covariance (m, m), and the
+    information (m,) of each recording where all else is known."""  # fmt: skip
+
+    shifts: Vector
+    covariance: Matrix
+    information: Vector
+
+    def differences(self) -> tuple[Vector, Vector]:
+        """From the mean of all recordings, weighted by their information (m,), and the standard errors of that."""
+        rows = np.eye(len(self.shifts)) - self.information / self.information.sum()
+        return rows @ self.shifts, np.sqrt(np.maximum(np.diag(rows @ self.covariance @ rows.T), 1e-300))
+
+
+def own_values(k: int, z: Vector, runs: Sequence[ReducedRun]) -> OwnValues:
+    """The `k`-th shared unknown where every recording may have its own, and all share the others."""
+    others = np.delete(np.arange(len(runs[0].gradient)), k)
+    common = WEAK * np.eye(len(others)) + sum(run.information[np.ix_(others, others)] for run in runs)
+    target = -WEAK * z[others] - sum(run.gradient[others] for run in runs)
+    coupling = np.array([run.information[k, others] for run in runs])
+    own = np.array([run.information[k, k] + WEAK for run in runs])
+    gradients = np.array([run.gradient[k] for run in runs])
+    covariance = np.linalg.inv(np.diag(own) - coupling @ np.linalg.solve(common, coupling.T))
+    return OwnValues(covariance @ (-gradients - coupling @ np.linalg.solve(common, target)), covariance, own)
+
+
+def parameter_by_run(
+    unknown: FreeParameter, z: float, names: Sequence[str], own: OwnValues, alone: Sequence[tuple[float, float]]
+) -> ParameterByRun:
+    """One shared unknown in all recordings, and what each says `alone` (value, standard error)."""
+    away, std = own.differences()
+    seen = GAUSS_95 * std <= BOUND_STDS
+    Q, dof = cochran(own.shifts[seen], own.covariance[np.ix_(seen, seen)]), max(0, int(seen.sum()) - 1)
+    estimates = tuple(
+        RunEstimate(name, *shown_value(unknown, z + a, s), a / s if known else 0.0, bool(known), *by_itself)
+        for name, a, s, known, by_itself in zip(names, away.tolist(), std.tolist(), seen, alone, strict=True)
+    )
+    p = float(chi2.sf(Q, dof)) if dof else float('nan')
+    return ParameterByRun(unknown.name, unknown.unit, unknown.value(z), estimates, Q, dof, p)
+
+
+def shown_value(unknown: FreeParameter, z: float, std: float) -> tuple[float, float]:
+    """Value and standard error (SI) at a coordinate; no further away than a fit could go."""
+    value = unknown.value(float(np.clip(z, unknown.low, unknown.high)))
+    return value, abs(value) * unknown.scale * std if unknown.log else unknown.scale * std
+
+
+def cochran(values: Vector, covariance: Matrix) -> float:
+    """Cochran's Q of correlated estimates (m,): the weighted squares of their differences from the best common value."""
+    if len(values) < MIN_RUNS:
+        return 0.0
+    weight = np.linalg.inv(covariance)
+    total = weight.sum(axis=0)
+    away = values - float(total @ values) / float(total.sum())
+    return max(0.0, float(away @ weight @ away))
+
+
+def disagreement(found: Sequence[ParameterByRun]) -> ParameterByRun | None:
+    """The parameter on which recordings disagree most, None where they agree; chance counts over all parameters."""
+    tested = [parameter for parameter in found if parameter.dof]
+    worst = min(tested, key=lambda parameter: (parameter.p, -parameter.Q), default=None)
+    return worst if worst is not None and worst.p * len(tested) < DISAGREE else None
+
+
+def agreement_sentence(found: Sequence[ParameterByRun]) -> str:
+    """What recordings say together, in a sentence; empty where no parameter could be compared."""
+    tested = [parameter for parameter in found if parameter.dof]
+    if not tested:
+        return ''
+    worst = disagreement(found)
+    if worst is None:
+        least = min(tested, key=lambda parameter: parameter.p)
+        return f'The recordings agree on every parameter (least on {least.name}: p = {least.p:.2g}).'
+    run, unit = worst.outlier, '' if worst.unit == '-' else f' {worst.unit}'
+    many = sum(parameter.p * len(tested) < DISAGREE for parameter in tested) - 1
+    further = f' and {many} more' if many else ''
+    others = f'{run.value:.5g} +- {run.std:.2g}{unit}, all together {worst.value:.5g}'
+    return (
+        f'The recordings disagree on {worst.name}{further} ({p_words(worst.p)}), most of all {run.run} ({others}). '
+        'Something differs between recordings, or is missing.'
+    )
+
+
+def p_words(p: float) -> str:
+    """A p-value, of which no more is said than that it is tiny where it is."""
+    return f'p = {p:.2g}' if p >= LEAST_P else f'p < {LEAST_P:g}'
+
+
+def by_run_data(found: Sequence[ParameterByRun]) -> dict[str, Any]:
+    """All of it for programs (SI)."""
+    worst = disagreement(found)
+    return {
+        'agree': worst is None,
+        'text': agreement_sentence(found),
+        'parameter': worst.name if worst else None,
+        'recording': worst.outlier.run if worst else None,
+        'parameters': {parameter.name: parameter_data(parameter) for parameter in found},
+    }
+
+
+def parameter_data(parameter: ParameterByRun) -> Mapping[str, Any]:
+    """One parameter."""
+    return {
+        'value': parameter.value, 'unit': parameter.unit, 'Q': parameter.Q, 'dof': parameter.dof,
+        'p': parameter.p if parameter.dof else None,
+        'recordings': {
+            run.run: {name: value for name, value in asdict(run).items() if name != 'run'} for run in parameter.runs
+        },
+    }  # fmt: skip
