@@ -45,11 +45,12 @@ def listener(domain):
 class Simulation:
     """A node of ours (`sma_module_sim`) as a subprocess, with a client that collects what it publishes."""
 
-    def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main'):
+    def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main', folder=ROOT):
         self.environment = os.environ | {'ROS_DOMAIN_ID': str(4 * random.randrange(1, 25) + WORKER % 4)}
         command = [sys.executable, '-m', module, '--ros-args', *arguments]
+        environment = {'PYTHONPATH': str(ROOT), **self.environment}
         self.process = subprocess.Popen(
-            command, cwd=ROOT, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=int(self.environment['ROS_DOMAIN_ID']))

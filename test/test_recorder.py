@@ -185,3 +185,74 @@ def test_a_bag_whose_files_end_and_diagnostics(tmp_path):
         one.until(lambda: len(one.seen['joint_states']) > count + 50)
         code, log = one.stop()
         assert code == 0 and 'No such file' in log, log
+
+
+def ask(one, name):
+    """Whether a service of the recording succeeds, and what it says."""
+    client = one.node.create_client(Trigger, f'/sma_module_sim/record_{name}')
+    one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
+    future = client.call_async(Trigger.Request())
+    one.until(future.done)
+    return future.result().success, future.result().message
+
+
+def test_a_recording_is_stopped_started_and_split_while_the_node_runs(tmp_path):
+    """Each part is a whole bag with the command in force from its start; between two parts no sample is lost."""
+    bag = tmp_path / 'bag'
+    with ros_client.Simulation('-p', f'node.record:={bag}', topics=JOINTS) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        commands(one, (9.0,), 0.3)
+        success, message = ask(one, 'start')
+        assert not success and f'{bag} is being recorded' in message
+        assert ask(one, 'stop') == (True, str(bag)) and open_bag(bag).whole
+        assert not any(ask(one, name)[0] for name in ('stop', 'split'))
+        assert ask(one, 'start') == (True, str(tmp_path / 'bag_1'))
+        commands(one, (4.0,), 0.3)
+        assert ask(one, 'split') == (True, str(tmp_path / 'bag_1')) and open_bag(tmp_path / 'bag_1').whole
+        commands(one, (), 0.0)
+        count = len(one.seen['joint_states'])
+        one.until(lambda: len(one.seen['joint_states']) > count + 20)
+        assert one.stop()[0] == 0
+    first, second, third = (read_bag(tmp_path / name) for name in ('bag', 'bag_1', 'bag_2'))
+    assert open_bag(tmp_path / 'bag_2').whole and first['time_s'][0] == 0.0
+    assert second['J_eq_W'][0] == 9.0 and second['J_eq_W'][-1] == 4.0 and set(third['J_eq_W']) == {4.0}
+    assert second['time_s'][0] > first['time_s'][-1] and third['time_s'][0] >= second['time_s'][-1]
+    samples = np.concatenate([part['time_s'][np.isfinite(part['alpha_rad'])] for part in (second, third)])
+    assert np.diff(samples) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_a_recording_that_no_parameter_names_begins_where_the_node_was_started(tmp_path):
+    with ros_client.Simulation(topics=JOINTS, folder=tmp_path) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        success, message = ask(one, 'start')
+        count = len(one.seen['joint_states'])
+        one.until(lambda: len(one.seen['joint_states']) > count + 5)
+        client = one.node.create_client(Trigger, '/sma_module_sim/record_split')
+        one.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())  # while the node ends
+        one.executor.spin_once(timeout_sec=0.0)
+        code, log = one.stop()
+        assert success and code == 0 and 'Traceback' not in log, log
+        assert not future.done() or future.result() is not None
+    bags = sorted(tmp_path.iterdir())
+    assert message == str(bags[0]) and bags[0].name.startswith('sma_sim_2') and all(open_bag(bag).whole for bag in bags)
+    assert len(read_bag(bags[0])['time_s']) >= 5
+
+
+def test_a_reset_whose_bag_cannot_be_made_goes_on_without(tmp_path):
+    folder = tmp_path / 'bags'
+    topics = (*JOINTS, (DiagnosticArray, '/diagnostics'))
+    with ros_client.Simulation('-p', f'node.record:={folder}/bag', topics=topics) as one:
+        one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        shutil.rmtree(folder)
+        folder.touch()
+        reset = one.node.create_client(Trigger, '/sma_module_sim/reset')
+        one.until(reset.service_is_ready)
+        future = reset.call_async(Trigger.Request())
+        one.until(future.done)
+        told = one.seen['/diagnostics']
+        one.until(lambda: told and 'recording failed' in told[-1].status[0].message)
+        success, message = ask(one, 'start')
+        assert not success and 'cannot make the bag' in message
+        code, log = one.stop()
+        assert code == 0 and future.result().success and 'the run after the reset is not recorded' in log, log

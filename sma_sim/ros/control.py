@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future as Awaitable
 from std_srvs.srv import SetBool, Trigger
 
+T = TypeVar('T')
 DIAGNOSTICS_PERIOD = 1.0  # [s]
 NOT_PAUSED = 'running: pause first (~/pause, std_srvs/SetBool)'
 
@@ -76,7 +77,7 @@ class Control:
         self.paused = self.stopped = False  # stopped: paused at the start
         self.steps_per_call = 1
         self._node, self._simulation = node, simulation
-        self._requests: deque[tuple[Callable[[], str], Future[str]]] = deque()
+        self._requests: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._steppings: deque[Stepping] = deque()
         self._requested = threading.Event()
         self._closed = ''
@@ -87,9 +88,9 @@ class Control:
         ):  # fmt: skip
             node.create_service(kind, name, callback, callback_group=self.callback_group)
 
-    def ask(self, work: Callable[[], str]) -> Future[str]:
+    def ask(self, work: Callable[[], T]) -> Future[T]:
         """Have `work` done by the simulating thread; its answer, or the Refused that it raised."""
-        answer: Future[str] = Future()
+        answer: Future[T] = Future()
         self._requests.append((work, answer))
         self._wake()
         return answer

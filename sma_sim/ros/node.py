@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 import time
 from collections.abc import Mapping
-from datetime import datetime
 
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
-from sma_sim.model.config import Config, flat_parameters
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.ros import messages
-from sma_sim.ros.bag_names import bag_path
 from sma_sim.ros.command import ENVIRONMENT, TURNED_OFF, WARNING_PERIOD, Ambient, Command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_description
@@ -26,7 +23,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
-from sma_sim.ros.recorder import Recorder
+from sma_sim.ros.recording import Recording
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
 from sma_sim.ros.stamped import STAMPED_COMMAND, StampedCommands
@@ -72,6 +69,7 @@ class ModuleSimulation:
         self._speed = Speed()
         self._publishers = Publishers(node, config, self._is_clock)
         self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
+        self._recording = Recording(node, config, self._publishers, self._record_state)
         self._diagnostics = Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
@@ -114,7 +112,7 @@ class ModuleSimulation:
     def close(self) -> None:
         """Refuse what is still asked, and end the bag, if one is being written."""
         self._control.close()
-        self._end_bag()
+        self._recording.close()
 
     def make_steps(self, most: int) -> int:
         """Make the steps until the next sample, at most so many; their number."""
@@ -147,6 +145,7 @@ class ModuleSimulation:
     def _serve(self, node: Node) -> None:
         """Offer services, and take parameters that are set while the node runs."""
         self._control = Control(node, self)
+        self._recording.serve(node, self._control)
         self._set_steps_per_call()
         try:
             from sma_sim.ros.simulation_services import SimulationServices
@@ -183,13 +182,6 @@ class ModuleSimulation:
         self._schedule.overruns, self._schedule.lost = before.overruns, before.lost
         return ''
 
-    def _end_bag(self) -> None:
-        if self._publishers.recorder is not None:
-            self._publishers.recorder.close()
-            if not self._publishers.recorder.failed:
-                self._logger.info(f'recorded {self._publishers.recorder.count} messages to {self._publishers.recorder.path}')
-            self._publishers.recorder = None
-
     def _new_schedule(self, use_sim_time: bool) -> Schedule:
         if not use_sim_time:
             factor = self._settings['real_time_factor']
@@ -213,7 +205,7 @@ class ModuleSimulation:
         self._running = True
         if at_zero:
             self._log_epoch = 0 if self._is_clock else self._now()
-        self._start_recording()  # before the clock of the steps starts: it takes a while
+        self._recording.begin(self._log_epoch)  # before the clock of the steps starts: it takes a while
         self._schedule.restart()
         if at_zero:
             self._set_epoch()
@@ -226,21 +218,12 @@ class ModuleSimulation:
         seconds, nanoseconds = divmod(self._epoch, 10**9)
         self._logger.info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
 
-    def _start_recording(self) -> None:
-        name = str(self._config.settings['node.record'])
-        if not name:
-            return
-        path = bag_path(name, datetime.now(), after_reset=self._publishers.recorder is not None)
-        about = {
-            'epoch': str(self._log_epoch),
-            'integration_rate': repr(self._rate),
-            'publish_rate': repr(self._settings['publish_rate']),
-            'parameters': json.dumps(flat_parameters(self._config)),
-        }
-        most, longest = self._settings['record_size'], self._settings['record_duration']
-        self._end_bag()
-        self._publishers.recorder = Recorder(path, self._publishers.recorded, about, most, longest, self._logger.error)
-        self._logger.info(f'recording to {path}')
+    def _record_state(self) -> None:
+        """Write to a bag that begins what is in force: a part of a run can be read without the one before."""
+        now = self._time(self._log_epoch)
+        if not math.isnan(self._applied):
+            self._publishers.record('J_eq_applied', now, Float64(data=self._applied))
+            self._publishers.record('T_E_applied', now, Float64(data=self._applied_T_E))
 
     def _step_in_time(self) -> None:
         due = self._schedule.wait()
@@ -302,9 +285,8 @@ class ModuleSimulation:
             self._publishers.send_markers(stamp, log_time, row, self._modes)
 
     def _diagnose(self) -> None:
-        recorder, schedule = self._publishers.recorder, self._schedule
+        schedule = self._schedule
         overruns = self._recent_overruns(schedule.overruns)
-        recording = 'no' if recorder is None else f'failed: {recorder.failed}' if recorder.failed else 'yes'
         values = {
             'simulated time [s]': f'{self._run.time:.3f}',
             'real-time factor': f'{self._speed.since_last(self._run.time):.4f}',
@@ -318,14 +300,12 @@ class ModuleSimulation:
             'clipped commands': self.command.clipped,
             'rejected ambient temperatures': self._ambient.rejected,
             'J_eq applied [W]': f'{self._applied:g}',
-            'recording': recording,
+            **self._recording.values,
         }
-        if recorder is not None:
-            values |= {'bag': str(recorder.path), 'messages in the bag': recorder.count}
         problems = [
             f'{overruns} overruns in the last {OVERRUN_WINDOW:g} s' if overruns else '',
             f'command {self.command.state}' if self.command.state == TURNED_OFF else '',
-            f'recording {recording}' if recorder is not None and recorder.failed else '',
+            f'recording {values["recording"]}' if self._recording.problem else '',
             *self._graph_check.problems(),
         ]
         words = ['paused' if self._control.paused else 'running', *(words for words in problems if words)]

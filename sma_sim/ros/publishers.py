@@ -76,6 +76,11 @@ class Publishers:
             header = Header(stamp=messages.stamp_of(stamp))
             self.send(name + SUFFIX, log_time, VARIANTS[name].make(header, message))
 
+    def record(self, name: str, log_time: int, message: Any) -> None:
+        """Record a message without publishing it."""
+        if self.recorder is not None:
+            self.recorder.write(self._numbers[name], log_time, serialize_message(message))
+
     def send_clock(self, stamp: int) -> None:
         """Publish the time [ns], if the node is its source."""
         if self._clock is not None:
