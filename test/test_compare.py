@@ -14,7 +14,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.train_test_split import split_dataset
-from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.error_by_stratum import all_splits
 from sma_sim.evidence.residual_analysis.findings import find_error_regions
@@ -258,7 +258,7 @@ def test_order_of_runs_changes_no_number(dataset, right):
 
 
 def test_work_is_done_on_the_executor_that_is_given(dataset):
-    with some_executor(None) as pool:
+    with executor_or_threads(None) as pool:
         assert compare(dataset, truth(), executor=pool).label == ''
 
 

@@ -16,7 +16,7 @@ from sma_sim.challenge.files import recording_columns
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_with_fewer, with_equation
+from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_after_removal, with_equation
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -27,7 +27,7 @@ from sma_sim.evidence.model_selection.candidates import candidates_for, with_eff
 from sma_sim.evidence.model_selection.forward_selection import retry_from_finite_step, with_realistic_values
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.refit import at_finite_step
-from sma_sim.evidence.model_selection.restricted import limited
+from sma_sim.evidence.model_selection.restricted import with_narrower_bounds
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 
@@ -70,7 +70,9 @@ def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
 def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gravity):
     runs, found = with_gravity
     accepted = found.selection_steps[0].accepted.fit
-    free = tuple(limited(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free)
+    free = tuple(
+        with_narrower_bounds(p, (-5.0, 0.0)) if p.name == 'effects.gravity.g_y' else p for p in accepted.problem.free
+    )
     problem = replace(accepted.problem, free=free)
     start = replace(accepted, problem=problem, z=np.clip(accepted.z, *problem.limits()))
     options = FitOptions(free=tuple(p.name for p in free))
@@ -118,7 +120,7 @@ def test_a_second_look_begins_some_way_from_nothing():
     [(1.0, 1.0, ('gravity',), 'missing_effect'), (3.0, 1.2, (), 'unknown_effect'), (1.0, 1.5, (), 'unknown_effect')],
 )
 def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdict):
-    assert verdict_with_fewer(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
+    assert verdict_after_removal(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
 
 
 def cannot_be_made(run):

@@ -75,8 +75,8 @@ def test_a_command_that_reads_bags_says_what_to_install(tmp_path):
 
 def test_work_is_spread_without_threadpoolctl(tmp_path):
     code = (
-        'from sma_sim.evidence.estimation.executors import some_executor\n'
-        'with some_executor(None) as threads: print(threads.submit(abs, -3).result())'
+        'from sma_sim.evidence.estimation.executors import executor_or_threads\n'
+        'with executor_or_threads(None) as threads: print(threads.submit(abs, -3).result())'
     )
     done = run(f'exec({code!r})', folder=tmp_path, hidden=('threadpoolctl',))
     assert done.stdout == '3\n', done.stderr

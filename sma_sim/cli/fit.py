@@ -34,7 +34,7 @@ from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
-from sma_sim.evidence.estimation.homogeneity import Agreement, agreement
+from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
@@ -113,11 +113,13 @@ def predict_held_out(found: Calibration, held_out: Dataset | None, executor: Exe
     return evaluate_held_out(found.config, held_out, found.delay, executor)
 
 
-def runs_of_wire(found: Calibration, fitted: Dataset, held_out: Dataset | None, executor: Executor) -> Agreement | None:
+def runs_of_wire(
+    found: Calibration, fitted: Dataset, held_out: Dataset | None, executor: Executor
+) -> HomogeneityTest | None:
     """A wire run by run, where there are several runs and the fit was not stopped."""
     if found.config.system != 'wire' or found.interrupted:
         return None
-    return agreement(found.config, fitted, held_out, executor)
+    return homogeneity_test(found.config, fitted, held_out, executor)
 
 
 def write_fitted(arguments: argparse.Namespace, found: Calibration) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import add_rates, show_phases, show_state, true_channel
+from sma_sim.model.effects.calls import add_rates, fill_kernel_phases, fill_kernel_state, true_channel
 from sma_sim.model.effects.ports import (
     ACTUATION,
     MODULE_CHANNELS,
@@ -100,7 +100,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     for i in range(p.wires):
         obs[i, O_J] = commanded_heating(i, point.u, p)
     if any_effect:
-        show_state(t, y, T_E, p, obs)
+        fill_kernel_state(t, y, T_E, p, obs)
     for i in range(p.wires):
         if any_effect or changed & (STRESS_1 << i):
             phase_and_stress(i, state, p, obs)
@@ -108,7 +108,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     if force_only:
         return
     if any_effect:
-        show_phases(p, obs)
+        fill_kernel_phases(p, obs)
         for i in range(p.wires):
             obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):

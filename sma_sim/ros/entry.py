@@ -59,7 +59,8 @@ class Runner(Protocol):
         """At the end, also after an error."""
 
 
-Maker = Callable[[Any, Config, Mapping[str, float], bool], Runner]  # of node, configuration, node.* numbers, use_sim_time
+# Makes a runner from a node, its configuration, the numbers of node.* and use_sim_time.
+RunnerFactory = Callable[[Any, Config, Mapping[str, float], bool], Runner]
 
 
 def short_message(error: Exception) -> str:
@@ -95,7 +96,7 @@ def answered(program: Program, arguments: Sequence[str]) -> int | None:
     return 2
 
 
-def run_node(program: Program, make: Maker, arguments: list[str] | None) -> int:
+def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None) -> int:
     """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
     name = program.name
     code = answered(program, sys.argv[1:] if arguments is None else arguments)
@@ -144,7 +145,7 @@ def compile_first(name: str) -> None:
     compile_fixed_rate()
 
 
-def configured_runner(node: Any, make: Maker, live: Collection[str]) -> tuple[Runner, Mapping[str, float]]:
+def configured_runner(node: Any, make: RunnerFactory, live: Collection[str]) -> tuple[Runner, Mapping[str, float]]:
     """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
     from sma_sim.ros.parameters import configure, params_file
     from sma_sim.ros.qos import take_overrides, warn_of_unused
@@ -187,7 +188,7 @@ class Server:
             self._node.get_logger().error(f'a message or request was lost: {short_message(error)}')
 
 
-def serve_node(program: Program, make: Maker, stop: threading.Event, working: threading.Event) -> int:
+def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode
     from sma_sim.ros.realtime import freeze_objects, use_realtime_priority

@@ -38,7 +38,7 @@ OWN = ('sma_sim.',)
 # Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (
     'update_flow',
-    'linearize',
+    'linearize_flow',
     'rosenbrock_step',
     'observe',
     'crossing',
@@ -49,7 +49,7 @@ OUT_OF_LINE = (
     'integrate_held',
     'start_states',
     'balance',
-    'settle',
+    'solve_pose',
     'start',
 )
 ENTRY = 'def {name}(*arguments):\n    return function(*by_reference(arguments))\n'

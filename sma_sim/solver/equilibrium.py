@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import show_state, start_states
+from sma_sim.model.effects.calls import fill_kernel_state, start_states
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, System, SystemState
 from sma_sim.model.system import ambient_temperature, flow
 from sma_sim.solver.linear import factorise, solve_factorised
@@ -15,7 +15,7 @@ NEWTON_STEPS = 50
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
-def settle(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
+def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
     """Move the pose to static equilibrium in the given modes (Newton); False if it was not found.
 
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
@@ -64,7 +64,7 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
         if np.isfinite(requested[i]):
             x_frozen[i], mode[i] = requested[i], INNER
     if found and not equilibrium(state, point, p, w):
-        towards_admitted(state, point, requested, p, w)
+        start_on_hysteresis_edge(state, point, requested, p, w)
     for _ in range(8 * p.wires):
         if not equilibrium(state, point, p, w):
             return False
@@ -78,7 +78,7 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
     return True
 
 
-def towards_admitted(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> None:
+def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> None:
     """Where the requested fractions have no equilibrium at all: put each wire on the nearer edge of its hysteresis."""
     for j in range(3):
         state.y[j] = 0.0
@@ -93,7 +93,7 @@ def towards_admitted(state: SystemState, point: InputPoint, requested: Vector, p
 def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
     """Static equilibrium of the module; the wire has its strain from the input."""
     if p.module:
-        return settle(state, point, p, w)
+        return solve_pose(state, point, p, w)
     balance(state, point, p, w, w.first.dy)
     return True
 
@@ -101,7 +101,7 @@ def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bo
 def balance(state: SystemState, point: InputPoint, p: System, w: Work, f: Vector) -> None:
     """The flow at rest into `f`, with the extra states of effects at their first values for this pose."""
     obs = w.first.obs
-    show_state(0.0, state.y, ambient_temperature(point.u, p), p, obs)
+    fill_kernel_state(0.0, state.y, ambient_temperature(point.u, p), p, obs)
     start_states(state.y, p, obs)
     flow(0.0, state, point, p, f, obs)
 

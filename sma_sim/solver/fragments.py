@@ -95,7 +95,7 @@ class FragmentCompiler(CompilerBase):
         return [passes]
 
 
-class Announcing(CPUDispatcher):
+class AnnouncingDispatcher(CPUDispatcher):
     """A function that says when it has been compiled."""
 
     work = 0
@@ -110,13 +110,13 @@ class Announcing(CPUDispatcher):
         return entry
 
 
-class Entry(Announcing):
+class Entry(AnnouncingDispatcher):
     """A function that Python calls."""
 
     work = ENTRY
 
 
-class Fragment(Announcing):
+class Fragment(AnnouncingDispatcher):
     """A function that other compiled functions can call, and Python cannot."""
 
     work = FRAGMENT

@@ -18,7 +18,7 @@ from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
-from sma_sim.evidence.estimation.executors import dask_executor, some_executor
+from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import require
@@ -120,7 +120,7 @@ def noise_from(words: Sequence[str]) -> dict[str, float]:
 @contextmanager
 def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
     """The cluster of ``--scheduler``, or all cores of this machine. Raises UserError."""
-    with dask_executor(arguments.scheduler) if arguments.scheduler else some_executor(None) as executor:
+    with dask_executor(arguments.scheduler) if arguments.scheduler else executor_or_threads(None) as executor:
         yield executor
 
 

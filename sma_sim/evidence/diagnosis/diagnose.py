@@ -20,7 +20,7 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
 from sma_sim.evidence.estimation.calibrate import Calibration, check
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
-from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
@@ -187,18 +187,18 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
-    with stoppable() as stop, some_executor(executor) as pool:
+    with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(pool, stop, on_progress, request.folders, request.seed)
-        found = searched(StageData(training, held_out, request.options), config, request, context)
+        found = search_effects(StageData(training, held_out, request.options), config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
 
 
-def searched(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
+def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open."""
     nominal = nominal_fit(data.training, config, request, context)
     steps = select_forward(nominal, context)
-    path, eliminations = path_of(nominal, steps, context)
+    path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)
     ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
     confounding = {
@@ -217,7 +217,7 @@ def searched(data: StageData, config: Config, request: DiagnosisRequest, context
     )  # fmt: skip
 
 
-def path_of(
+def model_path(
     nominal: FitResult, steps: Sequence[SelectionStep], context: SearchContext
 ) -> tuple[ModelPath, tuple[EliminationStep, ...]]:
     """The models from the nominal one to the last, whose effects were compared again beside each other."""
@@ -249,7 +249,7 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     stages = [provisional_stage(data, kind, fit, context) for kind, fit in path[:-1]]
     stages.append(last_stage(data, kind, last, request, context))
     pooled = None
-    if data.held_out and goes_further(stages[-1]):
+    if data.held_out and reaches_beyond_fitted(stages[-1]):
         predicted = stages[-1].predicted
         pooled = pooled_refit(data.training, data.held_out, last, predicted, request.options, context)
     verdict = verdict_of(stages[-1], pooled)
@@ -259,7 +259,7 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
         context.on_progress('the held-out runs are predicted better with fewer effects')
         provisional = replace(stages[best], kind='taken_back')
         stages.append(final_stage(data, 'taken_back', last, context) if stages[-1].final else provisional)
-        verdict = verdict_with_fewer(stages[-1])
+        verdict = verdict_after_removal(stages[-1])
     proposal = None
     if request.equation and last.prediction_error > CRITERIA.noise_only and not context.stop.is_set():
         verdict, proposal = with_equation(verdict, nominal, last, context)
@@ -326,7 +326,7 @@ def predicts_best(stages: Sequence[ModelStage]) -> int:
     return best
 
 
-def goes_further(last: ModelStage) -> bool:
+def reaches_beyond_fitted(last: ModelStage) -> bool:
     """Whether the fitted runs are explained, and those held out are not."""
     return last.train <= CRITERIA.noise_only and last.held_out > CRITERIA.unexplained
 
@@ -344,6 +344,6 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None) -> str:
     return 'missing_effect' if last.effects else 'none'
 
 
-def verdict_with_fewer(last: ModelStage) -> str:
+def verdict_after_removal(last: ModelStage) -> str:
     """The verdict on a model from which effects were taken back: what is left in the fitted runs asked for them."""
     return 'unknown_effect' if last.train > CRITERIA.unexplained else verdict_of(last, None)

@@ -15,7 +15,7 @@ from sma_sim.evidence.symbolic_regression.propose import FormulaFit, Proposal
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
     """The `proposed` entry of a verdict: port, formula, fitted coefficients, errors before and after, what is as good."""
-    proposal, (before, after) = known(diagnosis), formula_change(diagnosis)
+    proposal, (before, after) = proposal_of(diagnosis), formula_change(diagnosis)
     formula = proposal.formula
     return {
         'effect': proposal.effect,
@@ -37,7 +37,7 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
     }
 
 
-def known(diagnosis: Diagnosis) -> Proposal:
+def proposal_of(diagnosis: Diagnosis) -> Proposal:
     """The proposal of a diagnosis that has one."""
     assert diagnosis.proposal is not None
     return diagnosis.proposal
@@ -52,7 +52,7 @@ def formula_change(diagnosis: Diagnosis) -> tuple[ModelStage, ModelStage]:
 
 def effect_values(diagnosis: Diagnosis) -> dict[str, float]:
     """The parameters of the proposed effect after the last fit, by their short names."""
-    prefix = f'effects.{known(diagnosis).effect}.'
+    prefix = f'effects.{proposal_of(diagnosis).effect}.'
     values = diagnosis.calibration.values
     return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
 
@@ -62,7 +62,7 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 
     Without measured forces the scale of all forces is known from the priors only.
     """
-    proposal, uncertainty = known(diagnosis), diagnosis.calibration.uncertainty
+    proposal, uncertainty = proposal_of(diagnosis), diagnosis.calibration.uncertainty
     seen = {interval.name: interval for interval in uncertainty.intervals if interval.seen} if uncertainty else {}
     found = {}
     for p in proposal.formula.parameters:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
-from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
@@ -179,7 +179,7 @@ def calibrate(
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
-    with some_executor(executor) as pool:
+    with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
         fits = fits_by_model(dataset, config, options, context)
         best = min(fits, key=lambda fit: (0.0 if isnan(fit.cross_validated_error) else fit.cross_validated_error, fit.cost))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.executors import some_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
@@ -143,7 +143,7 @@ def evaluate_held_out(
     """
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
-    with some_executor(executor) as pool:
+    with executor_or_threads(executor) as pool:
         return predict_runs(config, runs, delay, SearchContext(pool, Event()))
 
 

@@ -29,10 +29,10 @@ class PickledConfig:
         config = self.config
         folders = {str(file.parent) for active in config.effects for file in active.found.files}
         effects = [(active.found.effect.name, active.values) for active in config.effects]
-        return unpack, (dict(config.parameters), config.system, config.model, effects, sorted(folders))
+        return unpickled_config, (dict(config.parameters), config.system, config.model, effects, sorted(folders))
 
 
-def unpack(
+def unpickled_config(
     parameters: dict[str, float], system: str, model: str, effects: list[tuple[str, tuple[float, ...]]], folders: list[str]
 ) -> PickledConfig:
     """The configuration in the other process."""
@@ -61,7 +61,7 @@ def one_thread_for_linear_algebra() -> AbstractContextManager[object]:
 
 
 @contextmanager
-def some_executor(executor: Executor | None) -> Iterator[Executor]:
+def executor_or_threads(executor: Executor | None) -> Iterator[Executor]:
     """The given executor, or threads on all cores (compiled runs release the interpreter lock).
 
     Linear algebra then keeps to the thread that asks for it: a second set of threads would fight with these over the cores.

@@ -38,7 +38,7 @@ class RunStress:
 
 
 @dataclass(frozen=True)
-class Agreement:
+class HomogeneityTest:
     """Runs of a wire one by one, in the order of temperature, and what they say together, in words.
 
     `p_line` and `p_width`: how likely so much spread is when one straight sigma_MW(T), one dsigma is right.
@@ -50,9 +50,9 @@ class Agreement:
     sentences: tuple[str, ...]
 
 
-def agreement(
+def homogeneity_test(
     config: Config, fitted: Dataset, held_out: Dataset | None = None, executor: Executor | None = None
-) -> Agreement | None:
+) -> HomogeneityTest | None:
     """Fit the transformation stresses of every run, the rest as in `config`; None where fewer than two runs determine them.
 
     Runs that are heated (nobody knows the temperature of the wire) or do not see both stresses are left out.
@@ -69,7 +69,7 @@ def agreement(
     slope, T0 = config.parameters['wire.sigma_T'], config.parameters['wire.T0']
     level = [tuple(x - slope * (run.temperature - T0) for x in run.sigma_MW) for run in stresses]
     p_line, p_width = cochran_p(level), cochran_p([run.dsigma for run in stresses])
-    return Agreement(tuple(stresses), p_line, p_width, tuple(sentences(stresses, p_line, p_width)))
+    return HomogeneityTest(tuple(stresses), p_line, p_width, tuple(sentences(stresses, p_line, p_width)))
 
 
 def run_stress(

@@ -155,7 +155,7 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
     return without_repeats(Input(times, values, source.linear))
 
 
-def covering(source: Input, last: float) -> Input:
+def held_until(source: Input, last: float) -> Input:
     """The input, its last values held up to `last` [s]."""
     if last <= source.times[-1]:
         return source
@@ -251,7 +251,7 @@ def simulated(
     nuisance = nuisance or Nuisance()
     run = recording if isinstance(recording, FitData) else fit_data(recording, dict.fromkeys(recording.channels, 1.0))
     times = run.time - nuisance.delay
-    source = covering(with_switches(run, nuisance.switches), float(times[-1]))
+    source = held_until(with_switches(run, nuisance.switches), float(times[-1]))
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     model = Model(config)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.executors import PickledConfig, some_executor
+from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
@@ -131,7 +131,7 @@ def next_experiment(
     """
     t_start = time.perf_counter()
     check_design_request(training, config, request)
-    with some_executor(executor) as pool:
+    with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), on_progress, request.folders, request.seed)
         plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
         return replace(plan, seconds=time.perf_counter() - t_start)

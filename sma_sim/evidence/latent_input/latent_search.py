@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
-from sma_sim.evidence.estimation.executors import run_in_threads, some_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
@@ -136,7 +136,7 @@ def estimate_latent_inputs(
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
     training, _ = hold_out_last(dataset, held_out)
     check(training, config, request.options)
-    with some_executor(executor) as pool:
+    with executor_or_threads(executor) as pool:
         context = SearchContext(pool, stop, on_progress, (), request.seed)
         fitted = fitted_model(training, config, request, context)
         found = run_in_threads([partial(search_inputs, training, fitted, request.fit, context)], stop)[0]

@@ -97,7 +97,7 @@ def best_refits(
         few = replace(base, problem=subset, z=to_subset(base.problem, base.z))
         return on_all_runs(base, candidates, best_refits(few, candidates, context), most, context)
     joint = [with_candidate(base, screened) for screened in candidates]
-    middle = [(problem, from_the_middle(base, z)) for problem, z in joint]
+    middle = [(problem, at_prior_means(base, z)) for problem, z in joint]
     every, first = range(len(joint)), CRITERIA.first_refits
     best: list[FitResult | None] = [None] * len(joint)
     for starts, criteria, which in (
@@ -152,7 +152,7 @@ def may_decide(fit: FitResult | None, target: float) -> bool:
     return target > 0.5 * CRITERIA.noise_only**2 * fit.problem.samples
 
 
-def from_the_middle(base: FitResult, z: Vector) -> Vector:
+def at_prior_means(base: FitResult, z: Vector) -> Vector:
     """All model parameters at the middle of their priors; the new effect and what belongs to runs as they are."""
     middle = z.copy()
     middle[: len(base.problem.free)] = 0.0

@@ -25,12 +25,12 @@ def is_plausible_fit(fit: FitResult, found: FoundEffect) -> bool:
 def within_realistic_range(fit: FitResult, found: FoundEffect) -> tuple[Problem, Vector]:
     """The problem with the parameters of one effect kept in their realistic ranges, and the nearest point there."""
     ranges = {f'effects.{found.effect.name}.{p.name}': realistic_range(p) for p in found.effect.parameters}
-    free = tuple(limited(p, ranges.get(p.name)) for p in fit.problem.free)
+    free = tuple(with_narrower_bounds(p, ranges.get(p.name)) for p in fit.problem.free)
     problem = replace(fit.problem, free=free)
     return problem, np.clip(fit.z, *problem.limits())
 
 
-def limited(free: FreeParameter, between: tuple[float, float] | None) -> FreeParameter:
+def with_narrower_bounds(free: FreeParameter, between: tuple[float, float] | None) -> FreeParameter:
     """A free parameter with narrower bounds (SI), if any; a logarithmic one has no coordinate of zero."""
     if between is None:
         return free

@@ -25,7 +25,7 @@ def search_formulas(nominal: FitResult, context: SearchContext) -> list[Augmente
     terms = fit_all_terms(LinearizedFit(base.problem.weighted(1.0 / tempering), base.z, context.pool))
     first = [(term,) for term in best_by_location(terms, criteria.max_first_terms)]
     fits = fit_formulas(base, tempering, first, context)
-    for lead in leads(fits):
+    for lead in exchange_candidates(fits):
         if lead.fitted.error > criteria.good_fit_error and not context.stop.is_set():
             fits += with_exchanged_term(base, lead, context)
     fits.sort(key=lambda fit: fit.fitted.cost)
@@ -54,7 +54,7 @@ def fit_formulas(
     return [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
 
 
-def leads(fits: Sequence[AugmentedFit]) -> list[AugmentedFit]:
+def exchange_candidates(fits: Sequence[AugmentedFit]) -> list[AugmentedFit]:
     """The best fits of different ports around which terms are exchanged."""
     chosen: list[AugmentedFit] = []
     for fit in sorted(fits, key=lambda fit: fit.fitted.cost):

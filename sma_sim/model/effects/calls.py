@@ -44,7 +44,7 @@ from sma_sim.model.layout import (
 )
 
 
-def show_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
+def fill_kernel_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
     """Fill the state that kernels read, a row per wire, with what is in `y` and `obs`."""
     for i in range(p.wires):
         s, other = p.effects.s[i], p.wires - 1 - i
@@ -59,7 +59,7 @@ def show_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
                 s[S_POSE + j] = y[j]
 
 
-def show_phases(p: System, obs: Vector) -> None:
+def fill_kernel_phases(p: System, obs: Vector) -> None:
     """Put the phase fractions and stresses, as soon as they are known, into the state that kernels read."""
     for i in range(p.wires):
         s = p.effects.s[i]
@@ -77,7 +77,7 @@ def add_rates(k: int, instance: int, y: Vector, e: EffectTable, dy: Vector) -> N
 
 
 def start_states(y: Vector, p: System, obs: Vector) -> None:
-    """Set the extra states of the effects to their first values, for what `show_state` has shown."""
+    """Set the extra states of the effects to their first values, for what `fill_kernel_state` has shown."""
     e = p.effects
     for k in range(e.port_start[SENSING]):
         if e.start[k] != 0:

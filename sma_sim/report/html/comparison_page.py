@@ -7,37 +7,37 @@ from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.homogeneity import Agreement
+from sma_sim.evidence.estimation.homogeneity import HomogeneityTest
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.summary import Summary
-from sma_sim.report.html.agreement import agreement_section
 from sma_sim.report.html.changes import changes_section
 from sma_sim.report.html.data import data_section
+from sma_sim.report.html.error_location import error_location_section
+from sma_sim.report.html.homogeneity import homogeneity_section
 from sma_sim.report.html.hysteresis import hysteresis_section
 from sma_sim.report.html.page import Section, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.runs import runs_section
 from sma_sim.report.html.states import states_section
 from sma_sim.report.html.summary import summary_section
-from sma_sim.report.html.where import where_section
 
 
 def comparison_sections(summary: Summary) -> list[Section]:
     """What there is to see of one configuration beside a dataset."""
     comparison = summary.comparison
     return [
-        summary_section(summary), where_section(summary), runs_section(summary), hysteresis_section(comparison),
+        summary_section(summary), error_location_section(summary), runs_section(summary), hysteresis_section(comparison),
         states_section(summary.densities),
     ]  # fmt: skip
 
 
 def write_fit_page(
     path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Dataset, Dataset | None],
-    runs: Agreement | None = None,
+    runs: HomogeneityTest | None = None,
 ) -> None:  # fmt: skip
     """The page of a fit; `before`: the values that it started from, `runs`: a wire run by run. Raises UserError."""
     first, *others = comparison_sections(summary)
-    parameters = [parameters_section(found, before), agreement_section(runs, found.config)]
+    parameters = [parameters_section(found, before), homogeneity_section(runs, found.config)]
     sections = [first, *parameters, *others, data_section(*data)]
     write_page(path, f'Calibration: {found.config.model} model', sections)
 

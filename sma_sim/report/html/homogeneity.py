@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sma_sim.evidence.estimation.homogeneity import Agreement, RunStress
+from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, RunStress
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section
 from sma_sim.report.palette import BLUE, ORANGE, RED
 
-AGREEMENT_WORDS = (
+HOMOGENEITY_WORDS = (
     'Each run was fitted for its own sigma_MW0 and dsigma, everything else held at the calibration above. Marks: what each '
     'run says (open: held out); lines: what the model has for all of them.'
 )
 
 
-def agreement_section(found: Agreement | None, config: Config) -> Section:
+def homogeneity_section(found: HomogeneityTest | None, config: Config) -> Section:
     """Sentences and the transformation stresses over temperature; empty where runs cannot be told apart."""
     if found is None:
         return Section('Run by run', [])
     blocks: list[Block] = [
-        Bullets(found.sentences), Plot(stress_figure(found.runs, config), AGREEMENT_WORDS, 380),
+        Bullets(found.sentences), Plot(stress_figure(found.runs, config), HOMOGENEITY_WORDS, 380),
         Paragraph('p: how likely so much spread would be if the model were right (Cochran\'s Q).', 'note'),
     ]  # fmt: skip
     return Section('Run by run', blocks)

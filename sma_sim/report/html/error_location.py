@@ -13,7 +13,7 @@ from sma_sim.report.palette import GREY
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 
 
-def where_section(summary: Summary) -> Section:
+def error_location_section(summary: Summary) -> Section:
     """The ranked sentences, then a tab of splits per channel."""
     words = [*(finding.text for finding in summary.patterns), *(finding.text for finding in summary.findings)]
     nothing = Paragraph('It is spread evenly, or is no more than noise.', 'lead')
