@@ -52,9 +52,8 @@ class RobotFrames:
     def __init__(self, node: Node, tree: LinkTree, settings: Mapping[str, str | bool]) -> None:
         self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
         description = make_publisher(node, String, 'robot_description', LATEST)
-        description.publish(
-            String(data=urdf_of(tree, self._prefix, str(settings['node.joint_prefix']), topic_control(node, settings)))
-        )
+        urdf = urdf_of(tree, self._prefix, str(settings['node.joint_prefix']), topic_control(node, settings))
+        description.publish(String(data=urdf))
         self._kind: Any = None
         try:
             self._kind = import_module('tf2_msgs.msg').TFMessage
