@@ -115,8 +115,8 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     for one in results:
         part, hidden, seed, forces = one['case']
         mark = 'right' if is_right(one) else ('none' if not one['effects'] else 'WRONG')
-        yield (f'{part:8} {"+".join(hidden) or "-":42} {seed:5} {"forces" if forces else "pose":6} bare {one["bare"]:6.2f} '
-               f'-> {one["last"]:6.2f} {one["verdict"]:15} {mark:6} {", ".join(one["effects"])}'
+        yield (f'{part:8} {"+".join(hidden) or "-":42} {seed:5} {"forces" if forces else "pose":6} '
+               f'nominal {one["bare"]:6.2f} -> {one["last"]:6.2f} {one["verdict"]:15} {mark:6} {", ".join(one["effects"])}'
                + (f' (like {", ".join(one["alike"])})' if one['alike'] else ''))  # fmt: skip
 
 

@@ -154,15 +154,15 @@ def made(name: str, folder: Path) -> Path:
 
 def table(done: list[dict[str, Any]]) -> Iterator[str]:
     """A row per case: what it is as it is, and what becomes of it in each variant."""
-    yield '| case | bare | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
+    yield '| case | nominal | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
     yield '|' + '---|' * (len(VARIANTS) + 2)
     for name in dict.fromkeys(one['case'][0] for one in done):
         found = {one['case'][1]: one for one in done if one['case'][0] == name}
         first = found.pop('as it is', None)
         if first is not None:
             cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]
-            bare = 'cannot be run' if first['bare'] is None else f'{first["bare"]:.2f}'
-            yield f'| {Path(name).name} | {bare} | {words(first)} | ' + ' | '.join(cells) + ' |'
+            nominal_error = 'cannot be run' if first['bare'] is None else f'{first["bare"]:.2f}'
+            yield f'| {Path(name).name} | {nominal_error} | {words(first)} | ' + ' | '.join(cells) + ' |'
 
 
 def words(one: dict[str, Any]) -> str:

@@ -3,10 +3,10 @@
     python benchmarks/pvalues.py [--cases 60] [--minutes 60] [--at-once 2] [--figure docs/figures/pvalues.png]
 
 Each case is a robot with other parameters, MAS kinetics and noise, but no hidden effect (sma_sim/challenge): two runs of
-100 s at 10 Hz, which is what a diagnosis of 50 Hz thins its samples to; every other case with forces. The bare model (MAS,
-which a diagnosis of such robots chooses) is fitted, all effects are screened, and the smallest family p-value is kept. Over
-many cases it should be uniform. Finished cases are kept in --file, so that a run can be continued; table and figure are of
-all in it.
+100 s at 10 Hz, which is what a diagnosis of 50 Hz thins its samples to; every other case with forces. The nominal model
+(MAS, which a diagnosis of such robots chooses) is fitted, all effects are screened, and the smallest family p-value is
+kept. Over many cases it should be uniform. Finished cases are kept in --file, so that a run can be continued; table and
+figure are of all in it.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def solve(number: int, pool: Executor) -> dict[str, Any]:
     made = make_challenge(FIRST_SEED + number, 0, forces=forces, plan=RecordingPlan(rate=RATE))
     training = replace(made.dataset, recordings=made.dataset.recordings[:TRAINING])
     config = replace(made.nominal, model='mas')
-    bare = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))
-    best = screen(bare.problem, bare.z, candidates_for(config), pool)[0]
+    nominal = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))
+    best = screen(nominal.problem, nominal.z, candidates_for(config), pool)[0]
     return {
-        'forces': forces, 'error': bare.error, 'p': best.family_p,
+        'forces': forces, 'error': nominal.error, 'p': best.family_p,
         'effect': best.candidate.name, 'gain': best.gain,
     }  # fmt: skip
 

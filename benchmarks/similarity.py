@@ -75,16 +75,16 @@ def variants(system: str) -> dict[str, ActiveEffect]:
 
 def indistinguishable(system: str, channels: tuple[str, ...], closest: int) -> dict[str, Any]:
     """Size of each effect and what it is most like."""
-    bare = shown(system, channels, {})
+    nominal = shown(system, channels, {})
     effects = variants(system)
-    change = {name: shown(system, channels, {}, (effect,)) - bare for name, effect in effects.items()}
+    change = {name: shown(system, channels, {}, (effect,)) - nominal for name, effect in effects.items()}
     for name in COMMON + (OF_MODULE if system == 'module' else ()):
         value = (default_parameters() | START)[name]
-        change[name] = shown(system, channels, {name: 1.03 * value}) - bare
+        change[name] = shown(system, channels, {name: 1.03 * value}) - nominal
     lengths = {name: float(np.linalg.norm(vector)) for name, vector in change.items()}
     table: dict[str, Any] = {}
     for name in effects:
-        size = lengths[name] / np.sqrt(len(bare))
+        size = lengths[name] / np.sqrt(len(nominal))
         others = [other for other in change if other != name and lengths[name] * lengths[other] > 0.0]
         cosine = {o: float(change[name] @ change[o] / lengths[name] / lengths[o]) for o in others}
         best = sorted(cosine, key=lambda o: -abs(cosine[o]))[:closest]

@@ -50,7 +50,7 @@ def runs_at(model: str, rtol: float, count: int) -> dict[str, float]:
 def cost_of_effects(model: str, count: int) -> dict[str, float]:
     """Time with effects over time without, under the same command, by turns; the median over commands."""
     result = {}
-    bare = module(model, 1e-5)
+    nominal = module(model, 1e-5)
     for names in WITHOUT_STATES + WITH_STATES:
         rich = module(model, 1e-5, names)
         ratios = []
@@ -58,7 +58,7 @@ def cost_of_effects(model: str, count: int) -> dict[str, float]:
             command = random_command(seed)
             times: list[list[float]] = [[], []]
             for _ in range(TURNS):
-                for k, one in enumerate((rich, bare)):
+                for k, one in enumerate((rich, nominal)):
                     start = time.perf_counter()
                     simulate(one, command, SAMPLES)
                     times[k].append(time.perf_counter() - start)
@@ -100,7 +100,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
             for model, tolerances in TOLERANCES.items()
             for rtol in tolerances
         },
-        'time with effects over bare': {model: cost_of_effects(model, 5) for model in TOLERANCES},
+        'time with effects over nominal': {model: cost_of_effects(model, 5) for model in TOLERANCES},
         'all cores': use_of_cores(arguments.parallel),
     }
 

@@ -172,7 +172,7 @@ def test_questions_on_a_terminal(terminal, tmp_path):
     terminal.answer('length of a wire when hot and unloaded', '130 mm')
     terminal.answer('ambient temperature', '21 degC')
     terminal.answer('largest heating power of one bundle', '')
-    terminal.wait_for('This robot cannot stand: a wire is strained by')
+    terminal.wait_for('This robot cannot be simulated: a wire is strained by')
     terminal.answer('length of the beam', '')
     for question in REST:
         terminal.answer(question, '')

@@ -1,4 +1,4 @@
-"""Intervals, correlated residuals, and what data cannot tell: each equivalence known from the equations."""
+"""Intervals, correlated residuals, and what the data do not determine: each equivalence known from the equations."""
 
 from dataclasses import replace
 
@@ -103,7 +103,7 @@ def test_data_at_rest_tell_nothing_of_heat():
     assert found.uncertainty is not None
     seen = {one.name: one.seen for one in found.uncertainty.intervals}
     assert seen == {'wire.c_V': False, 'wire.lambda': False, 'beam.E': True, 'beam.b_alpha': False}
-    assert set(found.uncertainty.unseen) == {f'{name} is not seen' for name, each in seen.items() if not each}
+    assert set(found.uncertainty.unseen) == {f'{name} has no visible effect' for name, each in seen.items() if not each}
     for one in found.uncertainty.intervals:
         assert one.seen or one.high / one.low > 100.0
 
@@ -130,7 +130,7 @@ FREE = tuple(FreeParameter(name, 1.0, 0.5, -5.0, 5.0, True, '-') for name in ('a
     [
         ((1.0, 1.0, 0.0), 'a and b only as their ratio'),
         ((0.0, 1.0, -1.0), 'b and c only as their product'),
-        ((0.0, 0.0, 1.0), 'c is not seen'),
+        ((0.0, 0.0, 1.0), 'c has no visible effect'),
         ((1.0, -2.0, 0.0), 'b and a only together: moving b by +10 %, a by -5 % changes next to nothing'),
     ],
 )
@@ -143,7 +143,7 @@ def test_two_unseen_directions_are_taken_apart():
     """Any rotation of two directions gives the same sentences."""
     plane = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).T / [np.sqrt(2.0), 1.0]
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    assert set(unidentified(FREE, plane @ turn)) == {'c is not seen', 'a and b only as their ratio'}
+    assert set(unidentified(FREE, plane @ turn)) == {'c has no visible effect', 'a and b only as their ratio'}
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.6, 0.9])

@@ -64,7 +64,8 @@ def test_one_missing_effect_is_said_with_its_value_share_and_rivals():
     )
     said = headline(diagnosis('missing_effect', candidate('gravity', 'sensor_bias', 'beam_creep')))
     assert said.endswith(
-        'these data cannot tell it from a constant offset of the sensors (sensor_bias) or creep of the beam (beam_creep).'
+        'these data do not distinguish it from a constant offset of the sensors (sensor_bias) or creep of the beam '
+        '(beam_creep).'
     )
 
 
@@ -74,7 +75,7 @@ def test_several_missing_effects_are_said_together():
         'Your model lacks gravity and heat lost by radiation; together they explain 96 % of the squared error in the '
         'held-out runs.'
     )
-    rivals = 'these data cannot tell it from heat lost by natural convection (natural_convection)'
+    rivals = 'these data do not distinguish it from heat lost by natural convection (natural_convection)'
     lines = list(remarks(found))
     assert f'For heat lost by radiation, {rivals}.' in lines
     values = [line.split(' = ')[0] for line in lines if ' = ' in line]

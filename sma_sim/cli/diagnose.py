@@ -83,7 +83,7 @@ def write_outputs(
     if arguments.report:
         write_diagnosis_page(arguments.report, reviewed(found, training, held_out), command)
     if command:
-        print(f'To find the experiment that tells {" from ".join(rivals)}: {command}')
+        print(f'To design the experiment that separates {" and ".join(rivals)}: {command}')
     return written
 
 

@@ -148,7 +148,7 @@ def parameter_rows(found: Calibration) -> list[tuple[str, str, str, str]]:
     rows = []
     for parameter in found.free:
         known = intervals.get(parameter.name)
-        text = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not seen'
+        text = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not determined'
         rows.append((parameter.name, f'{found.values[parameter.name]:.5g}', text, parameter.unit))
     return rows
 
@@ -166,7 +166,7 @@ def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[st
 
 def remarks_on(found: Calibration) -> list[str]:
     """What else a person must know."""
-    remarks = [f'these data cannot tell: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
+    remarks = [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []

@@ -144,7 +144,7 @@ def asked(arguments: argparse.Namespace, config: Config) -> Config:
         try:
             print_robot_check(config)
         except UserError as error:
-            print(f'This robot cannot stand: {error}.\nOnce more, with your answers in the brackets:')
+            print(f'This robot cannot be simulated: {error}.\nPlease answer again; your answers are in the brackets:')
         else:
             return config
 

@@ -28,7 +28,7 @@ def at_rest(config: Config) -> str:
         f'martensite fraction {two_numbers(run.state.x_frozen)}, angle {math.degrees(run.state.y[2]):.3g} deg.'
     )
     if stresses.min() <= 0.0:
-        words += '\nBeware: a wire is not in tension at rest; a shorter wire.l0 pre-tensions it.'
+        words += '\nNote: a wire is not in tension at rest; a shorter wire.l0 pre-tensions it.'
     return words
 
 

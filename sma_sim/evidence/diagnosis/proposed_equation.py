@@ -99,7 +99,7 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
     yield error_words(before, after)
     yield stability_words(proposal)
     if proposal.indistinguishable:
-        yield f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
+        yield f'These data do not distinguish it from {", ".join(proposal.indistinguishable)}.'
 
 
 def stability_words(proposal: Proposal) -> str:

@@ -181,7 +181,7 @@ def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
     if not candidate.indistinguishable:
         return 'nothing else explains it as well'
     rivals = [f'{phrase_of(name, diagnosis)} ({name})' for name in candidate.indistinguishable]
-    return f'these data cannot tell it from {joined_words(rivals, "or")}'
+    return f'these data do not distinguish it from {joined_words(rivals, "or")}'
 
 
 def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:

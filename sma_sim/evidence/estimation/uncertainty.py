@@ -54,7 +54,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Intervals, directions (best known first), and what data cannot tell, in words.
+    """Intervals, directions (best known first), and what the data do not determine, in words.
 
     `correlation` (p, p) in the order of `intervals`; `correlation_time`: by channel, by how many samples residuals
     are correlated (1: white); `delay_std` [s].
@@ -178,7 +178,7 @@ def sentence(free: Sequence[FreeParameter], vector: Vector) -> str:
     large = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > MIN_COMPONENT * np.abs(vector).max()]
     names = [free[k].name for k in large]
     if len(large) == 1:
-        return f'{names[0]} is not seen'
+        return f'{names[0]} has no visible effect'
     changes = [free[k].scale * vector[k] for k in large]
     if len(large) == 2 and all(free[k].log for k in large):
         ratio = changes[1] / changes[0]

@@ -23,7 +23,7 @@ def verdict_sentences(found: LatentInputs) -> Iterator[str]:
         yield f'{found.verdict}: a missing {what}'
         yield f'  the error over noise falls from {found.error:.2f} to {best.error:.2f} with it'
         for name, why in found.indistinguishable.items():
-            yield f'  these data cannot tell it from {name}: {why}'
+            yield f'  these data do not distinguish it from {name}: {why}'
     if found.findings:
         yield f'{found.model} model, {", ".join(found.runs)}: error over noise {found.error:.2f}, p = {found.p_value:.3f}'
     if found.interrupted:

@@ -72,7 +72,7 @@ class Proposal:
     ranking
         All formulas that were refitted, the best first.
     indistinguishable
-        Names of formulas that these data cannot tell from it.
+        Names of formulas that these data do not distinguish from it.
     plot
         The quantity over its variable.
     std

@@ -42,7 +42,7 @@ def by_run_blocks(found: Sequence[ParameterByRun]) -> list[Block]:
 
 def shared_row(parameter: ParameterByRun) -> tuple[str, ...]:
     """One parameter."""
-    cells = [f'{run.value:.5g} \u00b1 {run.std:.2g}' if run.seen else 'not seen' for run in parameter.runs]
+    cells = [f'{run.value:.5g} \u00b1 {run.std:.2g}' if run.seen else 'not determined' for run in parameter.runs]
     p = p_words(parameter.p).removeprefix('p ').removeprefix('= ') if parameter.dof else ''
     return parameter.name, f'{parameter.value:.5g}', *cells, parameter.unit, p
 

@@ -117,7 +117,9 @@ def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterato
     reasons = [str(confounding) for confounding in diagnosis.confounding.get(candidate.name, ())]
     hidden_by = [name for name in candidate.found.effect.confused_with if '.' in name or name == 'delay']
     if reasons:
-        yield Paragraph(f'These data cannot tell {candidate.name} from {", ".join(candidate.indistinguishable)}. Why:')
+        yield Paragraph(
+            f'These data do not distinguish {candidate.name} from {", ".join(candidate.indistinguishable)}. Why:'
+        )
         yield Bullets(reasons)
     if candidate.found.effect.same_as:
         yield Paragraph(f'The equations make it the same as {candidate.found.effect.same_as}: no data can tell them apart.')

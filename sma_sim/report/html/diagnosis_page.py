@@ -38,7 +38,7 @@ def write_diagnosis_page(path: Path, review: DiagnosisReview, next_command: str 
 
 def verdict_section(diagnosis: Diagnosis, next_command: str) -> Section:
     """The verdict, and the error over noise stage by stage."""
-    experiment = [f'The experiment that tells them apart: {next_command}'] if next_command else []
+    experiment = [f'The experiment that separates them: {next_command}'] if next_command else []
     return Section('What is missing', [
         Paragraph(headline(diagnosis), 'lead'),
         Plot(reduction_figure(diagnosis), 'Error over noise (root mean square over channels) of the fitted and of the '

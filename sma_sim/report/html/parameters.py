@@ -1,4 +1,4 @@
-"""Section: the fitted parameters with their intervals, and what the data cannot tell."""
+"""Section: the fitted parameters with their intervals, and what the data do not determine."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def parameters_section(found: Calibration, before: Mapping[str, float]) -> Secti
             60 + 30 * len(uncertainty.intervals),
         ))  # fmt: skip
     words = fit_remarks(found)
-    blocks += [Paragraph('What these data cannot tell, and what else to know:'), Bullets(words)] if words else []
+    blocks += [Paragraph('What these data do not determine, and further remarks:'), Bullets(words)] if words else []
     if uncertainty is not None and len(uncertainty.intervals) > 1:
         blocks.append(
             Plot(correlation_figure(uncertainty), 'Correlation of the estimates.', 130 + 26 * len(uncertainty.intervals))
@@ -49,7 +49,7 @@ def parameter_row(found: Calibration, name: str, unit: str, before: Mapping[str,
     value, first = found.values[name], before[name]
     interval, shown = intervals.get(name), ''
     if interval is not None:
-        shown = f'{interval.low:.5g} to {interval.high:.5g}' if interval.seen else 'not seen alone'
+        shown = f'{interval.low:.5g} to {interval.high:.5g}' if interval.seen else 'not determined alone'
     change = f'{100.0 * (value / first - 1.0):+.1f} %' if first != 0.0 else f'{value - first:+.3g}'
     return name, f'{value:.5g}', shown, unit, f'{first:.5g}', change
 
@@ -60,7 +60,10 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
         interval for interval in reversed(uncertainty.intervals) if before[interval.name] > 0.0 and interval.value > 0.0
     ]  # fmt: skip
     figure = new_figure()
-    for seen, colour, symbol, name in ((True, BLUE, 'circle', 'seen'), (False, ORANGE, 'circle-open', 'not seen alone')):
+    for seen, colour, symbol, name in (
+        (True, BLUE, 'circle', 'determined'),
+        (False, ORANGE, 'circle-open', 'not determined alone'),
+    ):
         part = [(interval, before[interval.name]) for interval in shown if interval.seen == seen]
         figure.add_scatter(
             x=[interval.value / first for interval, first in part], y=[interval.name for interval, _ in part],

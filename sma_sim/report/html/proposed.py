@@ -59,7 +59,7 @@ def rivals_sentence(proposal: Proposal) -> str:
     """What cannot be told from it."""
     if not proposal.indistinguishable:
         return 'The other formulas that were refitted predict worse.'
-    return f'These data cannot tell it from {", ".join(proposal.indistinguishable)}.'
+    return f'These data do not distinguish it from {", ".join(proposal.indistinguishable)}.'
 
 
 def residual_figure(plot: PartialResidualPlot) -> object:
