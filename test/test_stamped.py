@@ -67,6 +67,7 @@ def test_only_when_asked_and_by_the_clock_of_the_node():
     with ros_client.Simulation('-p', 'node.publish_clock:=true', topics=(TOPICS[0], DIAGNOSTICS)) as one:
         command = one.publisher(JointState, 'J_eq_stamped')
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
+        one.until(lambda: nanoseconds(one.seen['joint_states'][-1]) > 0)  # the first of all has the stamp 0, which is none
         names = {name.strip('/') for name, _ in one.node.get_topic_names_and_types()}
         assert 'wire_forces' in names and not {name + SUFFIX for name in VARIANTS} & names
         command.publish(JointState(header=one.seen['joint_states'][-1].header, effort=[3.0]))
