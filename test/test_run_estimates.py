@@ -19,7 +19,7 @@ from sma_sim.evidence.estimation.run_estimates import (
     cochran,
     disagreement,
     estimates_by_run,
-    overdispersion,
+    score_overdispersion,
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.report.html.by_run import by_run_blocks
@@ -91,8 +91,8 @@ def test_noise_beyond_the_stated_one_is_no_disagreement(linear):
         found = estimates_by_run(problem, *refitted(z, runs, slow))
         agreeing += disagreement(found) is None
     assert agreeing >= 38
-    assert overdispersion(problem.runs[0], slow[0], 0, robust=False) > 9.0 * 3.0
-    assert 1.0 <= overdispersion(problem.runs[0], white[0] / 3.0, 0, robust=False) < 2.0
+    assert score_overdispersion(problem.runs[0], slow[0], 0, robust=False) > 9.0 * 3.0
+    assert 1.0 <= score_overdispersion(problem.runs[0], white[0] / 3.0, 0, robust=False) < 2.0
 
 
 def test_independent_estimates_have_cochrans_q():

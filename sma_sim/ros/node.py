@@ -23,7 +23,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
-from sma_sim.ros.recording import Recording
+from sma_sim.ros.recording import BagSession
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
 from sma_sim.ros.stamped import STAMPED_COMMAND, StampedCommands
@@ -69,7 +69,7 @@ class ModuleSimulation:
         self._speed = Speed()
         self._publishers = Publishers(node, config, self._is_clock)
         self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
-        self._recording = Recording(node, config, self._publishers, self._record_state)
+        self._recording = BagSession(node, config, self._publishers, self._record_state)
         self._diagnostics = Diagnostics(node, 'simulated SMA module')
         receivers = (self.command.receive, self._ambient.receive)
         for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):

@@ -15,7 +15,7 @@ from sma_sim.model.config import QOS_OVERRIDES, ConfigError
 LAST_FEW = QoSProfile(depth=10)
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # kept for late subscribers
 DEEPEST = 1_000_000  # messages; each keeps memory from the start on
-CHOICES: Mapping[str, tuple[str, ...]] = {  # what a user may choose, by policy
+QOS_CHOICES: Mapping[str, tuple[str, ...]] = {  # what a user may choose, by policy
     'history': ('keep_last', 'keep_all'),
     'reliability': ('reliable', 'best_effort'),
     'durability': ('volatile', 'transient_local'),
@@ -56,8 +56,8 @@ def check_override(name: str, value: Any, where: str) -> None:
     if policy == 'depth':
         if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= DEEPEST:
             raise ConfigError(f'{name} = {value!r} ({where}): expected a whole number of messages, 1 to {DEEPEST}')
-    elif value not in CHOICES[policy]:
-        raise ConfigError(f'{name} = {value!r} ({where}): expected {" or ".join(CHOICES[policy])}')
+    elif value not in QOS_CHOICES[policy]:
+        raise ConfigError(f'{name} = {value!r} ({where}): expected {" or ".join(QOS_CHOICES[policy])}')
 
 
 def warn_of_unused(node: Node, names: Iterable[str]) -> None:

@@ -28,7 +28,7 @@ NOTHING = 'nothing is being recorded: start it first (~/record_start, std_srvs/T
 ENDING = 'the node is ending'
 
 
-class Recording:
+class BagSession:
     """Which bag the publishers write to. `record_state` is called in the simulating thread when a bag begins."""
 
     def __init__(self, node: Node, config: Config, publishers: Publishers, record_state: Callable[[], object]) -> None:

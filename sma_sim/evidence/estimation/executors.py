@@ -16,7 +16,7 @@ from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects
 from sma_sim.model.errors import UserError
 
-Answer = TypeVar('Answer')
+Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def executor_or_threads(executor: Executor | None) -> Iterator[Executor]:
         yield threads
 
 
-def run_in_threads(jobs: Sequence[Callable[[], Answer]], stop: Stop, at_once: int | None = None) -> list[Answer]:
+def run_in_threads(jobs: Sequence[Callable[[], Result]], stop: Stop, at_once: int | None = None) -> list[Result]:
     """The answers of jobs that run in threads of their own (so many at once); Ctrl-C asks them to come to an end."""
     if not jobs:
         return []

@@ -26,9 +26,9 @@ from sma_sim.evidence.estimation.uncertainty import GAUSS_95, autocorrelation_ti
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 DISAGREE = 0.01  # chance, over all parameters, below which recordings do not agree
-MIN_RUNS = 2
+MIN_COMPARED_RUNS = 2
 WEAK = BOUND_STDS**-2.0  # information of the priors, as in the intervals
-AT_BOUND = 1e-6
+BOUND_TOLERANCE = 1e-6
 LEAST_P = 1e-16  # smaller ones are not told apart in words
 
 
@@ -91,7 +91,7 @@ def estimates_by_run(problem: Problem, z: Vector, linear: Sequence[LinearizedRun
 
     `linear`: the recordings linearized at the optimum z (n,).
     """
-    if len(linear) < MIN_RUNS:
+    if len(linear) < MIN_COMPARED_RUNS:
         return ()
     reduced = [reduced_run(problem, z, run, part) for run, part in zip(problem.runs, linear, strict=True)]
     names, alone = [run.name for run in reduced], [run.alone(z) for run in reduced]
@@ -106,7 +106,7 @@ def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun
     """One recording without the unknowns of its own, which keep their priors; those on a bound stay there."""
     part, s = z[linear.indices], len(problem.shared)
     low, high = (limit[linear.indices] for limit in problem.limits())
-    inner = np.flatnonzero((part - low > AT_BOUND) & (high - part > AT_BOUND))
+    inner = np.flatnonzero((part - low > BOUND_TOLERANCE) & (high - part > BOUND_TOLERANCE))
     own, shared = inner[inner >= s], np.arange(s)
     equations = normal_equations(linear, problem.robust)
     H, g = equations.hessian, equations.gradient
@@ -116,11 +116,13 @@ def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun
     step = np.zeros(len(part))
     step[:s] = -np.linalg.solve(information + WEAK * np.eye(s), gradient)
     step[own] = -np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), g[own] + part[own]) - gain.T @ step[:s]
-    inflation = overdispersion(run, linear.residuals + np.tensordot(step, linear.jacobian, 1), len(inner), problem.robust)
+    inflation = score_overdispersion(
+        run, linear.residuals + np.tensordot(step, linear.jacobian, 1), len(inner), problem.robust
+    )
     return ReducedRun(run.name, information / inflation, gradient / inflation)
 
 
-def overdispersion(run: FitData, residuals: Matrix, unknowns: int, robust: bool) -> float:
+def score_overdispersion(run: FitData, residuals: Matrix, unknowns: int, robust: bool) -> float:
     """By how much the scores of a recording, fitted by itself, scatter more than white noise of the stated size would.
 
     `residuals` (channels, k) over noise. The largest of its channels, at least 1.
@@ -186,7 +188,7 @@ def shown_value(unknown: FreeParameter, z: float, std: float) -> tuple[float, fl
 
 def cochran(values: Vector, covariance: Matrix) -> float:
     """Cochran's Q of correlated estimates (m,): the weighted squares of their differences from the best common value."""
-    if len(values) < MIN_RUNS:
+    if len(values) < MIN_COMPARED_RUNS:
         return 0.0
     weight = np.linalg.inv(covariance)
     total = weight.sum(axis=0)
