@@ -58,7 +58,7 @@ FORMS: dict[str, OtherForm] = {
         (drawn_parameter('c', 'N/m', 4e4, 1.5e5, 'force that relaxes'), TAU),
         lambda s, b, p, m: (p.c * m.z, 0.0, 0.0), **RELAXING, scale=(1e-4,),
         rate=lambda s, b, p, m: ((s.U_x - m.z) / p.tau,), start=lambda s, b, p: (s.U_x,))),
-    'sideways_creep': form('beam_creep', ('sideways',), law(
+    'sideways_creep': form('beam_creep', ('deflection',), law(
         'sideways_creep', 'structure_force', "F_y = c z, tau z' = U_y - z",
         (drawn_parameter('c', 'N/m', 50.0, 250.0, 'force that relaxes'), TAU),
         lambda s, b, p, m: (0.0, p.c * m.z, 0.0), **RELAXING, scale=(1e-3,),
@@ -67,7 +67,7 @@ FORMS: dict[str, OtherForm] = {
         'hinge_cubic', 'structure_force', 'M = -c alpha^3',
         (drawn_parameter('c', 'N m/rad^3', 5.0, 40.0, 'cubic stiffness'),),
         lambda s, b, p: (0.0, 0.0, -p.c * s.alpha**3)), 'alpha_cube'),
-    'sideways_cubic': form('beam_nonlinearity', ('sideways',), law(
+    'sideways_cubic': form('beam_nonlinearity', ('deflection',), law(
         'sideways_cubic', 'structure_force', 'F_y = -c U_y^3',
         (drawn_parameter('c', 'N/m^3', 3e5, 2e6, 'cubic stiffness'),),
         lambda s, b, p: (0.0, -p.c * s.U_y**3, 0.0)), 'U_y_cube'),
@@ -75,7 +75,7 @@ FORMS: dict[str, OtherForm] = {
         'hinge_square', 'structure_force', 'M = -c |alpha| alpha',
         (drawn_parameter('c', 'N m/rad^2', 0.5, 3.0, 'stiffness'),),
         lambda s, b, p: (0.0, 0.0, -p.c * abs(s.alpha) * s.alpha)), 'alpha_abs'),
-    'slide_friction': form('joint_friction', ('sideways',), law(
+    'slide_friction': form('joint_friction', ('deflection',), law(
         'slide_friction', 'structure_force', 'F_y = -F_c tanh(U_y\'/w)',
         (drawn_parameter('F_c', 'N', 0.1, 0.8, 'friction'), drawn_parameter('w', 'm/s', 1e-4, 1e-3, 'speed')),
         lambda s, b, p: (0.0, -p.F_c * math.tanh(s.dU_y / p.w), 0.0)), 'slide_friction'),

@@ -152,7 +152,8 @@ def test_native_kernel_is_the_python_one(name):
     p = type('P', (), {q.name: q.default for q in effect.parameters})
     memory = random.uniform(0.1, 0.9, max(len(effect.states), 1))
     m = type('M', (), dict(zip(effect.states, memory, strict=False)))
-    arrays = [np.array(s), np.array(constants), np.array([q.default for q in effect.parameters]), memory, np.zeros(8)]
+    values = np.array([*(q.default for q in effect.parameters), *effect.scope.mask])
+    arrays = [np.array(s), np.array(constants), values, memory, np.zeros(8)]
     outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
     native = native_effect(found)
     kernels, counts = (effect.kernel, effect.rate, effect.start), (outputs, len(effect.states), len(effect.states))

@@ -10,9 +10,11 @@ from typing import Any
 
 from sma_sim.cli.common.commands import add_command
 from sma_sim.model.config import effect_folders_of, suggestion
-from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.discovery import find_effects, with_scopes
 from sma_sim.model.effects.effect import SYSTEMS, Effect
+from sma_sim.model.effects.scope import SHARED
 from sma_sim.model.errors import UserError
+from sma_sim.solver.fields_read import can_share
 
 TEXT_WIDTH = 100
 
@@ -33,7 +35,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print all effects, or those that are named."""
-    found = find_effects(effect_folders_of(arguments.config, arguments.words))
+    found = with_scopes(find_effects(effect_folders_of(arguments.config, arguments.words)), arguments.names)
     for name in arguments.names:
         if name not in found:
             raise UserError(f'unknown effect {name}{suggestion(name, found)}; known are {", ".join(sorted(found))}')
@@ -55,7 +57,13 @@ def effect_data(effect: Effect) -> dict[str, Any]:
         for p in effect.parameters
     ]  # fmt: skip
     words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
-    return {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)} | {'parameters': parameters}
+    plain = {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)}
+    return plain | {'parameters': parameters, 'scopes': scope_names(effect)}
+
+
+def scope_names(effect: Effect) -> list[str]:
+    """The scopes in which the kernels of an effect can act."""
+    return [] if effect.scope.name else [one.name for one in effect.scopes if one != SHARED or can_share(effect)]
 
 
 def effect_text(effect: Effect) -> str:
@@ -68,6 +76,7 @@ def effect_text(effect: Effect) -> str:
         'the same as': effect.same_as,
         'source': effect.source,
         'energy': effect.energy,
+        'also in part of its places, as NAME@SCOPE': ', '.join(scope_names(effect)),
     }
     for words in (effect.title, effect.description, *(f'{word}: {text}' for word, text in details.items() if text)):
         lines += textwrap.wrap(words, TEXT_WIDTH, initial_indent='    ', subsequent_indent='      ')

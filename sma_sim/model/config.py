@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects, with_scopes
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 
@@ -114,7 +114,8 @@ def read_config(
     words : iterable of str
         Parameters as ``name=value``, SI units.
     effects : iterable of str
-        Further active effects, as ``name`` or ``name:parameter=value,...``.
+        Further active effects, as ``name`` or ``name:parameter=value,...``; ``name@scope`` acts in one wire, coordinate
+        or channel only.
     recorded : mapping
         Values by full name that were recorded with data, which all others replace. Folders of effects that are only
         named there are not opened, because importing their files runs them.
@@ -230,6 +231,7 @@ def checked(given: Mapping[str, Given]) -> Config:
     found = find_effects([] if folders.recorded else effect_folders(folders))
     if folders.recorded:
         check_effects_found(given, found, folders)
+    found = with_scopes(found, names_of_effects(given))
     declared = dict(DEFAULTS) | effect_parameters(found)
     words = {name: choices[0] for name, choices in CHOICES.items()}
     settings = default_settings()
@@ -291,6 +293,12 @@ def check_effects_found(given: Mapping[str, Given], found: Mapping[str, FoundEff
             'Python files in a folder that data name are not run unless you name it too: if you trust them, add '
             f'--set effects.paths={quote(",".join(paths))}'
         )
+
+
+def names_of_effects(given: Mapping[str, Given]) -> list[str]:
+    """The effects that are switched on, or whose parameters are given."""
+    active = names_in('effects.active', given.get('effects.active', Given([], '')))
+    return [*active, *(name.split('.')[1] for name in given if name.startswith('effects.'))]
 
 
 def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:

@@ -21,8 +21,9 @@ from sma_sim.model.config import (
     belongs_to_ros,
     checked,
     effect_folders,
+    names_of_effects,
 )
-from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.discovery import find_effects, with_scopes
 from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.ros.command import ENVIRONMENT
@@ -97,6 +98,7 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
         node.declare_parameter(name, value, words, ignore_override=True)
     values_by_name = {active.found.effect.name: active.values for active in config.effects}
     found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
+    found = with_scopes(found, names_of_effects(given))
     for name, entry in found.items():
         values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))
         for parameter, value in zip(entry.effect.parameters, values, strict=True):

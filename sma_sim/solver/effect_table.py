@@ -11,6 +11,7 @@ import numpy as np
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import SYSTEMS, Effect
 from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, STRUCTURE_FORCE, EffectTable
+from sma_sim.model.effects.scope import MASK_SIZE
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.fields_read import fields_read
@@ -61,7 +62,7 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
     for effect in effects:
         state_start.append(first_state + len(scales))
         scales += state_scales(effect, module)
-    counts = [len(effect.parameters) for effect in effects]
+    counts = [len(effect.parameters) + MASK_SIZE for effect in effects]
     fields = [fields_read(effect.kernel) for effect in effects]
     return Layout(order, tuple(scales), {
         'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
@@ -90,13 +91,18 @@ def effect_table(
     table = EffectTable(
         **plan.fields,
         constants=np.array([(of_beam if of else of_wire).ctypes.data for of in structural], dtype=np.int64),
-        parameters=np.array([v for k in plan.order for v in active[k].values], dtype=float),
+        parameters=np.array([v for k in plan.order for v in with_mask(active[k])], dtype=float),
         s=np.zeros((2 if module else 1, S_SIZE)),
         wire=of_wire,
         beam=of_beam,
         out=np.zeros(16),
     )
     return table, plan.scales
+
+
+def with_mask(active: ActiveEffect) -> tuple[float, ...]:
+    """The parameters of an effect and the mask of its scope, as its kernels read them."""
+    return (*active.values, *active.found.effect.scope.mask)
 
 
 def own_scratch(p: System) -> System:

@@ -12,10 +12,24 @@ import numba
 
 from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, State
+from sma_sim.model.effects.ports import (
+    PORT_MAY_RETURN_ONE,
+    PORT_NAMES,
+    PORT_OUTPUTS,
+    S_J,
+    S_POSE,
+    S_POSE_RATE,
+    S_T,
+    S_T_OTHER,
+    S_WIRE,
+    S_X,
+    S_X_OTHER,
+    State,
+)
+from sma_sim.model.effects.scope import MASK_POSE, MASK_SHARED, MASK_SIZE, MASK_WIRE
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.solver.compile import Compiler, content_key, write_source
-from sma_sim.solver.fields_read import check_fields
+from sma_sim.solver.fields_read import can_share, check_fields, check_scope
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
@@ -39,8 +53,12 @@ class NativeEffect(NamedTuple):
 def native_effect(found: FoundEffect) -> NativeEffect:
     """Compile the kernels of an effect, or load them when these very sources were compiled before.
 
-    Raises EffectError when a kernel cannot be compiled, or reads what is not known yet.
+    An effect in a scope has the kernels of the effect itself. Raises EffectError when a kernel cannot be compiled, or reads
+    what is not known yet, or what keeps the wires from sharing its states in a scope where they do.
     """
+    if found.plain is not None:
+        check_scope(found.effect)
+        return native_effect(found.plain)
     effect = found.effect
     check_fields(effect)
     compiler = Compiler(content_key(*found.files), found.packages)
@@ -127,16 +145,59 @@ def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs
 
 def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool, is_tuple: bool) -> str:
     """Source of the C function: build what the kernel takes from the five addresses, store what it returns."""
-    constants = constants_of(effect)
+    constants, first = constants_of(effect), len(effect.parameters)
     groups = [('s', 'State', len(State._fields)), ('w', 'Constants', len(constants._fields))]
-    groups.append(('p', 'Parameters', len(effect.parameters)))
+    groups.append(('p', 'Parameters', first))
     if memory:
         groups.append(('m', 'Memory', len(effect.states)))
     lines = [f'def {effect.name}_{role}(s, w, p, m, out):', f'    out_ = carray(out, {max(outputs, 1)})']
-    for letter, kind, size in groups:
-        lines.append(f'    {letter}_ = carray({letter}, {size})')
-        lines.append(f'    {letter}__ = {kind}({", ".join(f"{letter}_[{i}]" for i in range(size))})')
+    lines += [f'    {letter}_ = carray({letter}, {size + MASK_SIZE * (letter == "p")})' for letter, _, size in groups]
+    lines += elsewhere_lines(effect, role, outputs)
+    lines += record_lines(groups, masked_state(effect, first))
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
     values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
+    if effect.port == 'structure_force' and role == 'value':
+        values = [f'{value} * p_[{first + MASK_POSE + i}]' for i, value in enumerate(values)]
     lines += [f'    out_[{i}] = {value}' for i, value in enumerate(values)]
+    if role == 'rate' and can_share(effect):
+        lines += shared_lines(groups, values, first)
     return '\n'.join(lines) + '\n'
+
+
+def record_lines(groups: Sequence[tuple[str, str, int]], state: Sequence[str], indent: str = '    ') -> list[str]:
+    """Lines that build what a kernel takes; of the state from the expressions of its entries."""
+    entries = {letter: [f'{letter}_[{i}]' for i in range(size)] for letter, _, size in groups} | {'s': list(state)}
+    return [f'{indent}{letter}__ = {kind}({", ".join(entries[letter])})' for letter, kind, _ in groups]
+
+
+def masked_state(effect: Effect, first: int) -> list[str]:
+    """The entries of the state that a kernel sees, of the pose and its rates those of its scope; `first`: the mask."""
+    entries = [f's_[{i}]' for i in range(len(State._fields))]
+    if effect.port == 'structure_force':
+        for i in range(3):
+            for at in (S_POSE, S_POSE_RATE):
+                entries[at + i] += f' * p_[{first + MASK_POSE + i}]'
+    return entries
+
+
+def elsewhere_lines(effect: Effect, role: str, outputs: int) -> list[str]:
+    """Lines that return nothing (on actuation: the value as it is) for a wire in which the effect does not act."""
+    if effect.port in ('structure_force', 'sensing'):
+        return []
+    wire = f'p_[{len(effect.parameters) + MASK_WIRE}]'
+    passed = f's_[{S_J}]' if effect.port == 'actuation' and role == 'value' else '0.0'
+    nothing = [f'        out_[{i}] = {passed}' for i in range(outputs)]
+    return [f'    if {wire} >= 0.0 and {wire} != s_[{S_WIRE}]:', *nothing, '        return']
+
+
+def shared_lines(groups: Sequence[tuple[str, str, int]], values: Sequence[str], first: int) -> list[str]:
+    """Lines that make the rates of both wires their mean, where the wires share the states: each keeps a copy of them."""
+    state = [f's_[{i}]' for i in range(len(State._fields))]
+    for a, b in ((S_T, S_T_OTHER), (S_X, S_X_OTHER)):
+        state[a], state[b] = state[b], state[a]
+    state[S_WIRE] = f'1.0 - s_[{S_WIRE}]'
+    return [
+        f'    if p_[{first + MASK_SHARED}] > 0.0:', record_lines(groups[:1], state, '        ')[0],
+        f'        result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})',
+        *(f'        out_[{i}] = 0.5 * (out_[{i}] + {value})' for i, value in enumerate(values)),
+    ]  # fmt: skip

@@ -32,7 +32,7 @@ def add_overriding_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--effect', action='append', default=[], metavar='NAME[:PARAM=VALUE,...]', dest='effects',
-        help='switch an effect on; `sma-sim effects` lists them',
+        help='switch an effect on; `sma-sim effects` lists them and their scopes, as in natural_convection@wire_1',
     )  # fmt: skip
 
 

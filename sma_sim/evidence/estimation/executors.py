@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import ActiveEffect, find_effects
+from sma_sim.model.effects.discovery import ActiveEffect, find_effects, with_scopes
 from sma_sim.model.errors import UserError
 
 Result = TypeVar('Result')
@@ -36,7 +36,7 @@ def unpickled_config(
     parameters: dict[str, float], system: str, model: str, effects: list[tuple[str, tuple[float, ...]]], folders: list[str]
 ) -> PickledConfig:
     """The configuration in the other process."""
-    found = find_effects([Path(folder) for folder in folders]) if effects else {}
+    found = with_scopes(find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]) if effects else {}
     active = tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects)
     return PickledConfig(Config(parameters, system, model, active))
 

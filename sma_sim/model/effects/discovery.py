@@ -7,8 +7,8 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -16,6 +16,7 @@ from types import ModuleType
 
 import sma_sim.model.effects.library as package
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
 
 ENTRY_POINTS = 'sma_sim.effects'
@@ -34,6 +35,11 @@ class FoundEffect:
     effect: Effect
     files: tuple[Path, ...]
     packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
+    plain: FoundEffect | None = None  # of an effect in a scope: the effect itself, whose kernels it shares
+
+    def in_scope(self, scope: Scope) -> FoundEffect:
+        """The same effect in one of its scopes."""
+        return replace(self, effect=self.effect.in_scope(scope), plain=self)
 
     def __hash__(self) -> int:
         """Of what tells effects apart nearly always: it is asked for with every model."""
@@ -110,6 +116,22 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
                 raise EffectError(f'{file}: an effect named {effect.name!r} exists already; choose another name')
             found[effect.name] = FoundEffect(effect, files, ('sma_sim.', USER_PACKAGE, *stems))
     return found
+
+
+def with_scopes(found: Mapping[str, FoundEffect], names: Iterable[str]) -> dict[str, FoundEffect]:
+    """The effects and, of `names`, those that name one in a scope (NAME@SCOPE). Raises EffectError for an unknown scope."""
+    every = dict(found)
+    for name in names:
+        plain, separator, scope = name.partition(SEPARATOR)
+        if separator and plain in found:
+            scopes = {one.name: one for one in found[plain].effect.scopes}
+            if scope not in scopes:
+                raise EffectError(
+                    f'unknown scope {scope!r} of effect {plain} ({name}): expected one of {", ".join(scopes)}, '
+                    f'such as {plain}{SEPARATOR}{next(iter(scopes))}'
+                )
+            every[name] = found[plain].in_scope(scopes[scope])
+    return every
 
 
 def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
+from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
 from sma_sim.model.parameters import Parameter
 
 CHAIN = {
@@ -53,6 +54,8 @@ class Effect:
         What is identical in the equations, so that no measurement distinguishes it, in words.
     title : str
         A short phrase that completes "the model lacks ..."; the default is the name.
+    scope : Scope
+        Not for effect files: where an effect that is named NAME@SCOPE acts.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     same_as: str = ''
     title: str = ''
+    scope: Scope = EVERYWHERE
 
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:
@@ -83,6 +87,23 @@ class Effect:
         stages = CHAIN.get(self.port)
         if stages and self.stage not in stages:
             raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')
+
+    @property
+    def plain_name(self) -> str:
+        """The name without the scope."""
+        return self.name.partition(SEPARATOR)[0]
+
+    @property
+    def scopes(self) -> tuple[Scope, ...]:
+        """The parts of its places in which it can act alone."""
+        return scopes_at(self.port, self.channels, bool(self.states))
+
+    def in_scope(self, scope: Scope) -> Effect:
+        """The same effect in one of its `scopes`."""
+        return replace(
+            self, name=f'{self.name}{SEPARATOR}{scope.name}', scope=scope, title=f'{self.phrase}, {scope.words}',
+            channels=(scope.channel,) if scope.channel else self.channels,
+        )  # fmt: skip
 
     @property
     def phrase(self) -> str:

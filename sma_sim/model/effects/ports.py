@@ -114,7 +114,8 @@ class EffectTable(NamedTuple):
 
     Shapes: `port_start` (8,), `slot` (effects, 9), all others one entry per effect, except for the flat
     `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
-    of native kernels, 0 for none. `states` counts the extra states of one instance (one wire, one channel, or the
+    of native kernels, 0 for none. After an effect's `parameters` stands the mask of
+    its scope. `states` counts the extra states of one instance (one wire, one channel, or the
     structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
     gives the instance of a sensing effect on a channel, -1 where it does not act. `s` (wires, S_SIZE) is the state that
     kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads, -1 for those on
