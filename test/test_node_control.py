@@ -295,9 +295,9 @@ def test_a_failure_while_a_request_is_carried_out_is_answered_and_ends_the_node(
         answer.result(0.0)
 
 
-def test_services_answer_while_there_is_no_clock():
-    """Nothing has begun, so that a reset has little to do and a step is refused."""
-    with ros_client.Simulation('-p', 'use_sim_time:=true') as one:
+def test_services_answer_while_there_is_no_clock(tmp_path):
+    """Nothing has begun, so that a reset has little to do, a step and a recording are refused, and the end leaves no bag."""
+    with ros_client.Simulation('-p', 'use_sim_time:=true', '-p', f'node.record:={tmp_path / "bag"}') as one:
         client = one.node.create_client(Trigger, '/sma_module_sim/reset')
         one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
         assert call(one, SetBool, 'pause', data=True).success
@@ -305,7 +305,9 @@ def test_services_answer_while_there_is_no_clock():
         assert not answer.success and 'waiting for /clock' in answer.message
         answer = call(one, Trigger, 'reset')
         assert answer.success and 'waiting for /clock' in answer.message
-        assert one.stop()[0] == 0
+        answer = call(one, Trigger, 'record_start')
+        assert not answer.success and 'waiting for /clock' in answer.message
+        assert one.stop()[0] == 0 and list(tmp_path.iterdir()) == []
 
 
 def test_commands_and_other_services_are_heard_while_many_steps_are_made():

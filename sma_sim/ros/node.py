@@ -88,6 +88,8 @@ class ModuleSimulation:
             self._control.refuse_steps('waiting for /clock: nothing runs yet')
             if not self._control.carry_out():
                 self._control.wait(PAUSED_SLEEP)
+        if stop.is_set():
+            return
         self._begin()
         self._logger.info(
             f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
