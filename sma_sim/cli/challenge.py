@@ -80,7 +80,7 @@ def reveal_answer(arguments: argparse.Namespace) -> int:
 
 
 def answer_text(answer: Answer) -> list[str]:
-    """The answer for a person, in lines."""
+    """The answer as lines of text."""
     count = len(answer.effects)
     hidden = f'{count} effect{"s" if count > 1 else ""} hidden' if count else 'nothing hidden'
     lines = [f'The robot of seed {answer.seed} has {hidden}.']
@@ -101,7 +101,7 @@ def score_data(score: VerdictScore) -> dict[str, Any]:
 
 
 def score_text(score: VerdictScore) -> list[str]:
-    """The score for a person, in lines."""
+    """The score as lines of text."""
     lines = [f'The verdict {score.verdict} is {score.outcome}: {score.why}']
     if score.verdict != score.expected_verdict:
         lines.append(f'  expected {score.expected_verdict}')

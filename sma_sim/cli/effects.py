@@ -67,7 +67,7 @@ def scope_names(effect: Effect) -> list[str]:
 
 
 def effect_text(effect: Effect) -> str:
-    """An effect for a person to read."""
+    """An effect as text."""
     only = '' if effect.systems == SYSTEMS else f', {" and ".join(effect.systems)} only'
     lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']
     details = {

@@ -165,7 +165,7 @@ def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[st
 
 
 def remarks_on(found: Calibration) -> list[str]:
-    """What else a person must know."""
+    """Further remarks on the fit."""
     remarks = [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]

@@ -73,7 +73,7 @@ def check_output_folder(out: Path, overwrite: bool) -> None:
     except OSError as error:
         raise UserError(f'cannot read {out}: {error.strerror}') from error
     if others:
-        raise UserError(f'{out} holds other files ({min(others)}) and is left alone: choose another folder with --out')
+        raise UserError(f'{out} holds other files ({min(others)}) and is not changed: choose another folder with --out')
     if not empty and not overwrite:
         raise UserError(f'{out} exists already: give --overwrite to replace it, or another folder with --out')
 

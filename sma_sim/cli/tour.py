@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     started = time.monotonic()
     if out.exists():
-        raise UserError(f'{out} exists already and is left alone: give another folder with --out')
+        raise UserError(f'{out} exists already and is not changed: give another folder with --out')
     try:
         out.mkdir(parents=True)
         shutil.copytree(TOUR_DATA, out / 'data')

@@ -1,4 +1,4 @@
-"""What a person reads while the equations are compiled: how long it takes on this machine, and how far it is."""
+"""Messages while the equations are compiled: how long it takes on this machine, and the progress."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ Vector = NDArray[np.float64]
 
 
 class SimulationError(UserError):
-    """A run that cannot be started, with the reason for a person to read."""
+    """A run that cannot be started, with the reason in words."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class Model:
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
-GIVEN_WAY = 0.5 * math.pi  # [rad] of the plate: far beyond what the wires can bend a beam to
+LOST_STABILITY_ANGLE = 0.5 * math.pi  # [rad] of the plate: far beyond what the wires can bend a beam to
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
@@ -208,7 +208,7 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
 
 
 def copy_of_run(model: Model, initial_state: Run) -> Run:
-    """A copy of a state to go on from, its counters at zero. Raises UserError where it is of another model."""
+    """A copy of a state to continue from, its counters at zero. Raises UserError where it is of another model."""
     expected, given = len(model.scales), len(initial_state.state.y)
     if given != expected:
         raise UserError(f'initial_state: expected a state of {expected} value(s), as this model has; got {given}')
@@ -329,12 +329,12 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
 
 
 def stop_reason(status: int, model: Model, run: Run) -> str:
-    """Why a run ended, for a person to read; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
+    """Why a run ended, in words; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
     p = model.compiled
-    if status != COMPLETED and p.module and not abs(run.state.y[2]) < GIVEN_WAY:
+    if status != COMPLETED and p.module and not abs(run.state.y[2]) < LOST_STABILITY_ANGLE:
         return (
-            f'the beam has given way: the plate has turned by {abs(run.state.y[2]):.3g} rad, no pose is stable under these '
-            'forces; check the effects on structure_force (one that softens the beam), beam.E, beam.h and plate.W'
+            f'the beam has lost its stability: the plate has turned by {abs(run.state.y[2]):.3g} rad, no pose is stable '
+            'under these forces; check the effects on structure_force (one that softens it), beam.E, beam.h and plate.W'
         )
     if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
         return narrow

@@ -28,7 +28,7 @@ def units_of(si: str) -> tuple[str, ...]:
 
 
 def typed_units(si: str) -> str:
-    """The units that may be typed, for a person to read."""
+    """The units that may be typed, in words."""
     return ', '.join(unit for unit in units_of(si) if unit.isascii() and unit)
 
 
@@ -46,6 +46,6 @@ def to_si(text: str, si: str, default_unit: str) -> float:
 
 
 def in_unit(value: float, si: str, unit: str) -> str:
-    """An SI value in another unit, for a person to read, such as `98 mm`."""
+    """An SI value in another unit, as text such as `98 mm`."""
     shown = value - ZERO_CELSIUS if unit in CELSIUS and si == 'K' else value / SCALES.get(si, {si: 1.0})[unit]
     return f'{shown:.10g} {unit}'.rstrip()

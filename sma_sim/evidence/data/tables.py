@@ -1,4 +1,4 @@
-"""CSV files with units in their headers, read with messages that a person can act on, written whole or not at all."""
+"""CSV files with units in their headers, read with messages that name the cause, written completely or not at all."""
 
 from __future__ import annotations
 

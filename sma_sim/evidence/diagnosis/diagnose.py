@@ -1,8 +1,8 @@
 """Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
 
-a. The nominal model is fitted with either kinetics; the better goes on. b. Score tests screen all effects. c. The best are
-refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance, with
-a realistic value; then it goes on from b. e. The held-out runs are read once, and the verdict is given; partial
+a. The nominal model is fitted with either kinetics; the better one is kept. b. Score tests screen all effects. c. The best
+are refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance,
+with a realistic value; then the search returns to b. e. The held-out runs are read once, and the verdict is given; partial
 explanations that hardly help there are taken back. f. Where no known effect explains enough, or several leave more than
 noise, an equation is proposed (`sma_sim.evidence.symbolic_regression`).
 """

@@ -1,7 +1,7 @@
 """Calibration: weighted nonlinear least squares over the compiled simulator, from several starts, for either model.
 
-Each minimisation begins on thinned samples, where it costs a third; the best one goes on with all of them. Of two models the
-one that predicts runs which it was not fitted to is taken (docs/explanation/calibration.md).
+Each minimisation begins on thinned samples, where it costs a third; the best one continues with all of them. Of two models
+the one that predicts runs which it was not fitted to is taken (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def sentences(runs: Sequence[RunStress], p_line: float, p_width: float) -> list[
     """What the runs say together."""
     widths = ', '.join(f'{1e-6 * run.dsigma[0]:.3g} MPa at {run.temperature:.0f} K ({run.name})' for run in runs)
     verdict = 'one dsigma does not fit all runs' if p_width < HETEROGENEOUS else 'one dsigma fits all runs'
-    found = [f'The width of the hysteresis comes out as {widths}: {verdict} (p = {p_width:.2g}).']
+    found = [f'The fitted width of the hysteresis is {widths}: {verdict} (p = {p_width:.2g}).']
     slopes = [
         f'{1e-6 * (b.sigma_MW[0] - a.sigma_MW[0]) / (b.temperature - a.temperature):.3g} MPa/K from {a.temperature:.0f} to '
         f'{b.temperature:.0f} K'

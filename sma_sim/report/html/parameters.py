@@ -108,7 +108,7 @@ def correlation_figure(uncertainty: Uncertainty) -> object:
 
 
 def fit_remarks(found: Calibration) -> list[str]:
-    """What a person must know of a fit beside its numbers."""
+    """Remarks on a fit, beside its numbers."""
     words = list(found.uncertainty.unseen) if found.uncertainty else []
     words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]
     words += [implausible_sentence(found.implausible)] if found.implausible else []
