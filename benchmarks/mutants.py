@@ -3,9 +3,10 @@
     python benchmarks/mutants.py --count 200 --jobs 2 --file mutants.jsonl
 
 Each mutant is one change of one place: a comparison or an arithmetic operator exchanged, a number changed, a condition
-negated, a returned value replaced. Its tests run in a copy of the tree until the first fails. Results are appended to
-the file, and what it holds already is not run again. Faults of model and solver run as plain Python first
-(NUMBA_DISABLE_JIT), where most are noticed before a compiler would be ready; a second run with `--native` takes those
+negated, a returned value replaced. `frozen=True` of a dataclass and `strict=True` of zip are left alone: without them
+nothing changes as long as the code keeps to them. The tests of a mutant run in a copy of the tree until the first fails.
+Results are appended to the file, and what it holds already is not run again. Faults of model and solver run as plain Python
+first (NUMBA_DISABLE_JIT), where most are noticed before a compiler would be ready; a second run with `--native` takes those
 that survived to native code, with all tests that touch it.
 """
 
@@ -50,6 +51,7 @@ COMPILED_TESTS = (
 ESTIMATION_TESTS = (
     'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
 )  # fmt: skip
+GUARDS = ('frozen', 'strict')
 COMPARED = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
@@ -106,7 +108,7 @@ def expressions(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr]]:
         if name in ('annotation', 'returns', 'type_comment') or isinstance(node, ast.JoinedStr):
             continue
         for child in value if isinstance(value, list) else [value]:
-            if not isinstance(child, ast.AST):
+            if not isinstance(child, ast.AST) or (isinstance(child, ast.keyword) and child.arg in GUARDS):
                 continue
             yield from ((child, change) for change in changes(child))
             if isinstance(node, ast.Return) and name == 'value' and not isinstance(child, ast.Constant):
