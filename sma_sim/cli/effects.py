@@ -12,9 +12,7 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.model.config import effect_folders_of, suggestion
 from sma_sim.model.effects.discovery import find_effects, with_scopes
 from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.scope import SHARED
 from sma_sim.model.errors import UserError
-from sma_sim.solver.fields_read import can_share
 
 TEXT_WIDTH = 100
 
@@ -62,8 +60,8 @@ def effect_data(effect: Effect) -> dict[str, Any]:
 
 
 def scope_names(effect: Effect) -> list[str]:
-    """The scopes in which the kernels of an effect can act."""
-    return [] if effect.scope.name else [one.name for one in effect.scopes if one != SHARED or can_share(effect)]
+    """The scopes of an effect at its port; whether the states of a user's effect can be shared shows when it runs."""
+    return [] if effect.scope.name else [scope.name for scope in effect.scopes]
 
 
 def effect_text(effect: Effect) -> str:
