@@ -14,7 +14,7 @@ PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.m
 BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
 SHELLS = ('bash', 'console', 'sh')
 # Half a minute and more.
-SEARCHES = re.compile(r'sma-sim (?:diagnose|latent|next|tour)|(?:diagnose|propose|latent|next_experiment)\(')
+SEARCHES = re.compile(r'sma-sim (?:diagnose|latent|next|tour)|(?:diagnose|propose|estimate_latent_inputs|next_experiment)\(')
 
 
 def blocks(*languages):
