@@ -26,6 +26,7 @@ from sma_sim.evidence.experiment_design import utilities
 from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
 from sma_sim.evidence.experiment_design.design import command_grid, next_experiment, operating_limits
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
+from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import DesignRequest
 from sma_sim.evidence.experiment_design.sequences import (
     SIGNAL_SHAPES,
@@ -162,7 +163,9 @@ def test_curves_are_what_the_hypotheses_predict_and_their_page_is_written(rivals
     assert 0.0 < np.sum(rival.remainder**2) < np.sum(difference**2)  # refitting follows a part
     assert (first.std > 0.0).any() and np.isfinite(first.std).all()
     write_design_page(tmp_path / 'next.html', plan, curves)
-    assert 'What a refitted rival cannot follow' in (tmp_path / 'next.html').read_text()
+    page = (tmp_path / 'next.html').read_text()
+    assert 'What a refitted rival cannot follow' in page
+    assert plan.further_channels[0].decides and channels_sentence(plan.further_channels) in page
 
 
 @pytest.mark.slow
@@ -223,14 +226,17 @@ def test_the_command_knows_parameters_better(tmp_path, capsys):
     words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '24']
     assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
     shown = capsys.readouterr().out
-    assert 'wire.lambda' in shown and 'time above limits: none' in shown
+    assert 'wire.lambda' in shown and 'time above limits: none' in shown and 'temperature of wire 1 (T_1)' in shown
     source = read_module_input(out, 298.0, False, None)
     assert source.times[-1] == 20.0 and source.values[-1, 0] == 0.0
     data = json.loads(told.read_text())
     assert data['kind'] == 'parameters' and data['information_nat']['designed'] > data['information_nat']['default'] > 0.0
     for parameter in data['parameters'].values():
         assert parameter['std_designed'] <= parameter['std_now'] * (1 + 1e-9)
-    assert 'J_eq [W]' in page.read_text()
+    channels = data['further_channels']
+    assert {channel['channel'] for channel in channels if channel['measured']} == set(POSE) and len(channels) == 7
+    assert all(channel['information_nat'] > 0.0 for channel in channels)
+    assert 'J_eq [W]' in page.read_text() and 'One sensor more' in page.read_text()
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,11 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import next_experiment
+from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences, plan_data
@@ -124,8 +126,29 @@ def plan_text(plan: Plan) -> Iterator[str]:
         [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()],
     )
     yield 'time above limits: none'
+    yield from channels_text(plan)
     if plan.interrupted:
         yield 'stopped early: the best so far'
+
+
+def channels_text(plan: Plan) -> Iterator[str]:
+    """What one sensor more would tell along the recordings."""
+    if not plan.further_channels:
+        return
+    tells = 'expected log evidence ratio, at least' if plan.discriminates else 'information [nat]'
+    yield ''
+    yield table_text(
+        ('one sensor more in the recordings', 'noise', tells),
+        [
+            (
+                channel.words,
+                in_display_unit(channel.channel, channel.noise_std),
+                f'{channel.least if plan.discriminates else channel.information:.3g}',
+            )
+            for channel in plan.further_channels
+        ],
+    )
+    yield channels_sentence(plan.further_channels)
 
 
 def rival_text(plan: Plan) -> Iterator[str]:

@@ -25,6 +25,7 @@ from sma_sim.evidence.experiment_design.forecast import (
     evaluation_points,
     simulate_points,
 )
+from sma_sim.evidence.experiment_design.further_channels import further_channels
 from sma_sim.evidence.experiment_design.plan import (
     DesignRequest,
     ExpectedRatio,
@@ -150,7 +151,16 @@ def best_plan(
     combinations = parameter_combinations(hypotheses[0], request) if single else np.zeros((0, 0))
     problem = DesignProblem(points, run, grid, limits, utility_for(hypotheses, combinations), context.pool)
     outcome = search_design(training, hypotheses, problem, request, context)
-    return replace(plan_from(hypotheses, problem, outcome, grid_origins | origins), every=every)
+    plan = replace(plan_from(hypotheses, problem, outcome, grid_origins | origins), every=every)
+    if outcome.interrupted:
+        return plan
+    context.on_progress('comparing further channels')
+    counted = () if single else counted_pairs(hypotheses)
+    try:
+        channels = further_channels(hypotheses, training.noise_std, counted, combinations, context.pool)
+    except KeyboardInterrupt:
+        return replace(plan, interrupted=True)
+    return replace(plan, further_channels=channels)
 
 
 def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:

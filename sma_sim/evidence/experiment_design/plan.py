@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
+from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
 
@@ -116,6 +117,8 @@ class Plan:
         Number of sequences.
     interrupted, seconds
         Whether Ctrl-C ended the search, and how long it took.
+    further_channels
+        What one sensor more would tell along the recordings, the best first; none after Ctrl-C.
     """
 
     hypotheses: tuple[ModelHypothesis, ...]
@@ -132,6 +135,7 @@ class Plan:
     evaluated: int
     interrupted: bool
     seconds: float
+    further_channels: tuple[FurtherChannel, ...] = ()
 
     @property
     def discriminates(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from sma_sim.evidence.experiment_design.further_channels import channel_data
 from sma_sim.evidence.experiment_design.plan import ParameterPrecision, Plan
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import as_rows
@@ -35,6 +36,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
             'temperature_K': plan.reached['temperature'],
             'stress_Pa': plan.reached['stress'],
         },
+        'further_channels': [channel_data(channel) for channel in plan.further_channels],
         'tried': plan.evaluated,
         'interrupted': plan.interrupted,
         'seconds': plan.seconds,

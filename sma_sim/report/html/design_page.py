@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import DISPLAY_UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS, in_display_unit
 from sma_sim.evidence.experiment_design.curves import HypothesisCurves, best_hypothesis
+from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences
@@ -32,6 +33,8 @@ def write_design_page(path: Path, plan: Plan, curves: Sequence[HypothesisCurves]
     sections = [first, Section('The sequence', [prediction_plot(plan, curves)])]
     if plan.discriminates:
         sections.append(Section('What a refitted rival cannot follow', [remainder_plot(plan, curves)]))
+    if plan.further_channels:
+        sections.append(Section('One sensor more', [*further_blocks(plan)]))
     sections.append(Section('Limits', [limits_table(plan)]))
     names = ' or '.join(hypothesis.name for hypothesis in plan.hypotheses)
     write_page(path, f'Next experiment: {names}' if plan.discriminates else 'Next experiment', sections)
@@ -63,6 +66,24 @@ def precision_table(plan: Plan) -> Block:
     """Standard deviations of the parameters."""
     rows = [(p.name, *(f'{std:.3g}' for std in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision]
     return Table(('standard deviation of', 'now', 'after a default', 'after the design', 'unit'), rows)
+
+
+def further_blocks(plan: Plan) -> Iterator[Block]:
+    """What one sensor more would tell along the recordings."""
+    yield Paragraph(channels_sentence(plan.further_channels), 'lead')
+    pairs = [f'{ratio.true} against {ratio.rival}' for ratio in plan.further_channels[0].expected]
+    rows = [
+        (
+            channel.words, in_display_unit(channel.channel, channel.noise_std),
+            *([f'{ratio.expected:.3g}' for ratio in channel.expected] or [f'{channel.information:.3g}']),
+        )
+        for channel in plan.further_channels
+    ]  # fmt: skip
+    caption = (
+        'What the same recordings would tell with one sensor more, at that noise: log evidence ratio, natural, expected if '
+        'the first is true, or information [nat] on the parameters. Linearized; nothing was measured.'
+    )
+    yield Table(('sensor', 'noise', *(pairs or ('information [nat]',))), rows, caption)
 
 
 def limits_table(plan: Plan) -> Block:
