@@ -52,6 +52,9 @@ def test_a_hidden_effect_is_found_with_its_value(with_gravity):
     _, found = with_gravity
     assert found.verdict == 'missing_effect' and found.effects == ('gravity',)
     assert found.calibration.values['effects.gravity.g_y'] == pytest.approx(-9.81, rel=0.03)
+    assert set(found.by_held_out_run) == {*found.training, *found.held_out}
+    for verdict in found.by_held_out_run.values():
+        assert (verdict.verdict, verdict.effects) == ('missing_effect', ('gravity',)) and verdict.error < 1.3
     bare, last = found.stages
     assert bare.effects == () and bare.held_out > 2.0 and last.held_out < 1.15 and last.train < 1.1
     assert found.held_out == (f'{found.held_out[0]}',) and len(found.training) == 2
@@ -129,6 +132,9 @@ def cannot_be_made(run):
 
 def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(with_gravity):
     runs, found = with_gravity
+    assert set(found.by_held_out_run) == {*found.training, *found.held_out}
+    for verdict in found.by_held_out_run.values():
+        assert (verdict.verdict, verdict.effects) == ('missing_effect', ('gravity',)) and verdict.error < 1.3
     bare, last = found.stages
     datasets = hold_out_last(runs, None)
     broken = replace(bare, predicted=tuple(cannot_be_made(run) for run in bare.predicted))

@@ -12,11 +12,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isnan
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
 from sma_sim.evidence.estimation.calibrate import Calibration, check
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
@@ -73,6 +74,8 @@ class Diagnosis:
         Effects that were accepted, but hardly help to predict the held-out runs.
     implausible : tuple of ImplausibleParameter
         Parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
+    by_held_out_run : mapping
+        By recording, the verdict and effects if it were held out; empty where a single one was fitted.
     """
 
     verdict: str
@@ -91,6 +94,7 @@ class Diagnosis:
     pooled_errors: PooledErrors | None = None
     taken_back: tuple[str, ...] = ()
     implausible: tuple[ImplausibleParameter, ...] = ()
+    by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
 
     @property
     def calibration(self) -> Calibration:
@@ -214,6 +218,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
         implausible=() if context.stop.is_set() else implausible_in(nominal, context),
+        by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations)),
     )  # fmt: skip
 
 
@@ -268,6 +273,19 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     elif not stages[-1].final:
         stages[-1] = final_stage(data, stages[-1].kind, last, context)
     return Conclusion(verdict, last, tuple(stages), pooled, proposal)
+
+
+def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]) -> dict[str, HeldOutVerdict]:
+    """By recording, the verdict if it were held out, among the models up to the last one and its formula."""
+    fits = [fit for _, fit in path]
+    fits = fits[: next(k for k, fit in enumerate(fits) if fit is end.last) + 1]
+    models = [judged_model(fit, stage, rivals_of(fit, steps)) for fit, stage in zip(fits, end.stages, strict=False)]
+    if end.proposal is not None:
+        models.append(judged_model(end.proposal.fit, end.stages[-1], formula=True))
+    if end.pooled_errors is not None:
+        together = {run.name: end.pooled_errors.held_out for run in end.stages[-1].predicted}
+        models[-1] = replace(models[-1], fitted={**models[-1].fitted, **together})
+    return verdicts_by_run(models)
 
 
 def last_stage(

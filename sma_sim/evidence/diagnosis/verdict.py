@@ -40,6 +40,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
         'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
         'by_recording': by_run_data(diagnosis.calibration.by_run),
+        'by_held_out_run': {name: asdict(found) for name, found in diagnosis.by_held_out_run.items()},
         'training': diagnosis.training,
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,

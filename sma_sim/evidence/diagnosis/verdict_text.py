@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
@@ -31,6 +32,8 @@ REMOVED = (
     'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
 )
+SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
+OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
 DROPPED = 'Dropped: {effect}, which explains nothing more beside the other effects.'
 ONE_RUN = (
     'Only one run was fitted: no effect could be tested by predicting a run that was left out, which favours every effect.'
@@ -111,7 +114,8 @@ def explained_share(before: ModelStage, after: ModelStage) -> str:
 
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
-    """What to know beside the verdict and the errors: values, what explains as well, what is left."""
+    """What to know beside the verdict and the errors: how firm it is, values, what explains as well, what is left."""
+    yield from firmness_lines(diagnosis)
     for candidate in accepted_fits(diagnosis):
         yield from parameter_lines(candidate, diagnosis)
     yield from removed_lines(diagnosis)
@@ -128,6 +132,28 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def firmness_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """Whether the verdict depends on the run that is held out."""
+    verdicts = diagnosis.by_held_out_run
+    if not verdicts or not diagnosis.search_ended:
+        return
+    others = differing(verdicts, diagnosis.verdict, diagnosis.effects)
+    if not others:
+        yield SAME_VERDICT.format(count=len(verdicts))
+        return
+    words = [f'without {name}, {verdict_words(found, diagnosis)}' for name, found in others.items()]
+    yield OTHER_VERDICT.format(others=joined_words(words), count=len(others), all=len(verdicts))
+
+
+def verdict_words(found: HeldOutVerdict, diagnosis: Diagnosis) -> str:
+    """A verdict with a run held out, in a few words."""
+    effects = joined_words([phrase_of(name, diagnosis) for name in found.effects])
+    if found.verdict == 'unknown_effect':
+        left = f'{found.error:.2f} times the noise in it unexplained'
+        return f'{effects} and {left}' if effects else left
+    return effects or 'nothing is missing'
 
 
 def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:

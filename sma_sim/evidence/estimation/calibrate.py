@@ -264,7 +264,7 @@ def continued_fit(
     (found,) = run_in_threads([job], context.stop)
     return replace(
         found, iterations=fit.iterations + found.iterations, cross_validated_error=fit.cross_validated_error,
-        other_starts=fit.other_starts,
+        left_out_errors=fit.left_out_errors, other_starts=fit.other_starts,
     )  # fmt: skip
 
 

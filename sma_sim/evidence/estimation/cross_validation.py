@@ -155,30 +155,33 @@ def folds(count: int) -> list[list[int]]:
 
 def cross_validated(fit: FitResult, context: SearchContext) -> FitResult:
     """With its error on runs left out in turn; NaN for a single run and after a stop, inf where a run cannot be made."""
+    errors: dict[str, float] = {}
     try:
-        error = nan if context.stop.is_set() else cross_validated_error(fit.problem, fit.z, context)
+        if not context.stop.is_set():
+            errors = left_out_errors(fit.problem, fit.z, context)
     except SimulationError:
-        error = inf
-    return replace(fit, cross_validated_error=nan if context.stop.is_set() else error)
+        errors = dict.fromkeys((run.name for run in fit.problem.runs), inf)
+    if context.stop.is_set() or not errors:
+        return replace(fit, cross_validated_error=nan, left_out_errors={})
+    return replace(fit, cross_validated_error=mean_error(errors), left_out_errors=errors)
 
 
-def cross_validated_error(problem: Problem, z: Vector, context: SearchContext) -> float:
-    """Mean error over noise of runs left out in turn (refitted from z without them); NaN for a single run."""
+def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict[str, float]:
+    """Error over noise by run that is left out in turn (refitted from z without it); empty for a single run."""
     if len(problem.runs) < 2:
-        return nan
+        return {}
     indices, shared = problem.indices(), len(problem.shared)
 
-    def errors_of(left_out: list[int]) -> list[float]:
+    def errors_of(left_out: list[int]) -> list[tuple[str, float]]:
         kept = [k for k in range(len(problem.runs)) if k not in left_out]
         fewer = replace(problem, runs=tuple(problem.runs[k] for k in kept))
         start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
         refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
-        return [run.error for run in predict_runs(refitted.config, out, refitted.delay, context)]
+        return [(run.name, run.error) for run in predict_runs(refitted.config, out, refitted.delay, context)]
 
     with ThreadPoolExecutor(MAX_FOLDS) as threads:
-        errors = [error for part in threads.map(errors_of, folds(len(problem.runs))) for error in part]
-    return float(np.sqrt(np.mean(np.square(errors))))
+        return dict(pair for part in threads.map(errors_of, folds(len(problem.runs))) for pair in part)
 
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:

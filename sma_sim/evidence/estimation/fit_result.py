@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isnan, nan, sqrt
 
 import numpy as np
@@ -29,7 +29,7 @@ class FitResult:
     """A problem at its optimum z (n,), as `minimize` leaves it.
 
     `cost`: half the sum of the squared residuals over noise, prior included. `cross_validated_error`: error over noise on
-    runs left out in turn, NaN where that is not known. `other_starts`: of a search from several.
+    runs left out in turn, NaN where that is not known; `left_out_errors`: by run. `other_starts`: of a search from several.
     """
 
     problem: Problem
@@ -38,6 +38,7 @@ class FitResult:
     iterations: int = 0
     converged: bool = True
     cross_validated_error: float = nan
+    left_out_errors: Mapping[str, float] = field(default_factory=dict)
     other_starts: tuple[OtherStart, ...] = ()
 
     @property

@@ -69,5 +69,5 @@ def tempered_fit(biased: FitResult, context: SearchContext) -> tuple[FitResult, 
         unbiased = tempered_minimum(biased.problem, np.zeros_like(biased.z), k, context)
     except SimulationError:
         unbiased = tempered_minimum(biased.problem, biased.z, k, context)
-    unbiased = replace(unbiased, cross_validated_error=biased.cross_validated_error)
+    unbiased = replace(unbiased, cross_validated_error=biased.cross_validated_error, left_out_errors=biased.left_out_errors)
     return unbiased, overdispersion(biased.problem, unbiased.z, context.pool)

@@ -9,16 +9,21 @@ from pathlib import Path
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
-from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title
+from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.report.html.candidates import elimination_section, selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
-from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, write_page
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.palette import GREY
+
+HELD_OUT_NOTE = (
+    'From the models of the search, each refitted without the run: which of them the other runs ask for, and how that one '
+    'predicts it.'
+)
 
 
 def write_diagnosis_page(path: Path, review: DiagnosisReview, next_command: str = '') -> None:
@@ -43,8 +48,22 @@ def verdict_section(diagnosis: Diagnosis, next_command: str) -> Section:
         Paragraph(headline(diagnosis), 'lead'),
         Plot(reduction_figure(diagnosis), 'Error over noise (root mean square over channels) of the fitted and of the '
              'held-out runs, from the nominal model through each added effect; 1 is the noise.', 360),
-        Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]),
+        Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]), *held_out_blocks(diagnosis),
     ])  # fmt: skip
+
+
+def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
+    """The verdict with each run held out in turn; nothing where that is not known."""
+    if not diagnosis.by_held_out_run:
+        return []
+    rows = [
+        (name + (' (held out)' if name in diagnosis.held_out else ''), verdict_words(found, diagnosis), f'{found.error:.2f}')
+        for name, found in diagnosis.by_held_out_run.items()
+    ]
+    return [
+        Table(('without', 'what is missing', 'error over noise of that run'), rows, 'If another run were held out'),
+        Paragraph(HELD_OUT_NOTE, 'note'),
+    ]
 
 
 def reduction_figure(diagnosis: Diagnosis) -> object:
