@@ -1,6 +1,7 @@
 """Listed effects that act in another form: in one coordinate, in one wire, through shared air, with another exponent.
 
-    python benchmarks/other_forms.py [--forms NAME ...] [--seeds 51] [--channels pose] [--minutes 60] [--at-once 1]
+    python benchmarks/other_forms.py [--forms NAME ...] [--seeds 51] [--channels pose] [--variants] [--minutes 60]
+                                     [--at-once 1]
 
 Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, the
 last of them held out; the hidden effects are those of `other_form_truths.py`. Finished cases are kept in --file, so that a
@@ -21,26 +22,34 @@ from other_form_truths import FORMS
 from sma_sim.challenge.make import challenge_with
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 GOOD = 1.1  # held-out error over noise that a right explanation leaves
 CHANNELS = ('forces', 'pose')  # what is recorded: the forces too, or the pose alone
 
 
-def solve(name: str, seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
+def solve(name: str, seed: int, forces: bool, variants: bool, pool: Executor) -> dict[str, Any]:
     """Make one case, diagnose it, and say what was found."""
     made = challenge_with((FORMS[name].truth,), seed, forces)
     t_start = time.process_time()
-    data = as_data(diagnose(made.dataset, made.nominal, executor=pool))
+    data = as_data(diagnose(made.dataset, made.nominal, request=DiagnosisRequest(variants=variants), executor=pool))
     used = time.process_time() - t_start
     proposed, last = data.get('proposed'), data['error'][-1]
     return {
         'verdict': data['verdict'], 'effects': data['effects'], 'variants': data.get('variants', {}),
-        'names': last['effects'], 'nominal': data['error'][0]['held_out'], 'last': last['held_out'], 'train': last['train'],
+        'names': names_with_scopes(data), 'nominal': data['error'][0]['held_out'],
+        'last': last['held_out'], 'train': last['train'],
         'formula': proposed['formula'] if proposed else None, 'terms': proposed['term'] if proposed else [],
         'place': proposed['place'] if proposed else None, 'processor_seconds': used,
         'taken_back': data['taken_back'],
     }  # fmt: skip
+
+
+def names_with_scopes(data: dict[str, Any]) -> list[str]:
+    """The effects of the last model, as NAME@SCOPE in a scope: the names under which their parameters stand."""
+    full = dict.fromkeys(name.split('.')[1] for name in data['parameters'] if name.startswith('effects.'))
+    return [name for name in full if name.partition('@')[0] in data['effects']]
 
 
 def is_detectable(result: dict[str, Any]) -> bool:
@@ -86,13 +95,14 @@ def table(results: list[dict[str, Any]]) -> Iterator[str]:
     """One row per case, then the shares."""
     failed = [result for result in results if 'failed' in result]
     results = [result for result in results if 'failed' not in result]
-    yield '| form | seed | recorded | error without | with | verdict | found | right | extra | processor s | s |'
-    yield '|---|---|---|---|---|---|---|---|---|---|---|'
+    yield '| form | seed | recorded | variants | error without | with | verdict | found | right | extra | processor s | s |'
+    yield '|---|---|---|---|---|---|---|---|---|---|---|---|'
     for result in sorted(results, key=lambda result: result['case']):
-        name, seed, forces = result['case']
+        name, seed, forces, variants = result['case']
         found = ', '.join(result['names']) + (f' ({result["formula"]})' if result['formula'] else '')
         right = 'yes' if is_right(result) else 'name' if named_right(result) else 'no'
-        yield (f'| {name} | {seed} | {CHANNELS[not forces]} | {result["nominal"]:.2f} | {result["last"]:.2f} | '
+        yield (f'| {name} | {seed} | {CHANNELS[not forces]} | {"yes" if variants else "no"} | '
+               f'{result["nominal"]:.2f} | {result["last"]:.2f} | '
                f'`{result["verdict"]}` | {found or "-"} | {right} | {", ".join(extra_effects(result))} | '
                f'{result["processor_seconds"]:.0f} | {result["seconds"]:.0f} |')  # fmt: skip
     yield ''
@@ -112,11 +122,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--forms', nargs='+', choices=list(FORMS), default=list(FORMS), metavar='NAME')
     parser.add_argument('--seeds', nargs='+', type=int, default=[51])
+    parser.add_argument('--variants', action='store_true', help='the diagnosis tries variants of the effects')
     parser.add_argument('--channels', nargs='+', default=['pose'], choices=CHANNELS)
     add_options(parser, 'other_forms.jsonl', 60.0)
     asked = parser.parse_args()
     recorded = [name == 'forces' for name in asked.channels]
-    cases = [(name, seed, forces) for seed in asked.seeds for forces in recorded for name in asked.forms]
+    cases = [(name, seed, forces, asked.variants) for seed in asked.seeds for forces in recorded for name in asked.forms]
     results = solved(cases, solve, asked, lambda result: list(table([result]))[2])
     print(*table(results), sep='\n')
 

@@ -49,6 +49,10 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         '--no-equation', action='store_true', help='do not search for an equation where no known effect explains the error'
     )
+    parser.add_argument(
+        '--variants', action='store_true',
+        help='where effects leave more than noise, try them in one wire, coordinate or channel only, or shared by the wires',
+    )  # fmt: skip
     add_config_options(parser)
     parser.set_defaults(run=run)
 
@@ -60,7 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     training, held_out = read_data(arguments, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
-    request = DiagnosisRequest(arguments.model, folders, arguments.seed, equation=not arguments.no_equation)
+    request = DiagnosisRequest(
+        arguments.model, folders, arguments.seed, equation=not arguments.no_equation, variants=arguments.variants
+    )
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held_out, request, executor, print_progress)

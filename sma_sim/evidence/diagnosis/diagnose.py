@@ -28,11 +28,12 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, impla
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
-from sma_sim.evidence.model_selection.confounding import Confounding, confoundings
+from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import select_forward
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
+from sma_sim.evidence.model_selection.variant_selection import select_with_variants
 from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
 from sma_sim.model.config import Config
 
@@ -72,6 +73,8 @@ class Diagnosis:
         How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
     taken_back : tuple of str
         Effects that were accepted, but hardly help to predict the held-out runs.
+    similar : SimilarEffect or None
+        The listed effect whose signature is most like that of the proposed equation.
     implausible : tuple of ImplausibleParameter
         Parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
     by_held_out_run : mapping
@@ -95,6 +98,7 @@ class Diagnosis:
     taken_back: tuple[str, ...] = ()
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
+    similar: SimilarEffect | None = None
 
     @property
     def calibration(self) -> Calibration:
@@ -201,7 +205,7 @@ def diagnose(
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open."""
     nominal = nominal_fit(data.training, config, request, context)
-    steps = select_forward(nominal, context)
+    steps = (select_with_variants if request.variants else select_forward)(nominal, context)
     path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)
     ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
@@ -209,6 +213,9 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         step.accepted.name: confoundings(step, context.pool)
         for step in (*steps, *eliminations) if step.accepted is not None
     }  # fmt: skip
+    similar = None
+    if end.proposal is not None and steps and not context.stop.is_set():
+        similar = most_similar(end.proposal.fit, steps[0], context.pool)
     return Diagnosis(
         verdict=end.verdict, effects=end.last.effects, stages=end.stages, selection_steps=steps,
         elimination_steps=eliminations, held_out_ratio=ratios, confounding=confounding,
@@ -217,7 +224,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         noise_std=dict(data.training.noise_std), interrupted=False, seconds=0.0, proposal=end.proposal,
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
-        implausible=() if context.stop.is_set() else implausible_in(nominal, context),
+        similar=similar, implausible=() if context.stop.is_set() else implausible_in(nominal, context),
         by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations)),
     )  # fmt: skip
 

@@ -34,7 +34,17 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fit.cross_validated_error)},
         'alike': list(proposal.indistinguishable),
         'ranking': [ranked(fit) for fit in proposal.ranking],
+        'similar': similar_data(diagnosis),
     }
+
+
+def similar_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """The listed effect with the most similar signature, and the cosine of the two."""
+    similar = diagnosis.similar
+    if similar is None:
+        return None
+    effect = similar.effect
+    return {'effect': effect.plain_name, 'scope': effect.scope.words, 'cosine': finite(similar.cosine)}
 
 
 def proposal_of(diagnosis: Diagnosis) -> Proposal:
@@ -98,6 +108,9 @@ def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:
         yield f'{proposal.effect}.{name} = {one["value"]:.4g}{std} {one["unit"]}'
     yield error_words(before, after)
     yield stability_words(proposal)
+    if (similar := diagnosis.similar) is not None:
+        name = f'{similar.effect.phrase} ({similar.effect.name})'
+        yield f'Of the listed effects, {name} leaves the most similar signature (cosine {similar.cosine:.2f}).'
     if proposal.indistinguishable:
         yield f'These data do not distinguish it from {", ".join(proposal.indistinguishable)}.'
 

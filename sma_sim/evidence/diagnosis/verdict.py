@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
+from sma_sim.model.effects.scope import SEPARATOR
 
 
 def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
@@ -27,8 +28,9 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
     found: dict[str, Any] = finite({
         'verdict': diagnosis.verdict,
         'model': diagnosis.calibration.config.model,
-        'effects': diagnosis.effects,
-        'taken_back': diagnosis.taken_back,
+        'effects': plain_names(diagnosis.effects),
+        'variants': variants(diagnosis),
+        'taken_back': plain_names(diagnosis.taken_back),
         'ranking': ranking(first, diagnosis) if first else (),
         'error': [error_of(stage) for stage in diagnosis.stages],
         'noise_std': diagnosis.noise_std,
@@ -40,7 +42,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
         'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
         'by_recording': by_run_data(diagnosis.calibration.by_run),
-        'by_held_out_run': {name: asdict(found) for name, found in diagnosis.by_held_out_run.items()},
+        'by_held_out_run': by_held_out_run(diagnosis),
         'training': diagnosis.training,
         'held_out': diagnosis.held_out,
         'interrupted': diagnosis.interrupted,
@@ -49,6 +51,24 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
     return found
+
+
+def plain_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of effects without their scopes."""
+    return tuple(name.partition(SEPARATOR)[0] for name in names)
+
+
+def by_held_out_run(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
+    """By run that could have been held out, the verdict and the effects."""
+    return {
+        name: asdict(found) | {'effects': plain_names(found.effects)} for name, found in diagnosis.by_held_out_run.items()
+    }
+
+
+def variants(diagnosis: Diagnosis) -> dict[str, str]:
+    """By effect of the last model that acts in a part of its places: its scope in words."""
+    active = [one.found.effect for one in diagnosis.calibration.config.effects]
+    return {effect.plain_name: effect.scope.words for effect in active if effect.scope.name}
 
 
 def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -71,7 +91,8 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float], indistinguisha
     units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
     std = {name.rpartition('.')[2]: s for name, s in candidate.std.items() if name.startswith(f'effects.{candidate.name}.')}
     return {
-        'effect': candidate.name,
+        'effect': candidate.found.effect.plain_name,
+        'scope': candidate.found.effect.scope.words,
         'delta_bic': candidate.delta_bic,
         'held_out_error_ratio': ratios.get(candidate.name, candidate.error_ratio),
         'cross_validated_error_ratio': None if candidate.not_cross_validated else candidate.error_ratio,
@@ -81,7 +102,7 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float], indistinguisha
             for name, value in candidate.fit.values_of(candidate.name).items()
         },
         'plausible': candidate.plausible,
-        'confounded_with': indistinguishable,
+        'confounded_with': tuple(dict.fromkeys(plain_names(indistinguishable))),
         'same_as': candidate.found.effect.same_as,
     }  # fmt: skip
 
@@ -89,7 +110,7 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float], indistinguisha
 def error_of(stage: ModelStage) -> dict[str, Any]:
     """The errors of one stage."""
     return {
-        'effects': stage.effects,
+        'effects': plain_names(stage.effects),
         'model': stage.model,
         'train': stage.train,
         'held_out': stage.held_out,

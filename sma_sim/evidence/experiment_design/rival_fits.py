@@ -37,7 +37,9 @@ from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.refit import best_refits, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.config import Config, suggestion
+from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import SimulationError
 
@@ -116,12 +118,13 @@ def raise_if_stopped(context: SearchContext) -> None:
 
 def named_rivals(base: FitResult, names: Sequence[str], context: SearchContext) -> list[NamedFit]:
     """The explanations by name: effects, several joined by `+`, or `nothing`. Raises UserError."""
-    candidates = {candidate.name: candidate for candidate in candidates_for(base.problem.config, context.folders)}
+    candidates = candidates_by_name(base, context)
     for effect in (part for name in names for part in name.split('+') if name != NO_EFFECT):
         if effect not in candidates:
+            known = ', '.join(sorted({candidate.found.effect.plain_name for candidate in candidates.values()}))
             raise UserError(
                 f'--between {effect}: no effect that could be missing from this model{suggestion(effect, candidates)}; '
-                f'expected {NO_EFFECT}, or some of {", ".join(candidates)}, joined by + where they act together'
+                f'expected {NO_EFFECT}, or some of {known}, joined by + where they act together'
             )
     context.on_progress(f'fitting {", ".join(names)}')
     jobs = [partial(fit_with_effects, base, () if name == NO_EFFECT else name.split('+'), context) for name in names]
@@ -129,11 +132,17 @@ def named_rivals(base: FitResult, names: Sequence[str], context: SearchContext) 
     return [NamedFit(name, fit) for name, fit in zip(names, fits, strict=True)]
 
 
+def candidates_by_name(fitted: FitResult, context: SearchContext) -> dict[str, Candidate]:
+    """The effects that may be missing from a model, and their variants."""
+    effects = candidates_for(fitted.problem.config, context.folders)
+    return {candidate.name: candidate for candidate in (*effects, *variants_of(effects, CHANNELS))}
+
+
 def fit_with_effects(base: FitResult, effects: Sequence[str], context: SearchContext) -> FitResult:
     """The fit with further effects, one after the other. Raises SimulationError where the model cannot be run."""
     fitted = base
     for name in effects:
-        candidates = {candidate.name: candidate for candidate in candidates_for(fitted.problem.config, context.folders)}
+        candidates = candidates_by_name(fitted, context)
         if name not in candidates:
             raise UserError(f'--between: {name} twice in one explanation')
         screened = screen_candidate(fitted, candidates[name], context)

@@ -138,17 +138,17 @@ def ordered_by_error(fits: Sequence[CandidateFit]) -> tuple[CandidateFit, ...]:
 
 
 def indistinguishable(candidate: CandidateFit, fits: Sequence[CandidateFit]) -> tuple[str, ...]:
-    """Other plausible candidates whose cross-validated error is the same."""
+    """Other plausible candidates whose cross-validated error is the same; an effect's own variants are no others."""
     error = candidate.fit.prediction_error
     return tuple(
         other.name for other in fits
-        if other is not candidate and other.plausible
+        if other.found.effect.plain_name != candidate.found.effect.plain_name and other.plausible
         and abs(other.fit.prediction_error - error) <= CRITERIA.same_error * error
     )  # fmt: skip
 
 
 def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
-    """The acceptable candidate with the least error; among equally good ones the one with the fewest parameters.
+    """The acceptable candidate with the least error; among equally good ones no variant, and the fewest parameters.
 
     Where one leaves only noise in all fitted runs, what leaves clearly more there is out.
     """
@@ -160,7 +160,13 @@ def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
         good = [candidate for candidate in good if not is_dominated(candidate, least)]
     best = min(candidate.fit.prediction_error for candidate in good)
     close = [candidate for candidate in good if candidate.fit.prediction_error <= (1.0 + CRITERIA.same_error) * best]
-    return min(close, key=lambda candidate: (len(candidate.fit.problem.free), candidate.fit.prediction_error))
+    return min(close, key=simplicity)
+
+
+def simplicity(candidate: CandidateFit) -> tuple[bool, int, float]:
+    """The order in which candidates that predict equally well are taken."""
+    is_variant = bool(candidate.found.effect.scope.name)
+    return is_variant, len(candidate.fit.problem.free), candidate.fit.prediction_error
 
 
 def is_dominated(candidate: CandidateFit, best: CandidateFit) -> bool:

@@ -41,9 +41,9 @@ class Candidate:
 def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candidate, ...]:
     """The effects that may be missing from a configuration, by name; those in `folders` take part.
 
-    Effects that are active already, that have no meaning in the system, or no neutral value, are none.
+    Effects that are active already, in whatever scope, that have no meaning in the system, or no neutral value, are none.
     """
-    active = {effect.found.effect.name for effect in config.effects}
+    active = {effect.found.effect.plain_name for effect in config.effects}
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
     candidates = (candidate_of(found) for found in missing if config.system in found.effect.systems)
     return tuple(candidate for candidate in candidates if candidate.families)

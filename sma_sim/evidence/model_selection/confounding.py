@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from math import isnan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,25 @@ def confoundings(step: SelectionStep, pool: Executor) -> tuple[Confounding, ...]
             known = is_known(accepted.found.effect, other.found.effect)
             found.append(Confounding(other.name, cosine(first - base, second - base), rms_difference, known))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class SimilarEffect:
+    """A listed effect whose response, refitted with everything else, is most like that of another explanation."""
+
+    effect: Effect
+    cosine: float
+
+
+def most_similar(fit: FitResult, first: SelectionStep, pool: Executor) -> SimilarEffect | None:
+    """Of the candidates of a step, the one with the signature that is most like that of a fit to the same runs."""
+    base, proposed = response(first.base, pool), response(fit, pool)
+    others = [(candidate.found.effect, response(candidate.fit, pool)) for candidate in first.candidate_fits]
+    found = [
+        SimilarEffect(effect, cosine(proposed - base, other - base))
+        for effect, other in others if base.shape == proposed.shape == other.shape  # else a run could not be made
+    ]  # fmt: skip
+    return max((one for one in found if not isnan(one.cosine)), key=lambda one: one.cosine, default=None)
 
 
 def response(fit: FitResult, pool: Executor) -> Vector:

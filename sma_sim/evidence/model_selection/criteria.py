@@ -48,6 +48,12 @@ class SelectionCriteria:
     min_relative_gain: float = 0.1
     """Fraction of the best candidate's gain below which a candidate is not refitted: a refit would have to gain ten
     times what the score test predicts to catch up."""
+    refitted_variants: int = 4
+    """Most variants that are refitted: they come after the effects, whose best fit lets hopeless refits end early."""
+    cross_validated_variants: int = 2
+    """Most refitted variants that are cross-validated, which takes as long again."""
+    variants_above: float = 1.02
+    """Cross-validated error up to which no variant is tried: it is what runs differ by."""
     min_explained_by_screening: float = 0.02
     """Fraction of the squares that the best candidate must promise for refits to be worth their time."""
     cross_validated_candidates: int = 4

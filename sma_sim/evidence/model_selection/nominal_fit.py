@@ -20,7 +20,8 @@ from sma_sim.model.config import Config
 class DiagnosisRequest:
     """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap.
 
-    `equation`: whether to look for the equation of what no known effect explains.
+    `equation`: whether to look for the equation of what no known effect explains. `variants`: whether effects are tried in
+    one wire, coordinate or channel only too.
     """
 
     model: str = 'auto'
@@ -28,6 +29,7 @@ class DiagnosisRequest:
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
     equation: bool = True
+    variants: bool = False
 
 
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:

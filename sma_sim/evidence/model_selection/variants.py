@@ -1,0 +1,90 @@
+"""Variants: the effects of the candidates in one wire, one coordinate or one channel, or with a state that wires share.
+
+They are generated, with the kernels of the effects themselves. What an effect can do by its own parameters is no variant:
+one whose kernel tells the wires or channels apart, or that has a parameter of its own for a coordinate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.model_selection.candidates import Candidate, candidate_of
+from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import State
+from sma_sim.model.effects.scope import COORDINATES, MASK_POSE, SHARED, WIRES, Scope
+from sma_sim.model.parameters import DEFAULTS, beam_constants
+from sma_sim.solver.fields_read import can_share, fields_read
+
+POSE, POSE_RATE = ('U_x', 'U_y', 'alpha'), ('dU_x', 'dU_y', 'dalpha')
+
+
+def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tuple[Candidate, ...]:
+    """The variants of all candidates of a module, of which `channels` are measured."""
+    measured = set(channels)
+    return tuple(
+        candidate_of(candidate.found.in_scope(scope))
+        for candidate in candidates for scope in scopes_of(candidate.found)
+        if not scope.channel or scope.channel in measured
+    )  # fmt: skip
+
+
+@cache
+def scopes_of(found: FoundEffect) -> tuple[Scope, ...]:
+    """The scopes in which an effect is something else than by its own parameters."""
+    effect = found.effect
+    return () if effect.scope.name else tuple(scope for scope in effect.scopes if differs(effect, scope))
+
+
+def differs(effect: Effect, scope: Scope) -> bool:
+    """Whether an effect in a scope is another one."""
+    read = fields_read(effect.kernel)
+    if scope in WIRES:
+        return 'wire' not in read
+    if scope == SHARED:
+        return can_share(effect)
+    if scope in COORDINATES:
+        return is_of_several_coordinates(effect, COORDINATES.index(scope))
+    return 'channel' not in read and len(effect.channels) > 1
+
+
+def is_of_several_coordinates(effect: Effect, coordinate: int) -> bool:
+    """Whether an effect acts in a coordinate when it sees that one alone, and what acts there acts in others too."""
+    alone = forces_by_parameter(effect, COORDINATES[coordinate].mask[MASK_POSE : MASK_POSE + len(POSE)])
+    if not any(moved[coordinate] for moved in alone.values()):
+        return False
+    everywhere = forces_by_parameter(effect, (1.0, 1.0, 1.0))
+    return any(moved[coordinate] and moved.sum() > 1 for moved in everywhere.values())
+
+
+def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str, NDArray[np.bool_]]:
+    """By strength, in which coordinates (3,) a small one moves the structure in a pose that is seen through a mask."""
+    constants = beam_constants({name: parameter.default for name, parameter in DEFAULTS.items()})
+    pose = {name: 0.5 * (k + 1) * mask[k] for k, name in enumerate(POSE)}
+    rates = {name: 0.5 * (k + 1) * mask[k] for k, name in enumerate(POSE_RATE)}
+    state = State(*[0.5] * len(State._fields))._replace(**pose, **rates)
+    memory = SimpleNamespace(**{name: 0.5 * mask[k % len(POSE)] for k, name in enumerate(effect.states)})
+    given = (memory,) if effect.states else ()
+    neutral = {p.name: p.default if p.neutral is None else p.neutral for p in effect.parameters}
+
+    def forces(values: Mapping[str, float]) -> NDArray[np.float64]:
+        kernel: Callable[..., Any] = effect.kernel
+        return np.asarray(kernel(state, constants, SimpleNamespace(**values), *given), dtype=float)
+
+    without = forces(neutral)
+    return {
+        name: forces({**neutral, name: value}) != without
+        for name, value in strengths(effect)
+    }  # fmt: skip
+
+
+def strengths(effect: Effect) -> Iterator[tuple[str, float]]:
+    """The parameters with a neutral value, each at a step of a probe away from it."""
+    for family in candidate_of(FoundEffect(effect, (), ())).families[:1]:
+        yield from ((probe.parameter, probe.neutral + probe.step) for probe in family)

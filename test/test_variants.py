@@ -1,0 +1,116 @@
+"""Variants of effects: which there are, when they are tried, and that the effect itself is preferred."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sma_sim import find_effects
+from sma_sim.evidence.model_selection import confounding
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, best_acceptable
+from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.variant_selection import asks_for_variants, promising_variants, replaces
+from sma_sim.evidence.model_selection.variants import scopes_of, variants_of
+from sma_sim.model.config import Config, read_config
+from sma_sim.model.effects.discovery import with_scopes
+
+
+@pytest.mark.parametrize(
+    ('name', 'scopes'),
+    [
+        ('beam_creep', ['stretch', 'deflection', 'rotation']),
+        ('beam_nonlinearity', ['deflection', 'rotation']),  # a beam that is only stretched is linear
+        ('joint_friction', []),  # acts in rotation only
+        ('gravity', []),  # has a parameter for each coordinate
+        ('ambient_heating', ['wire_1', 'wire_2', 'shared']),
+        ('functional_fatigue', ['wire_1', 'wire_2']),
+        ('power_gain_mismatch', []),  # tells the wires apart by itself
+        ('sensor_gain', []),  # has a parameter for each channel
+        ('sensor_lag', ['U_x', 'U_y', 'alpha', 'stress']),
+    ],
+)
+def test_variants_are_what_an_effect_is_not_by_itself(name, scopes):
+    assert [scope.name for scope in scopes_of(find_effects()[name])] == scopes
+
+
+def test_sensors_that_were_not_measured_have_no_variants():
+    names = {candidate.name for candidate in variants_of(candidates_for(Config()), ('alpha',))}
+    assert 'sensor_lag@alpha' in names and 'sensor_lag@U_y' not in names
+    assert 'natural_convection@wire_1' in names and len(names) > 30
+
+
+def test_an_effect_that_is_there_in_a_scope_is_no_candidate():
+    names = {candidate.name for candidate in candidates_for(read_config(effects=['beam_creep@rotation']))}
+    assert 'beam_creep' not in names and 'gravity' in names
+
+
+def screened(name, gain):
+    found = with_scopes(find_effects(), [name])[name]
+    return ScreeningResult(SimpleNamespace(name=name, found=found), gain, {}, 0.01)
+
+
+def test_variants_that_gain_more_than_their_effects_are_refitted():
+    effects = [screened('natural_convection', 50.0), screened('beam_creep', 90.0)]
+    variants = [
+        screened('natural_convection@wire_1', 80.0), screened('beam_creep@rotation', 89.0),
+        screened('natural_convection@wire_2', 51.0), screened('polycrystal@wire_1', 5.0),
+    ]  # fmt: skip
+    chosen = [result.candidate.name for result in promising_variants(variants, effects)]
+    assert chosen == ['natural_convection@wire_1', 'natural_convection@wire_2']
+
+
+def fit(error, prediction, effects=()):
+    return SimpleNamespace(
+        error=error, prediction_error=prediction, effects=effects, problem=SimpleNamespace(free=(1,) * len(effects))
+    )
+
+
+def candidate(name, prediction):
+    found = with_scopes(find_effects(), [name])[name]
+    return CandidateFit(found, fit(1.0, prediction, (name,)), -100.0, 0.5, 0.5, 0.9, 0.01, True, {})
+
+
+def test_the_effect_itself_is_preferred_where_both_do_as_well():
+    plain, variant = candidate('beam_creep', 1.008), candidate('beam_creep@rotation', 1.0)
+    assert best_acceptable([variant, plain]) is plain
+    better = replace(plain, fit=fit(1.0, 1.03, ('beam_creep',)))
+    assert best_acceptable([variant, better]) is variant
+
+
+def steps(after):
+    return (SimpleNamespace(after=after, stopped=False),)
+
+
+@pytest.mark.parametrize(
+    ('with_variant', 'without', 'taken'),
+    [
+        (fit(1.0, 1.0, ('a@b',)), fit(1.0, 1.005, ('a', 'c')), True),  # one explains as well as two
+        (fit(1.3, 1.3, ('a@b',)), fit(1.0, 1.0, ('a', 'c')), False),
+        (fit(1.0, 1.0, ('a@b',)), fit(1.02, 1.03, ('a',)), True),  # as many predict better
+        (fit(1.0, 1.0, ('a@b',)), fit(1.005, 1.005, ('a',)), False),
+        (fit(1.0, 1.0, ('a@b', 'd')), fit(1.015, 1.02, ('a',)), False),  # two must be better than one by more
+        (fit(1.0, 1.0, ('a@b', 'd')), fit(1.1, 1.1, ('a',)), True),
+    ],
+)
+def test_fewer_effects_win_unless_more_predict_better(with_variant, without, taken):
+    assert replaces(steps(with_variant), steps(without), fit(5.0, 5.0)) is taken
+
+
+def test_no_variant_is_tried_where_one_effect_leaves_only_noise():
+    nominal = fit(5.0, 5.0)
+    assert not asks_for_variants(nominal, steps(fit(1.0, 1.01, ('a',))))
+    assert asks_for_variants(nominal, steps(fit(1.2, 1.3, ('a',))))
+    assert asks_for_variants(nominal, steps(fit(1.0, 1.0, ('a', 'b'))))
+    assert not asks_for_variants(fit(1.0, 1.0), steps(None))
+
+
+def test_the_listed_effect_with_the_most_similar_signature(monkeypatch):
+    responses = {'base': [1.0, 1.0], 'formula': [3.0, 2.0], 'gravity': [2.0, 1.5], 'radiation': [1.0, 2.0], 'slack': [1.0]}
+    monkeypatch.setattr(confounding, 'response', lambda fit, pool: np.array(responses[fit]))
+    fits = [SimpleNamespace(found=find_effects()[name], fit=name) for name in ('radiation', 'gravity', 'slack')]
+    first = SimpleNamespace(base='base', candidate_fits=fits)
+    similar = confounding.most_similar('formula', first, None)
+    assert similar.effect.name == 'gravity' and similar.cosine == pytest.approx(1.0)
+    assert confounding.most_similar('formula', SimpleNamespace(base='base', candidate_fits=[]), None) is None
