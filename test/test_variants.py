@@ -5,16 +5,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from simulated_data import config, dataset
 
 from sma_sim import find_effects
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection import confounding
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, best_acceptable
-from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.variant_selection import asks_for_variants, promising_variants, replaces
 from sma_sim.evidence.model_selection.variants import scopes_of, variants_of
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.effects.discovery import with_scopes
+from sma_sim.model.parameter_file import parameter_file
 
 
 @pytest.mark.parametrize(
@@ -104,6 +111,22 @@ def test_no_variant_is_tried_where_one_effect_leaves_only_noise():
     assert asks_for_variants(nominal, steps(fit(1.2, 1.3, ('a',))))
     assert asks_for_variants(nominal, steps(fit(1.0, 1.0, ('a', 'b'))))
     assert not asks_for_variants(fit(1.0, 1.0), steps(None))
+
+
+def test_an_effect_in_one_wire_is_found(tmp_path):
+    name = 'driver_deadband@wire_2'
+    found = with_scopes(find_effects(), [name])[name]
+    runs = dataset(with_effect(config(), found, {'J_d': 0.15}), [1, 2, 3], noise=1.0, rate=5.0, channels=('alpha', 'U_y'))
+    options = FitOptions(free=('beam.E', 'wire.lambda'), starts=1, intervals=False)
+    result = diagnose(runs, config(), request=DiagnosisRequest('hybrid', options=options, equation=False, variants=True))
+    data = as_data(result)
+    assert data['verdict'] == 'missing_effect' and data['effects'] == ['driver_deadband']
+    assert data['variants'] == {'driver_deadband': 'in wire 2 only'}
+    assert data['error'][-1]['held_out'] < 1.1 and result.search_ended
+    assert any('a deadband of the driver, in wire 2 only' in line for line in as_text(result))
+    file = tmp_path / 'robot.yaml'
+    file.write_text(parameter_file(result.calibration.config))
+    assert read_config(file).effects[0].found.effect.name == name
 
 
 def test_the_listed_effect_with_the_most_similar_signature(monkeypatch):
