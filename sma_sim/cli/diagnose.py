@@ -37,6 +37,10 @@ from sma_sim.model.config import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
+TRY_VARIANTS = (
+    'With --variants, the known effects are also tried in one wire or one coordinate only, and shared by the wires.'
+)
+
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
@@ -71,6 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
+        if found.verdict == 'unknown_effect' and not arguments.variants:
+            print(TRY_VARIANTS)
         written = write_outputs(arguments, found, *hold_out_last(training, held_out))
     print_written(arguments.out, written, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0
