@@ -37,7 +37,7 @@ from sma_sim.model.config import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
-TRY_VARIANTS = (
+TRY_VARIANTS = 'With --variants, known effects are also tried in one wire or one coordinate only, and shared by the wires.'
     'With --variants, the known effects are also tried in one wire or one coordinate only, and shared by the wires.'
 )
 
