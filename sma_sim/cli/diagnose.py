@@ -38,8 +38,6 @@ from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
 TRY_VARIANTS = 'With --variants, known effects are also tried in one wire or one coordinate only, and shared by the wires.'
-    'With --variants, the known effects are also tried in one wire or one coordinate only, and shared by the wires.'
-)
 
 
 def add_parser(verbs: Any) -> None:
