@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
@@ -97,8 +97,13 @@ def unfinished(tmp_path_factory):
     return (path / 'bag_0.mcap').read_bytes(), (path / 'metadata.yaml').read_bytes()
 
 
+# A record (attachment, 32 bytes) whose data have a size beyond all memory.
+HUGE_ATTACHMENT = b'\x09' + (32).to_bytes(8, 'little') + bytes(24) + b'\xff' * 8
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(part=st.floats(0.0, 1.0), noise=st.binary(max_size=40), with_metadata=st.booleans())
+@example(part=1.0, noise=HUGE_ATTACHMENT, with_metadata=False)
 def test_cut_off_anywhere(unfinished, tmp_path_factory, part, noise, with_metadata):
     """All whole chunks before the cut are there, in order; nothing is invented."""
     content, metadata = unfinished

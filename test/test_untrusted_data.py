@@ -115,7 +115,7 @@ def test_the_users_own_effects_replay_bit_for_bit(tmp_path, run, marker, capsys)
         (['fit', 'DATA'], 'sma_sim.cli.fit.calibrate'),
         (['compare', 'DATA'], 'sma_sim.cli.compare.compare'),
         (['diagnose', 'DATA'], 'sma_sim.cli.diagnose.diagnose'),
-        (['latent', 'DATA'], 'sma_sim.cli.latent.latent'),
+        (['latent', 'DATA'], 'sma_sim.cli.latent.estimate_latent_inputs'),
         (['next', 'DATA'], 'sma_sim.cli.next.next_experiment'),
         (['play', 'BAG'], 'sma_sim.ros.player.play'),
         (['plot', 'BAG'], None),

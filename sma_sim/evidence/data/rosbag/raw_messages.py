@@ -22,7 +22,10 @@ from sma_sim.model.errors import UserError
 
 STORAGES = ('.mcap', '.db3')
 # What a broken mcap file makes its parser stumble over.
-PARSING_ERRORS = (McapError, ValueError, EOFError, MemoryError, RuntimeError, LookupError, struct.error, ZstdError)
+# Of a size that noise gives, MemoryError or OverflowError.
+PARSING_ERRORS = (
+    McapError, ValueError, EOFError, MemoryError, OverflowError, RuntimeError, LookupError, struct.error, ZstdError,
+)  # fmt: skip
 
 
 class RawMessage(NamedTuple):
