@@ -168,7 +168,7 @@ def test_node_runs_a_file_of_init_as_it_is(tmp_path):
 
 
 def test_tracking_draws_its_picture(tmp_path):
-    words = [sys.executable, str(ROOT / 'examples' / 'tracking.py'), 'tracking.png', '--speed', '4']
+    words = [sys.executable, str(ROOT / 'examples' / 'tracking.py'), 'tracking.png', '--speed', '8']
     with ros_client.Simulation(topics=()) as other:  # a module of somebody else does not disturb it
         done = subprocess.run(words, cwd=tmp_path, env=other.environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr

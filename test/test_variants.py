@@ -113,6 +113,7 @@ def test_no_variant_is_tried_where_one_effect_leaves_only_noise():
     assert not asks_for_variants(fit(1.0, 1.0), steps(None))
 
 
+@pytest.mark.slow
 def test_an_effect_in_one_wire_is_found(tmp_path):
     name = 'driver_deadband@wire_2'
     found = with_scopes(find_effects(), [name])[name]
