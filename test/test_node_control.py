@@ -295,7 +295,7 @@ def test_a_failure_while_a_request_is_carried_out_is_answered_and_ends_the_node(
 
 
 def test_services_answer_while_there_is_no_clock(tmp_path):
-    """Nothing has begun, so that a reset has little to do, a step and a recording are refused, and the end leaves no bag."""
+    """Nothing runs yet, so that a reset has little to do, a step and a recording are refused, and the end leaves no bag."""
     with ros_client.Simulation('-p', 'use_sim_time:=true', '-p', f'node.record:={tmp_path / "bag"}') as one:
         client = one.node.create_client(Trigger, '/sma_module_sim/reset')
         one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)

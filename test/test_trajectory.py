@@ -62,8 +62,8 @@ def test_derivatives_are_met_at_every_point(orders):
 def test_a_stamp_says_when_the_times_start():
     late = follower.Path(trajectory((1.0, 0.1), stamp=12.0), 10.0, [0.0, 0.0, 0.0])
     assert late.end == 13.0 and late.at(11.5)[0] == pytest.approx(0.05)
-    begun = follower.Path(trajectory((1.0, 0.3), (4.0, 0.1), stamp=8.0), 10.0, [0.0, 0.0, 0.0])
-    assert begun.end == 12.0 and begun.at(11.0)[0] == pytest.approx(0.05)  # what is in the past is left out
+    late_start = follower.Path(trajectory((1.0, 0.3), (4.0, 0.1), stamp=8.0), 10.0, [0.0, 0.0, 0.0])
+    assert late_start.end == 12.0 and late_start.at(11.0)[0] == pytest.approx(0.05)  # what is in the past is left out
     with pytest.raises(follower.RefusedError) as refused:
         follower.Path(trajectory((1.0, 0.1), stamp=3.0), 10.0, [0.0, 0.0, 0.0])
     assert refused.value.args[0] == 'OLD_HEADER_TIMESTAMP'
