@@ -47,6 +47,7 @@ def test_a_rival_that_the_other_runs_prefer_takes_its_place():
     path = model((), (2.0, 2.0, 2.0, 2.0)), model(('gravity',), (1.3, 1.3, 1.0, 1.0), rivals=(rival,))
     found = verdicts(*path)
     assert found['run3'][1] == ('backlash',) and found['run1'][1] == ('gravity',)
+    assert found['test'][1] == ('gravity',)  # no fit has seen it: the search without it was this one
 
 
 def test_two_effects_that_explain_only_together():
@@ -66,6 +67,7 @@ def test_a_formula_stays_unknown_and_is_no_effect():
 @pytest.mark.parametrize('path', [
     (JudgedModel((), {}, {'run1': 1.0}),),
     (JudgedModel((), {'test': 1.0}, {'run1': 1.0}),),
+    (model((), (2.0, 2.0, 2.0, 2.0)), JudgedModel(('gravity',), {'test': 1.0}, NOISE)),
 ])  # fmt: skip
-def test_a_single_fitted_run_tells_nothing(path):
+def test_a_single_fitted_run_tells_nothing_nor_a_last_model_that_was_not_cross_validated(path):
     assert verdicts_by_run(path) == {}

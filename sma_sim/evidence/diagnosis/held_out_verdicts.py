@@ -65,12 +65,13 @@ def rivals_of(fit: FitResult, steps: Sequence[SelectionStep]) -> list[JudgedMode
 
 
 def verdicts_by_run(path: Sequence[JudgedModel]) -> dict[str, HeldOutVerdict]:
-    """By run, fitted and held out; `path` leads from the nominal model to the last. Empty for a single fitted run."""
-    compared = [model for model in path if model.predicted]
-    if not compared or compared[0] is not path[0]:
-        return {}
-    fitted = [name for name in path[0].fitted if name in path[0].predicted]
-    if len(fitted) < 2:
+    """By run, fitted and held out; `path` leads from the nominal model to the last.
+
+    Empty for a single fitted run, and where the first or the last model was not refitted without each run.
+    """
+    fitted = list(path[0].fitted)
+    compared = [model for model in path if set(fitted) <= set(model.predicted)]
+    if len(fitted) < 2 or len(compared) < 1 or compared[0] is not path[0] or compared[-1] is not path[-1]:
         return {}
     return {run: verdict_without(run, fitted, compared) for run in path[0].predicted}
 
@@ -83,11 +84,11 @@ def verdict_without(run: str, fitted: Sequence[str], path: Sequence[JudgedModel]
         more = len(model.effects) > len(best.effects)
         if lowers_enough(error, least, CRITERIA.min_error_reduction if more else -CRITERIA.min_error_reduction):
             best, least = model, error
-    for rival in best.rivals:
+    for rival in best.rivals if run in fitted else ():  # without a run that no fit has seen, the search was as it is
         error = rival.error_without(run, fitted)
         if lowers_enough(error, least, CRITERIA.min_error_reduction):
             best, least = rival, error
-    error, together = best.predicted.get(run, least), path[-1].fitted.get(run)
+    error, together = best.predicted[run], path[-1].fitted.get(run)
     explained = error <= CRITERIA.unexplained or (together is not None and together <= CRITERIA.pooled_noise_only)
     known = best.effects[:-1] if best.formula else best.effects
     verdict = 'unknown_effect' if best.formula or not explained else 'missing_effect' if known else 'none'

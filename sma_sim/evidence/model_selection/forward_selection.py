@@ -73,17 +73,23 @@ def step_with(
     context.on_progress(f'refitting with {", ".join(result.candidate.name for result in chosen)}')
     refits = best_refits(base, chosen, context, CRITERIA.cross_validated_candidates)
     pairs = [(result, fit) for result, fit in zip(chosen, refits, strict=True) if fit is not None]
-    pairs.sort(key=lambda pair: pair[1].cost)
-    fits: list[CandidateFit] = []
-    for result, fit in pairs[: CRITERIA.cross_validated_candidates]:
-        best = min((other.fit.prediction_error for other in fits if other.acceptable), default=math.inf)
-        if not context.stop.is_set():
-            fits.append(cross_validated_candidate(base, result, fit, context, best))
-    fits = with_realistic_values(base, in_better_kinetics(base, fits, context), context)
+    fits = judged_fits(base, pairs, CRITERIA.cross_validated_candidates, context)
     if context.stop.is_set():
         return SelectionStep(base, screened, (), None, stopped=True)
     ordered = ordered_by_error(fits)
     return SelectionStep(base, screened, ordered, best_acceptable(ordered))
+
+
+def judged_fits(
+    base: FitResult, pairs: Sequence[tuple[ScreeningResult, FitResult]], most: int, context: SearchContext
+) -> list[CandidateFit]:
+    """Refits compared with the base: the best by their cost, at most so many, cross-validated and with realistic values."""
+    fits: list[CandidateFit] = []
+    for result, fit in sorted(pairs, key=lambda pair: pair[1].cost)[:most]:
+        best = min((other.fit.prediction_error for other in fits if other.acceptable), default=math.inf)
+        if not context.stop.is_set():
+            fits.append(cross_validated_candidate(base, result, fit, context, best))
+    return with_realistic_values(base, in_better_kinetics(base, fits, context), context)
 
 
 def retry_from_finite_step(first: SelectionStep, context: SearchContext) -> SelectionStep:

@@ -22,12 +22,7 @@ from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable, ordered_by_error
 from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import (
-    cross_validated_candidate,
-    in_better_kinetics,
-    select_forward,
-    with_realistic_values,
-)
+from sma_sim.evidence.model_selection.forward_selection import judged_fits, select_forward
 from sma_sim.evidence.model_selection.kinetics_choice import is_as_good
 from sma_sim.evidence.model_selection.refit import at_prior_means, refit, with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
@@ -101,13 +96,7 @@ def variant_fits(steps: Steps, chosen: Sequence[ScreeningResult], context: Searc
     limit = min((candidate.fit.error for candidate in steps[0].candidate_fits if candidate.plausible), default=base.error)
     refits = refitted_variants(steps, chosen, context)
     pairs = [(one, fit) for one, fit in zip(chosen, refits, strict=True) if fit is not None and fit.error <= limit]
-    pairs.sort(key=lambda pair: pair[1].cost)
-    fits: list[CandidateFit] = []
-    for result, fit in pairs[: CRITERIA.cross_validated_variants]:
-        best = min((other.fit.prediction_error for other in fits if other.acceptable), default=np.inf)
-        if not context.stop.is_set():
-            fits.append(cross_validated_candidate(base, result, fit, context, best))
-    return with_realistic_values(base, in_better_kinetics(base, fits, context), context)
+    return judged_fits(base, pairs, CRITERIA.cross_validated_variants, context)
 
 
 def refitted_variants(steps: Steps, chosen: Sequence[ScreeningResult], context: SearchContext) -> list[FitResult | None]:
