@@ -69,6 +69,14 @@ class Simulation:
         self.until(lambda: made.get_subscription_count() > 0, FIRST_MESSAGE)
         return made
 
+    def ask(self, kind, name, request):
+        """What a service answers, by the name of the service."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, FIRST_MESSAGE)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
     def until(self, condition, patience=REACTION):
         """Spin until the condition holds; fail when it never does."""
         end = time.monotonic() + patience

@@ -73,14 +73,6 @@ class Loop(ros_client.Simulation):
         """The last number on a topic, NaN before there was one."""
         return self.seen[topic][-1].data if self.seen[topic] else math.nan
 
-    def call(self, kind, name, request):
-        """Answer of a service."""
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
-
     def __exit__(self, *words):
         if self.control.poll() is None:
             self.control.kill()
@@ -91,7 +83,7 @@ class Loop(ros_client.Simulation):
 
 def target_of(loop):
     request = GetParameters.Request(names=['alpha_target'])
-    return loop.call(GetParameters, 'alpha_controller/get_parameters', request).values[0].double_value
+    return loop.ask(GetParameters, 'alpha_controller/get_parameters', request).values[0].double_value
 
 
 def test_reaches_its_target_and_another_one():
@@ -102,12 +94,10 @@ def test_reaches_its_target_and_another_one():
         assert target_of(loop) == -0.06  # the parameter shows what is in force
         mixed = [Parameter('alpha_target', value=0.05).to_parameter_msg(), Parameter('J_max', value=5.0).to_parameter_msg()]
         request = SetParametersAtomically.Request(parameters=mixed)
-        assert not loop.call(
-            SetParametersAtomically, 'alpha_controller/set_parameters_atomically', request
-        ).result.successful
+        assert not loop.ask(SetParametersAtomically, 'alpha_controller/set_parameters_atomically', request).result.successful
         assert target_of(loop) == -0.06 and loop.stays_at(-0.06, 1e-3)
         gain = [Parameter('kp', value=500.0).to_parameter_msg(), Parameter('J_max', value=5.0).to_parameter_msg()]
-        answers = loop.call(SetParameters, 'alpha_controller/set_parameters', SetParameters.Request(parameters=gain)).results
+        answers = loop.ask(SetParameters, 'alpha_controller/set_parameters', SetParameters.Request(parameters=gain)).results
         assert [answer.successful for answer in answers] == [True, False]
         loop.targets.publish(Float64(data=math.nan))
         loop.targets.publish(Float64(data=0.02))
@@ -149,10 +139,10 @@ def test_heating_off_after_the_controller_was_killed():
 def test_heating_off_while_joint_states_stop_and_on_again():
     with Loop('-p', 'alpha_target:=0.05') as loop:
         loop.until(lambda: loop.last('J_eq') > 1.0)
-        loop.call(SetBool, 'sma_module_sim/pause', SetBool.Request(data=True))
+        loop.ask(SetBool, 'sma_module_sim/pause', SetBool.Request(data=True))
         loop.until(lambda: loop.last('J_eq') == 0.0)
-        loop.call(Trigger, 'sma_module_sim/reset', Trigger.Request())
-        loop.call(SetBool, 'sma_module_sim/pause', SetBool.Request(data=False))
+        loop.ask(Trigger, 'sma_module_sim/reset', Trigger.Request())
+        loop.ask(SetBool, 'sma_module_sim/pause', SetBool.Request(data=False))
         loop.until(lambda: loop.stays_at(0.05, 1e-3), 60.0)
 
 

@@ -33,11 +33,7 @@ def last_stamp(one, messages):
 
 
 def call(one, kind, name, **fields):
-    client = one.node.create_client(kind, f'/sma_module_sim/{name}')
-    one.until(client.service_is_ready)
-    future = client.call_async(kind.Request(**fields))
-    one.until(future.done)
-    return future.result()
+    return one.ask(kind, f'/sma_module_sim/{name}', kind.Request(**fields))
 
 
 def test_pause_step_and_reset():

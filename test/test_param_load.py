@@ -18,11 +18,7 @@ NODE = '/left/sma_module_sim'
 
 def ask(one, kind, service, **request):
     """What a service of the node answers."""
-    client = one.node.create_client(kind, f'{NODE}/{service}')
-    one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
-    future = client.call_async(kind.Request(**request))
-    one.until(future.done)
-    return future.result()
+    return one.ask(kind, f'{NODE}/{service}', kind.Request(**request))
 
 
 def dump(one, file):

@@ -29,11 +29,7 @@ OVERRIDES = {
 
 def ask(one, kind, service, **request):
     """What a service of the node answers."""
-    client = one.node.create_client(kind, f'/left/sma_module_sim/{service}')
-    one.until(client.service_is_ready, ros_client.FIRST_MESSAGE)
-    future = client.call_async(kind.Request(**request))
-    one.until(future.done)
-    return future.result()
+    return one.ask(kind, f'/left/sma_module_sim/{service}', kind.Request(**request))
 
 
 def published(one, topic):

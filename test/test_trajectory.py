@@ -118,12 +118,7 @@ class Followed(ros_client.Simulation):
         return self.seen[f'{NODE}/desired'][-1]
 
     def target(self):
-        return self.call(GetParameters, f'{NODE}/get_parameters', GetParameters.Request(names=['alpha_target'])).values[0]
-
-    def call(self, kind, name, request):
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready)
-        return self.result(client.call_async(request))
+        return self.ask(GetParameters, f'{NODE}/get_parameters', GetParameters.Request(names=['alpha_target'])).values[0]
 
     def result(self, future):
         self.until(future.done)
@@ -235,5 +230,5 @@ def test_goals_succeed_fail_are_replaced_and_canceled(goals):
     goals.result(second.cancel_goal_async())
     assert goals.outcome(second)[0] == CANCELED
     third = goals.send(trajectory((30.0, 0.05)))
-    assert goals.call(Trigger, 'sma_module_sim/reset', Trigger.Request()).success
+    assert goals.ask(Trigger, 'sma_module_sim/reset', Trigger.Request()).success
     assert goals.outcome(third)[0] in (ABORTED, SUCCEEDED)
