@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from measured_runs import CHANNELS, truth, write_isotherm, write_module_runs
+from scipy import signal, stats
 
 from sma_sim import Model, module_input, read_config, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.train_test_split import split_dataset
+from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.error_by_stratum import all_splits
@@ -21,7 +23,7 @@ from sma_sim.evidence.residual_analysis.findings import find_error_regions
 from sma_sim.evidence.residual_analysis.metrics import channel_score, ljung_box
 from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
 from sma_sim.evidence.residual_analysis.patterns import find_patterns
-from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands
+from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
@@ -98,6 +100,17 @@ def test_whiteness_sees_correlation_through_gaps():
     found = ljung_box([series])
     assert found.p < 1e-3 and 0.1 < found.first < 0.5
     assert np.isnan(ljung_box([np.full(50, np.nan)]).p) and np.isnan(ljung_box([np.zeros(50)]).p)
+
+
+@pytest.mark.parametrize('length', [64, 65])
+def test_density_and_tail_are_those_of_scipy(length):
+    values = np.random.default_rng(3).normal(size=500) + 1.0
+    frequency, density = welch(values, 10.0, length)
+    expected = signal.welch(values, 10.0, nperseg=length, detrend=False)
+    assert frequency == pytest.approx(expected[0]) and density == pytest.approx(expected[1], rel=1e-9)
+    for statistic, freedom in ((0.0, 1), (0.5, 1), (7.0, 3), (90.0, 40), (500.0, 2)):
+        assert chi_square_tail(statistic, freedom) == pytest.approx(stats.chi2.sf(statistic, freedom), rel=1e-12)
+    assert chi_square_tail(-1e-12, 2) == 1.0 and np.isnan(chi_square_tail(0.0, 0))
 
 
 def test_bands_hold_what_was_put_in(right):

@@ -184,8 +184,10 @@ def test_zoom_moves_all_axes_and_double_click_goes_back(desktop):
     until(desktop, f'{axis}.range[0] > {low} && {axis}.range[1] < {high}', 'the zoom')
     zoomed = time_ranges(desktop, figure)
     assert len(zoomed) > 5 and all(one == zoomed[0] for one in zoomed)
-    ActionChains(desktop).double_click(drag).perform()
-    until(desktop, f'Math.abs({axis}.range[0] - {low}) < 1e-6', 'the way back')
+    end = time.monotonic() + PATIENCE
+    while not desktop.execute_script(f'return Math.abs({axis}.range[0] - {low}) < 1e-6'):
+        assert time.monotonic() < end, 'no double click led back'
+        ActionChains(desktop).double_click(drag).pause(1.0).perform()  # on a busy machine it may come as two clicks
 
 
 def test_legend_switches_a_curve_off_in_every_channel(desktop):

@@ -13,10 +13,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
+from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
 
@@ -97,7 +97,7 @@ def cochran_p(values: Sequence[Sequence[float]]) -> float:
     value = np.array([center for center, _, _ in values])
     weight = np.array([(2.0 * GAUSS_95 / max(high - low, 1e-300)) ** 2 for _, low, high in values])
     mean = float(weight @ value / weight.sum())
-    return float(chi2.sf(float(weight @ (value - mean) ** 2), len(value) - 1))
+    return chi_square_tail(float(weight @ (value - mean) ** 2), len(value) - 1)
 
 
 def sentences(runs: Sequence[RunStress], p_line: float, p_width: float) -> list[str]:

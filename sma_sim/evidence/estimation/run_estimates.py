@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, robust_weights
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
@@ -176,7 +176,7 @@ def parameter_by_run(
         RunEstimate(name, *shown_value(unknown, z + a, s), a / s if known else 0.0, bool(known), *by_itself)
         for name, a, s, known, by_itself in zip(names, away.tolist(), std.tolist(), seen, alone, strict=True)
     )
-    p = float(chi2.sf(Q, dof)) if dof else float('nan')
+    p = chi_square_tail(Q, dof)
     return ParameterByRun(unknown.name, unknown.unit, unknown.value(z), estimates, Q, dof, p)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 
 Vector = NDArray[np.float64]
@@ -97,4 +97,4 @@ def ljung_box(series: Sequence[Vector]) -> Whiteness:
         weighted, count = weighted + k * float(rho[0]), count + k
     if freedom == 0:
         return Whiteness(0.0, 0, float('nan'), float('nan'))
-    return Whiteness(statistic, freedom, float(chi2.sf(statistic, freedom)), weighted / count)
+    return Whiteness(statistic, freedom, chi_square_tail(statistic, freedom), weighted / count)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 
@@ -64,4 +63,19 @@ def power_density(time: Vector, residual: Vector) -> tuple[Vector, Vector] | Non
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     length = min(len(even), max(MIN_SEGMENT, len(even) // SEGMENTS))
-    return welch(np.interp(even, time, residual), 1.0 / step, nperseg=length, detrend=False)  # type: ignore[no-any-return]
+    return welch(np.interp(even, time, residual), 1.0 / step, length)
+
+
+def welch(values: Vector, rate: float, length: int) -> tuple[Vector, Vector]:
+    """Frequencies [Hz] and one-sided power density of values (k,) that are sampled at a rate [1/s].
+
+    The mean of the periodograms of segments of a length [samples] that overlap by half, under a Hann window (Welch, IEEE
+    Transactions on Audio and Electroacoustics 15, 1967). `scipy.signal.welch` does the same; to import it takes longer than
+    most commands.
+    """
+    window = np.hanning(length + 1)[:-1]
+    segments = np.lib.stride_tricks.sliding_window_view(values, length)[:: length - length // 2]
+    density: Vector = np.mean(np.abs(np.fft.rfft(window * segments)) ** 2, axis=0) / (rate * (window @ window))
+    density[1 : (length + 1) // 2] *= 2.0  # all but those at 0 and at half the rate have a twin at a negative frequency
+    frequency: Vector = np.arange(len(density), dtype=np.float64) * (rate / length)
+    return frequency, density
