@@ -26,6 +26,9 @@ Matrix = NDArray[np.float64]
 MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
 CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
 WARM_UP = 3  # iterations before early stopping may end a minimisation
+MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
+SECANT_DECREASE = 1e-3  # predicted decrease, as a fraction of the cost, at which they end
+SECANT_DAMPING = 10.0  # factor on the damping after a step that gained little, or much
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 
@@ -114,8 +117,13 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
 
 def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
     """The cost with the prior; inf where the model cannot be run."""
+    return cost_of(problem, residuals_at(problem, z, executor), z)
+
+
+def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:
+    """The cost of the residuals of all runs and of the prior; inf where a run could not be made."""
     total = 0.5 * float(z @ z)
-    for residuals in residuals_at(problem, z, executor):
+    for residuals in by_run:
         if residuals is None:
             return np.inf
         total += robust_cost(residuals, problem.robust)
@@ -154,6 +162,52 @@ def minimize(
         central = central or gained < CENTRAL_BELOW * cost
         steps = better_steps(problem, model[2], central)
     return FitResult(problem, z, cost - gained, criteria.max_iterations, False)
+
+
+def secant_minimum(
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], damping: float, context: SearchContext
+) -> FitResult:  # fmt: skip
+    """Where minimisation from z leads without another linearisation: `linear` is one at z, or near it.
+
+    Each step corrects the derivatives (Broyden, Math. Comp. 19, 1965) and costs one run of the model, where a linearisation
+    costs one by unknown. It ends near the optimum, seldom on it.
+    """
+    low, high = problem.limits()
+    cost, gradient, hessian = secant_model(problem, linear, z)
+    for iteration in range(MAX_SECANT_STEPS):
+        try:
+            step = bounded_step(gradient, hessian, damping, low - z, high - z)
+        except LinAlgError:
+            damping *= DAMPING_INCREASE
+            continue
+        expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
+        if expected <= SECANT_DECREASE * cost or context.stop.is_set():
+            return FitResult(problem, z, cost, iteration)
+        shown = residuals_at(problem, z + step, context.pool)
+        gained = cost - cost_of(problem, shown, z + step)
+        if np.isfinite(gained):
+            linear = [
+                secant_update(run, step, r, gained > 0.0) for run, r in zip(linear, shown, strict=True) if r is not None
+            ]
+        if gained > 0.0:
+            z = z + step
+        damping *= SECANT_DAMPING if gained < 0.25 * expected else 1.0 / SECANT_DAMPING if gained > 0.5 * expected else 1.0
+        cost, gradient, hessian = secant_model(problem, linear, z)
+    return FitResult(problem, z, cost, MAX_SECANT_STEPS, False)
+
+
+def secant_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:
+    """Cost, gradient and Hessian at z from linearised runs."""
+    return accumulated([normal_equations(run, problem.robust) for run in linear], z)
+
+
+def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) -> LinearizedRun:
+    """A run's derivatives with the least change by which they agree with a step; its residuals after it, if it is taken."""
+    own = step[run.indices]
+    size = max(float(own @ own), 1e-300)
+    missed = shown - run.residuals - np.tensordot(own, run.jacobian, 1)
+    jacobian = run.jacobian + np.multiply.outer(own / size, missed)
+    return LinearizedRun(run.indices, shown if taken else run.residuals, jacobian)
 
 
 def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:

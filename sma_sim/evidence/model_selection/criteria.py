@@ -43,11 +43,13 @@ class SelectionCriteria:
     """Fraction of a response left by what the fit can absorb, below which it is rounding error: the data cannot see it."""
 
     # Which candidates are refitted and cross-validated
-    refitted_candidates: int = 8
-    """Most candidates that are refitted: it bounds the time of a step, two fifths of which are refits."""
+    sketched_candidates: int = 12
+    """Most candidates whose refits are sketched, which costs a twentieth of refitting them."""
+    refitted_candidates: int = 5
+    """Most candidates that are refitted: one more than are cross-validated, as sketches seldom order neighbours wrongly."""
     min_relative_gain: float = 0.1
-    """Fraction of the best candidate's gain below which a candidate is not refitted: a refit would have to gain ten
-    times what the score test predicts to catch up."""
+    """Fraction of the best candidate's gain below which a candidate is not tried: a refit would have to gain ten times
+    what the score test predicts to catch up."""
     refitted_variants: int = 4
     """Most variants that are refitted: they come after the effects, whose best fit lets hopeless refits end early."""
     cross_validated_variants: int = 2
@@ -60,9 +62,10 @@ class SelectionCriteria:
     """Most refitted candidates that are cross-validated, which takes five times as long as a refit."""
     first_refits: int = 2
     """Candidates refitted before the others: the cost they reach lets hopeless refits of the others end early."""
+    retried_refits: int = 3
+    """Most candidates that are refitted once more with weak damping, as either may miss a valley."""
     retry_cost_ratio: float = 2.0
-    """A refit within this ratio of the least cost is repeated with weak damping, as either may miss a valley: others are too
-    far behind for that to decide."""
+    """Ratio to the least cost beyond which they are not: they are too far behind for that to decide."""
     pair_candidates: int = 2
     """Candidates tried beside another effect: each takes a further step of selection."""
 

@@ -22,7 +22,7 @@ from sma_sim.evidence.model_selection.candidate_fit import (
 from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
-from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, quick_refits, refit
+from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, leading_sketches, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.model.effects.discovery import FoundEffect
@@ -61,9 +61,9 @@ def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
 
 
 def most_promising(screened: Sequence[ScreeningResult]) -> list[ScreeningResult]:
-    """Those to refit: the best, and what gains a fraction of that."""
+    """Those to try: the best, and what gains a fraction of that."""
     least = CRITERIA.min_relative_gain * screened[0].gain if screened else 0.0
-    return [result for result in screened if result.gain >= least][: CRITERIA.refitted_candidates]
+    return [result for result in screened if result.gain >= least][: CRITERIA.sketched_candidates]
 
 
 def step_with(
@@ -105,7 +105,7 @@ def retry_from_finite_step(first: SelectionStep, context: SearchContext) -> Sele
     others = [c for c in candidates_for(first.base.problem.config, context.folders) if c.name not in refitted]
     context.on_progress(f'retrying {len(others)} effects from a finite step')
     starts = [at_finite_step(candidate, screened.get(candidate.name)) for candidate in others]
-    leading = quick_refits(first.base, starts, CRITERIA.strong_error_reduction, context)[: CRITERIA.pair_candidates]
+    leading = leading_sketches(first.base, starts, CRITERIA.strong_error_reduction, context)[: CRITERIA.pair_candidates]
     if context.stop.is_set():
         return replace(first, stopped=True)
     again = step_with(first.base, first.screened, leading, context) if leading else first

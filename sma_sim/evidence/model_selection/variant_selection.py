@@ -24,8 +24,9 @@ from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import judged_fits, select_forward
 from sma_sim.evidence.model_selection.kinetics_choice import is_as_good
-from sma_sim.evidence.model_selection.refit import at_prior_means, refit, with_candidate
+from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.sketches import at_prior_means, with_candidate
 from sma_sim.evidence.model_selection.variants import variants_of
 
 Steps = tuple[SelectionStep, ...]
@@ -109,8 +110,8 @@ def refitted_variants(steps: Steps, chosen: Sequence[ScreeningResult], context: 
     target = min((candidate.fit.cost for candidate in steps[0].candidate_fits if candidate.plausible), default=np.inf)
     helped = last.error <= CRITERIA.unexplained and last.problem.config.model == base.problem.config.model
     jobs = []
-    for problem, z in starts:
-        other = with_parameters_of(last, base, z) if helped else at_prior_means(base, z)
+    for k, (problem, z) in enumerate(starts):
+        other = with_parameters_of(last, base, z) if helped else with_candidate(at_prior_means(base), chosen[k])[1]
         jobs.append(partial(refit, problem, z, context, ADDED_EFFECT, target))
         jobs.append(partial(refit, problem, other, context, ADDED_EFFECT if helped else FROM_PRIORS, target))
     found = run_in_threads(jobs, context.stop)

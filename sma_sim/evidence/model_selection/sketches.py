@@ -1,0 +1,113 @@
+"""Sketches of refits: roughly where the fit with a candidate effect would end, for a twentieth of its cost.
+
+All candidates share one linearisation of the model without them; the derivatives in a candidate's own parameters are added,
+and the steps themselves correct the rest (`secant_minimum`). Only what a sketch leads near the best is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
+from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
+from sma_sim.evidence.estimation.problem import DEFAULT_STEP, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+
+
+def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
+    """The problem with one more effect, and where to start: the fit without it and what the screening found."""
+    found = screened.candidate.found
+    effect, problem = found.effect, base.problem
+    neutral = tuple(p.default if p.neutral is None else float(p.neutral) for p in effect.parameters)
+    config = replace(problem.config, effects=(*problem.config.effects, ActiveEffect(found, neutral)))
+    declared = declared_parameters(config)
+    new, start = [], []
+    for p, value in zip(effect.parameters, neutral, strict=True):
+        if p.name in screened.values:
+            name = f'effects.{effect.name}.{p.name}'
+            free = free_parameter(name, value, declared[name])
+            new.append(free)
+            start.append(float(np.clip(free.coordinate(screened.values[p.name]), free.low, free.high)))
+    at = len(problem.free)
+    return (
+        replace(problem, config=config, free=(*problem.free, *new)),
+        np.concatenate([base.z[:at], start, base.z[at:]]),
+    )
+
+
+def at_prior_means(base: FitResult) -> FitResult:
+    """All model parameters at the middle of their priors; what belongs to runs as it is."""
+    middle = base.z.copy()
+    middle[: len(base.problem.free)] = 0.0
+    return replace(base, z=middle)
+
+
+def sketched(
+    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext
+) -> list[list[FitResult]]:  # fmt: skip
+    """By candidate, its sketches: from the fit without it, and from the middle of all priors; the best first.
+
+    A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
+    """
+    by_start = [
+        sketches_from(start, damping, candidates, context)
+        for start, damping in ((base, ADDED_EFFECT.damping), (at_prior_means(base), FROM_PRIORS.damping))
+    ]
+    return [
+        sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost) for fits in zip(*by_start, strict=True)
+    ]  # fmt: skip
+
+
+def sketches_from(
+    start: FitResult, damping: float, candidates: Sequence[ScreeningResult], context: SearchContext
+) -> list[FitResult | None]:
+    """By candidate, its sketch from one point of the model without it; None where that cannot be run."""
+    try:
+        linear = linearize(start.problem, start.z, context.pool)
+    except SimulationError:
+        return [None] * len(candidates)
+    return run_in_threads([partial(sketch, start, linear, damping, one, context) for one in candidates], context.stop)
+
+
+def sketch(
+    start: FitResult, linear: Sequence[LinearizedRun], damping: float, screened: ScreeningResult, context: SearchContext
+) -> FitResult | None:
+    """The sketch of one candidate; None where the model cannot be run at its start."""
+    problem, z = with_candidate(start, screened)
+    first = len(start.problem.free)
+    own = range(first, len(problem.free))
+    base = residuals_at(problem, z, context.pool)
+    moved = [moved_along(problem, z, k) for k in own]
+    responses = [residuals_at(problem, at, context.pool) for at in moved]
+    joint = []
+    for j, (run, indices) in enumerate(zip(linear, problem.indices(), strict=True)):
+        here = base[j]
+        if here is None:
+            return None
+        rows = np.zeros((len(own), *here.shape))
+        for row, k, at, there in zip(rows, own, moved, (response[j] for response in responses), strict=True):
+            row[:] = 0.0 if there is None else (there - here) / (at[k] - z[k])
+        jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
+        joint.append(LinearizedRun(indices, here, jacobian))
+    return secant_minimum(problem, z, joint, damping, context)
+
+
+def moved_along(problem: Problem, z: Vector, k: int) -> Vector:
+    """A difference step along one unknown, away from its upper bound."""
+    high = problem.limits()[1][k]
+    at = z.copy()
+    at[k] += DEFAULT_STEP if z[k] + DEFAULT_STEP <= high else -DEFAULT_STEP
+    return at
