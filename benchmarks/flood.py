@@ -5,17 +5,18 @@
 `left` follows a /clock that this script publishes at 1 kHz and that stands still at times; `right` follows the computer's
 clock and is paused by its service at times. Both record a bag and get 1000 commands per second. Every status on
 /diagnostics is compared with what the script has done: `wrong_statuses` counts those that say anything else, apart from
-the two seconds after each change. Stamps are compared with the clock when a message arrives, so their delay holds the
-transport and this script's own.
+the two seconds after each change. Stamps are compared with their clock at the moment when a message is published
+(`stamp_lag`) and when it arrives (`stamp_delay`), both as the middleware tells them.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ from soak import COMMANDS, Module, resident_memory
 PERIOD = 1e-3  # [s] between two commands, and between two messages of /clock
 RUNNING, PAUSED = 20.0, 5.0  # [s] in turn
 SETTLING = 2.5  # [s] after a change in which a status may still tell of before
+ALLOWED_LAG = 2.0  # [ms] of a stamp behind its clock
+KEPT_TICKS = 10_000  # of the clock, the last ten seconds
+SWITCH_INTERVAL = 5e-4  # [s]; the thread that publishes is not to wait for the one that listens
 LOST = 0.1  # [s] that a node may be late before it says so; our own clock must be no later
 
 
@@ -37,6 +41,15 @@ class Clock:
         self._message, self._topic = Message, client.create_publisher(Message, '/clock', 10)
         self.now, self._last, self.stopped = 1.0, time.monotonic(), False
         self.late = 0  # how often the clock jumped by so much that a node may say so
+        self._ticks: deque[tuple[float, float]] = deque(maxlen=KEPT_TICKS)  # time of the computer and of this clock [s]
+
+    def at(self, moment: float) -> float:
+        """What the clock showed at a time of the computer's clock [s]."""
+        for k in range(len(self._ticks) - 1, -1, -1):
+            published, shown = self._ticks[k]
+            if published <= moment:
+                return shown
+        return self.now
 
     def tick(self) -> None:
         """Go on by the time that has passed, unless stopped."""
@@ -48,6 +61,7 @@ class Clock:
         seconds, rest = divmod(round(self.now * 1e9), 10**9)
         message = self._message()
         message.clock.sec, message.clock.nanosec = seconds, rest
+        self._ticks.append((time.time(), self.now))
         self._topic.publish(message)
 
 
@@ -59,12 +73,20 @@ class Watched(Module):
         self.clock, self.paused, self.changed = clock, False, time.monotonic()
         self.statuses, self.wrong, self.late_by_status = 0, Counter[str](), 0.0
         self.memories: list[float] = []
+        self.lags: list[float] = []
 
-    def receive(self, message: Any) -> None:
-        """Note a stamp and how far it is from the clock that the node follows."""
+    def begin(self) -> None:
+        """Count from now on."""
+        super().begin()
+        self.lags = self.lags[-1:]
+
+    def receive(self, message: Any, info: Any) -> None:
+        """Note a stamp and how far it is behind the clock that the node follows, when published and when received."""
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        published, received = 1e-9 * info['source_timestamp'], 1e-9 * info['received_timestamp']
         self.stamps.append(stamp)
-        self.delays.append((self.clock.now if self.clock else time.time()) - stamp)
+        self.lags.append((self.clock.at(published) if self.clock else published) - stamp)
+        self.delays.append((self.clock.at(received) if self.clock else received) - stamp)
 
     def hear(self, message: Any) -> None:
         """Compare a status with what was done to the node."""
@@ -94,12 +116,15 @@ class Watched(Module):
     def result(self) -> dict[str, Any]:
         """What was seen since the beginning."""
         tenth = max(1, len(self.memories) // 10)
-        delays = 1e3 * np.array(self.delays)
+        delays, lags = 1e3 * np.array(self.delays), 1e3 * np.array(self.lags)
         numbers = super().result()
         kept = ('samples', 'overruns', 'left_behind_s', 'share_of_a_core', 'recorded_messages', 'exit_code')
         return {key: numbers[key] for key in kept} | {
             'statuses': self.statuses,
             'wrong_statuses': sum(self.wrong.values()),
+            'stamp_lag_median_ms': float(np.median(lags)),
+            'stamp_lag_99_percent_ms': float(np.percentile(lags, 99)),
+            'stamps_within_2_ms_percent': 100.0 * float(np.mean(lags <= ALLOWED_LAG)),
             'stamp_delay_median_ms': float(np.median(delays)),
             'stamp_delay_99_percent_ms': float(np.percentile(delays, 99)),
             'largest_lag_by_status_ms': 1e3 * self.late_by_status,
@@ -122,48 +147,46 @@ def flood(modules: list[Watched], clock: Clock, stop: threading.Event) -> None:
         time.sleep(max(0.0, due - time.monotonic()))
 
 
-def spin(client: Any, seconds: float) -> None:
+def spin(executor: Any, seconds: float) -> None:
     """Take messages for so long."""
-    import rclpy
-
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        rclpy.spin_once(client, timeout_sec=0.01)
+        executor.spin_once(timeout_sec=0.01)
 
 
-def pause(client: Any, service: Any, paused: bool) -> None:
+def pause(executor: Any, service: Any, paused: bool) -> None:
     """Have a node pause or go on."""
-    import rclpy
     from std_srvs.srv import SetBool
 
     answer = service.call_async(SetBool.Request(data=paused))
-    rclpy.spin_until_future_complete(client, answer, timeout_sec=5.0)
+    executor.spin_until_future_complete(answer, timeout_sec=5.0)
     if not answer.done() or not answer.result().success:
         raise SystemExit('~/pause was not answered')
 
 
-def alternate(client: Any, left: Watched, right: Watched, clock: Clock, seconds: float) -> None:
-    """Let both run and stand still in turn, beginning and ending with running."""
-    from std_srvs.srv import SetBool
-
-    service = client.create_client(SetBool, '/right/sma_module_sim/pause')
+def alternate(executor: Any, service: Any, left: Watched, right: Watched, clock: Clock, seconds: float) -> None:
+    """Let both run and stand still in turn, beginning and ending with running; `service` pauses `right`."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         for paused, duration in ((False, RUNNING), (True, PAUSED), (False, 0.0)):
             if paused != right.paused:
-                pause(client, service, paused)
+                pause(executor, service, paused)
                 clock.stopped = paused
                 left.change(paused)
                 right.change(paused)
-            spin(client, duration)
+            spin(executor, duration)
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Both nodes for so long."""
     import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import SetBool
 
     rclpy.init()
-    client = rclpy.create_node('flood')
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    client, executor = rclpy.create_node('flood'), SingleThreadedExecutor()
+    executor.add_node(client)
     stop = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
         clock = Clock(client)
@@ -173,12 +196,13 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         thread.start()
         try:
             while not all(module.said and len(module.stamps) > 500 for module in (left, right)):
-                rclpy.spin_once(client, timeout_sec=0.01)
-            spin(client, 2.0 * SETTLING)
+                executor.spin_once(timeout_sec=0.01)
+            spin(executor, 2.0 * SETTLING)
             clock.late = 0
             for module in (left, right):
                 module.begin()
-            alternate(client, left, right, clock, arguments.seconds)
+            service = client.create_client(SetBool, '/right/sma_module_sim/pause')
+            alternate(executor, service, left, right, clock, arguments.seconds)
             return {'left': left.result(), 'right': right.result(), 'clock': {'late_ticks': clock.late}}
         finally:
             stop.set()

@@ -52,11 +52,11 @@ class Module:
         client.create_subscription(JointState, f'/{name}/joint_states', self.receive, 1000)
         client.create_subscription(DiagnosticArray, '/diagnostics', self.hear, 10)
 
-    def receive(self, message: Any) -> None:
+    def receive(self, message: Any, info: Any) -> None:
         """Note a sample's stamp and how late it came."""
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         self.stamps.append(stamp)
-        self.delays.append(time.time() - stamp)
+        self.delays.append(1e-9 * info['received_timestamp'] - stamp)
 
     def hear(self, message: Any) -> None:
         """Keep the node's last words about itself."""

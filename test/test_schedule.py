@@ -97,7 +97,7 @@ class Stage:
 
 def test_another_clock_sets_the_pace(clock):
     other = Stage()
-    plan = schedule.ClockSchedule(1000.0, other)
+    plan = schedule.ClockSchedule(1000.0, other, clock.sleep)
     assert plan.wait() == schedule.Due(0)  # not heard of yet
     other.now = 50 * 10**9
     assert plan.wait() == schedule.Due(0) and plan.anchor == other.now
@@ -112,7 +112,7 @@ def test_another_clock_sets_the_pace(clock):
 def test_a_clock_that_jumps(clock):
     other = Stage()
     other.now = 50 * 10**9
-    plan = schedule.ClockSchedule(1000.0, other)
+    plan = schedule.ClockSchedule(1000.0, other, clock.sleep)
     other.now = 20 * 10**9
     assert plan.wait() == schedule.Due(0, back=30.0) and plan.anchor == other.now
     other.now += 10_000_000

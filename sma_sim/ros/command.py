@@ -1,6 +1,6 @@
 """The command and the ambient temperature in force, and what was wrong with those that are not.
 
-Messages arrive in the executor's thread; the simulating thread asks what is in force at its steps.
+Messages may arrive in another thread, such as the executor's; the simulating thread asks what is in force at its steps.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 class Command:
     """The command that is in force; a bad one is refused or clipped, with a warning.
 
-    The mailbox holds the latest command that has not come into force yet. The executor's thread only puts commands into it,
-    the simulating thread only takes them out, each in one atomic operation; all else belongs to the simulating thread. So
-    no command can be lost, whenever it arrives. `J_max` [W] and `timeout` [s] may be set at any time, by any thread.
+    The mailbox holds the latest command that has not come into force yet. The thread that receives only puts commands into
+    it, the simulating thread only takes them out, each in one atomic operation; all else belongs to the simulating thread.
+    So no command can be lost, whenever it arrives. `J_max` [W] and `timeout` [s] may be set at any time, by any thread.
     """
 
     def __init__(self, node: Node, J_max: float, timeout: float) -> None:

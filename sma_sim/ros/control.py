@@ -1,7 +1,8 @@
 """Services that pause, step and reset the simulation, and its diagnostics.
 
 Services run in the executor's thread and only leave requests, which the simulating thread carries out between two steps. A
-service awaits the answer as a coroutine of the executor, which meanwhile goes on with messages and other requests.
+service whose request takes long awaits the answer as a coroutine of the executor, which goes on with other requests
+meanwhile.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from concurrent.futures import wait as wait_for
 from contextlib import suppress
 from typing import Any, Protocol, TypeVar
 
@@ -22,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 T = TypeVar('T')
 DIAGNOSTICS_PERIOD = 1.0  # [s]
+PROMPT = 2e-3  # [s] within which most requests are carried out; the executor's own way to wait takes longer
 NOT_PAUSED = 'running: pause first (~/pause, std_srvs/SetBool)'
 
 
@@ -135,8 +138,13 @@ class Control:
         self._wake()
         return stepping
 
-    def awaitable(self, answer: Future[str]) -> Awaitable[Future[str]]:
-        """`answer` once it is done, for a callback of the node's executor to await."""
+    async def done(self, answer: Future[str]) -> None:
+        """Return when a request is carried out or refused, for a callback of the node's executor to await."""
+        if not wait_for([answer], PROMPT).done:
+            await self._awaitable(answer)
+
+    def _awaitable(self, answer: Future[str]) -> Awaitable[Future[str]]:
+        """`answer` once it is done."""
         executor: Executor | None = self._node.executor
         made: Awaitable[Future[str]] = Awaitable(executor=executor)
         made.add_done_callback(lambda _: None)  # a task for the executor, which wakes it
@@ -208,7 +216,7 @@ class Control:
 
     async def answered(self, answer: Future[str], response: Any) -> Any:
         """The response (of std_srvs/Trigger) with the answer, once there is one."""
-        await self.awaitable(answer)
+        await self.done(answer)
         error = answer.exception()
         response.success, response.message = error is None, answer.result() if error is None else str(error)
         return response

@@ -191,7 +191,7 @@ class Server:
 def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode
-    from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
+    from sma_sim.ros.realtime import freeze_objects, switch_threads_often, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
     node = ParameterNode(program.name, automatically_declare_parameters_from_overrides=True)
@@ -201,6 +201,7 @@ def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, wor
     try:
         use_realtime_priority(round(settings['realtime_priority']))
         freeze_objects()
+        switch_threads_often()
         runner.begin(stop)
         runner.spin(stop)
     except SimulationError as error:

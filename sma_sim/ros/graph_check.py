@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 
 def type_name(kind: Any) -> str:
@@ -14,10 +15,18 @@ def type_name(kind: Any) -> str:
 
 
 class GraphCheck:
-    """Looks for others that publish topics of `owned`, for two publishers of `command`, and for other types on `inputs`."""
+    """Looks for others that publish topics of `owned`, for two publishers of `command`, and for other types on `inputs`.
 
-    def __init__(self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any], command: str = '') -> None:
+    It also tells of publishers that do not offer the quality of service for which `subscriptions` ask, as an executor does
+    for those whose events it takes.
+    """
+
+    def __init__(
+        self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any], command: str = '',
+        subscriptions: Sequence[Any] = (),
+    ) -> None:  # fmt: skip
         self._node, self._owned, self._inputs, self._command = node, owned, inputs, command
+        self._subscriptions = subscriptions
         self._logged: set[str] = set()
 
     def problems(self) -> list[str]:
@@ -32,10 +41,21 @@ class GraphCheck:
         for topic, expected in self._inputs.items():
             kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
             found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
+        found += self._mismatches()
         for words in set(found) - self._logged:
             self._node.get_logger().warning(words)
         self._logged |= set(found)
         return found
+
+    def _mismatches(self) -> Iterator[str]:
+        """Publishers from which nothing arrives."""
+        for subscription in self._subscriptions:
+            topic = subscription.topic_name
+            for info in self._node.get_publishers_info_by_topic(topic):
+                match, reason = qos_check_compatible(info.qos_profile, subscription.qos_profile)
+                if match == QoSCompatibility.ERROR:
+                    why = reason.removeprefix('ERROR: ').rstrip(';')
+                    yield f'nothing arrives on {topic} from {info.node_name}: {why}; see qos_overrides'
 
     def _publishers(self, topic: str) -> int:
         """How many there are, also for a topic that was given another name (count_publishers knows no remapping)."""

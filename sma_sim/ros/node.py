@@ -20,13 +20,14 @@ from sma_sim.ros.command import ENVIRONMENT, TURNED_OFF, WARNING_PERIOD, Ambient
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
+from sma_sim.ros.inbox import Inbox, clock_inbox
 from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recording import BagSession
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
-from sma_sim.ros.stamped import STAMPED_COMMAND, StampedCommands
+from sma_sim.ros.stamped import COMMAND, STAMPED_COMMAND, StampedCommands
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.simulate import Model
 
@@ -35,7 +36,8 @@ NO_SIMULATION_INTERFACES = (
     'no standard services of simulators: the package simulation_interfaces is not installed '
     '(apt install ros-$ROS_DISTRO-simulation-interfaces); ~/pause, ~/step and ~/reset do the same'
 )
-INPUT_TOPICS = {'J_eq': Float64, 'ambient_temperature': Temperature}
+AMBIENT = 'ambient_temperature'
+INPUT_TOPICS = {COMMAND: Float64, AMBIENT: Temperature}
 OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
 RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
 PAUSED_SLEEP = 0.01  # [s] after which a paused node looks at its clock again
@@ -48,6 +50,7 @@ class ModuleSimulation:
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
         self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], dict(settings)
         self._logger = node.get_logger()
+        self._commands, self._clock = Inbox(node), clock_inbox(node)
         try:
             self._every = steps_per_sample(self._rate, settings['publish_rate'])
         except UserError as error:
@@ -71,12 +74,13 @@ class ModuleSimulation:
         self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
         self._recording = BagSession(node, config, self._publishers, self._record_state)
         self._diagnostics = Diagnostics(node, 'simulated SMA module')
-        receivers = (self.command.receive, self._ambient.receive)
-        for (topic, kind), receive in zip(INPUT_TOPICS.items(), receivers, strict=True):
-            make_subscription(node, kind, topic, receive, LAST_FEW)
+        self._commands.add(make_subscription(node, Float64, COMMAND, self.command.receive, LAST_FEW))
+        make_subscription(node, Temperature, AMBIENT, self._ambient.receive, LAST_FEW)
         owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
         self._stamped_commands = StampedCommands(node, self.command, self._stamp_clock)
-        self._graph_check = GraphCheck(node, owned, INPUT_TOPICS | {STAMPED_COMMAND: JointState}, command='J_eq')
+        self._commands.add(self._stamped_commands.subscription)
+        inputs = INPUT_TOPICS | {STAMPED_COMMAND: JointState}
+        self._graph_check = GraphCheck(node, owned, inputs, COMMAND, self._commands.subscriptions)
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
         self._serve(node)
 
@@ -86,6 +90,7 @@ class ModuleSimulation:
         while self._follows and self._now() == 0 and not stop.is_set():
             self._logger.info('use_sim_time: waiting for /clock', throttle_duration_sec=CLOCK_REMINDER_PERIOD)
             self._control.refuse_steps('waiting for /clock: nothing runs yet')
+            self._commands.take()
             if not self._control.carry_out():
                 self._control.wait(PAUSED_SLEEP)
         if stop.is_set():
@@ -104,6 +109,7 @@ class ModuleSimulation:
                 pass
             elif self._control.paused:
                 self._control.wait(PAUSED_SLEEP)
+                self._commands.take()
                 self._schedule.restart()
             else:
                 self._step_in_time()
@@ -126,6 +132,7 @@ class ModuleSimulation:
     def reset(self, state: bool, time: bool) -> str:
         """The initial state, without a command, in the ambient temperature of the start; time zero; or both."""
         if state:
+            self._commands.take()  # those that were sent before are forgotten
             self.command.clear()
             self._ambient.reset()
             self._new_run(0 if time else self._run.k)
@@ -191,7 +198,7 @@ class ModuleSimulation:
             return WallSchedule(self._rate, factor, self._now if follows else None)
         if self._settings['real_time_factor'] != 1.0:
             self._logger.warning('use_sim_time: /clock sets the pace, node.real_time_factor is not used')
-        return ClockSchedule(self._rate, self._now)
+        return ClockSchedule(self._rate, self._now, self._clock.wait)
 
     def _new_run(self, k: int = 0) -> None:
         self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]), k)
@@ -260,6 +267,7 @@ class ModuleSimulation:
 
     def _apply(self) -> None:
         """Apply the input of the next steps; publish it when it changes."""
+        self._commands.take()
         J_eq, T_E = self.command.at(self._run.time), self._ambient.T_E
         stamp, now = self._time(self._epoch), self._time(self._log_epoch)
         if J_eq != self._applied:
@@ -271,6 +279,7 @@ class ModuleSimulation:
 
     def _now(self) -> int:
         """The time of the clock of the node [ns]; 0 before /clock was heard of."""
+        self._clock.take()
         return int(self._node.get_clock().now().nanoseconds)
 
     def _time(self, epoch: int) -> int:

@@ -11,6 +11,7 @@ LATENESS_TO_MAKE_UP = 0.1  # [s]; beyond it the schedule moves, so that an overr
 CLOCK_STEP_TO_FOLLOW = 0.5  # [s] that another clock may move at once before it counts as an overrun
 SHORTEST_SLEEP = 1e-3  # [s]; steps that are due within it are made together
 MAX_WAIT = 0.05  # [s] after which a wait returns with nothing due
+LONGEST_STANDSTILL = 0.01  # [s] after which a clock that stands still is looked at again
 
 
 class Due(NamedTuple):
@@ -92,10 +93,14 @@ class WallSchedule:
 
 
 class ClockSchedule:
-    """`rate` steps per second of another clock; `now` tells its time [ns], 0 before it was heard of."""
+    """`rate` steps per second of another clock.
 
-    def __init__(self, rate: float, now: Callable[[], int]) -> None:
-        self._rate, self._now = rate, now
+    `now` tells its time [ns], 0 before it was heard of; `wait` returns when it may have moved, after so many seconds at the
+    latest.
+    """
+
+    def __init__(self, rate: float, now: Callable[[], int], wait: Callable[[float], None]) -> None:
+        self._rate, self._now, self._wait = rate, now, wait
         self.overruns, self.lost, self.anchor = 0, 0.0, 0
         self.restart()
 
@@ -110,12 +115,12 @@ class ClockSchedule:
         if self.anchor == 0 or now < self._last:
             back = (self._last - now) / 1e9 if self.anchor else 0.0
             self.restart()
-            time.sleep(SHORTEST_SLEEP)
+            self._wait(LONGEST_STANDSTILL)
             return Due(0, back=back)
         self._last = now
         steps = int((now - self.anchor) * self._rate / 1e9 + 1e-6) - self._made
         if steps <= 0:
-            time.sleep(SHORTEST_SLEEP)
+            self._wait(LONGEST_STANDSTILL)
             return Due(0)
         if steps > max(1.0, CLOCK_STEP_TO_FOLLOW * self._rate):
             moved = steps / self._rate

@@ -142,6 +142,6 @@ class SimulationServices:
 
     async def _result(self, answer: Future[str], failure: int) -> Result:
         """The outcome of a request, once it is carried out: `failure` is the code where it is refused."""
-        await self._control.awaitable(answer)
+        await self._control.done(answer)
         error = answer.exception()
         return result_ok() if error is None else Result(result=failure, error_message=str(error))

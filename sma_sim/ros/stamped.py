@@ -68,7 +68,7 @@ class StampedCommands:
         self._logger, self._command, self._now = node.get_logger(), command, now
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)  # [s], since the last look
         self._last = math.nan
-        make_subscription(node, JointState, STAMPED_COMMAND, self.receive, LAST_FEW)
+        self.subscription = make_subscription(node, JointState, STAMPED_COMMAND, self.receive, LAST_FEW)
 
     def receive(self, message: JointState) -> None:
         """Put the command in force, as one on `J_eq`; refuse a message without one."""
