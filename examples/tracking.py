@@ -123,6 +123,13 @@ def draw(rows):
     return figure
 
 
+def errors_of(rows):
+    """The largest error [deg] in the last half second of a step, and its root mean square [deg] on the sine."""
+    error = np.degrees(rows[:, 1] - rows[:, 2])
+    at_the_end = [np.abs(error[(rows[:, 0] > end - SETTLED) & (rows[:, 0] < end)]).max() for end in STEP_ENDS]
+    return max(at_the_end), np.sqrt((error[rows[:, 0] >= SINE] ** 2).mean())
+
+
 def main():
     """Run, draw, say how large the errors are."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -131,10 +138,8 @@ def main():
     arguments = parser.parse_args()
     rows = collect(arguments.speed)
     save(draw(rows), arguments.picture)
-    error = np.degrees(rows[:, 1] - rows[:, 2])
-    at_the_end = [np.abs(error[(rows[:, 0] > end - SETTLED) & (rows[:, 0] < end)]).max() for end in STEP_ENDS]
-    sine = np.sqrt((error[rows[:, 0] >= SINE] ** 2).mean())
-    print(f'{arguments.picture}: largest error in the last half second of a step {max(at_the_end):.3f} deg, '
+    step, sine = errors_of(rows)
+    print(f'{arguments.picture}: largest error in the last half second of a step {step:.3f} deg, '
           f'root mean square on the sine {sine:.2f} deg')  # fmt: skip
 
 

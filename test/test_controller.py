@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,12 +20,21 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from sma_sim.cli.main import main  # noqa: E402
+from sma_sim.report.style import save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / 'examples' / 'controller.py'
-SPEC = importlib.util.spec_from_file_location('example_controller', EXAMPLE)
-controller = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(controller)
+
+
+def example(name):
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(f'example_{name}', ROOT / 'examples' / f'{name}.py')
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+controller, tracking = example('controller'), example('tracking')
 
 TOPICS = ((JointState, 'joint_states'), (Float64, 'J_eq'), (Float64, 'J_eq_applied'))
 ALPHA = 2
@@ -109,12 +119,12 @@ def test_reaches_its_target_and_another_one():
 
 def test_saturates_and_leaves_the_limit_without_delay():
     with Loop('-p', 'alpha_target:=0.5', '-p', 'kp:=100.0', '-p', 'J_max:=15.0') as loop:
-        loop.until(lambda: len(loop.seen['joint_states']) > 3000, 60.0)  # 30 s of simulated time
+        loop.until(lambda: len(loop.seen['joint_states']) > 1000, 60.0)  # 10 s of simulated time
         assert loop.last('J_eq') == 15.0 and max(message.data for message in loop.seen['J_eq']) == 15.0
         count = len(loop.seen['joint_states'])
         loop.targets.publish(Float64(data=0.0))
         loop.until(lambda: loop.last('J_eq') < 0.0)
-        assert len(loop.seen['joint_states']) - count < 400  # at most 4 s; wound up, the integral needs 200 s
+        assert len(loop.seen['joint_states']) - count < 400  # at most 4 s; wound up, the integral needs a minute and more
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -157,7 +167,22 @@ def test_node_runs_a_file_of_init_as_it_is(tmp_path):
         assert one.stop()[0] == 0
 
 
-def test_tracking_draws_its_picture(tmp_path):
+def test_tracking_draws_and_measures_what_it_has_recorded(tmp_path):
+    """Angles that come 0.2 s late, and 0.01 deg beside the target once they rest."""
+    time = np.arange(0.0, tracking.END, 0.01)
+    wanted = np.array([tracking.target(t) for t in time])
+    begin = np.where(time < tracking.SINE, 0.0, tracking.SINE)
+    alpha = np.array([tracking.target(t) for t in np.maximum(begin, time - 0.2)]) + np.radians(0.01)
+    rows = np.column_stack([time, wanted, alpha, 10.0 * wanted, 300.0 + time, 300.0 - 0.0 * time])
+    step, sine = tracking.errors_of(rows)
+    assert step == pytest.approx(0.01, rel=1e-6)
+    assert sine == pytest.approx(tracking.AMPLITUDE * 2.0 * np.pi * 0.2 / tracking.PERIOD / np.sqrt(2.0), rel=0.01)
+    save(tracking.draw(rows), tmp_path / 'tracking.png')
+    assert (tmp_path / 'tracking.png').stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_tracking_runs_against_the_node(tmp_path):
     words = [sys.executable, str(ROOT / 'examples' / 'tracking.py'), 'tracking.png', '--speed', '8']
     with ros_client.Simulation(topics=()) as other:  # a module of somebody else does not disturb it
         done = subprocess.run(words, cwd=tmp_path, env=other.environment, capture_output=True, text=True, timeout=300)
