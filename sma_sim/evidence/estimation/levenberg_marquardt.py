@@ -27,8 +27,7 @@ MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did no
 CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
 WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
-SECANT_DECREASE = 1e-3  # predicted decrease, as a fraction of the cost, at which they end
-SECANT_DAMPING = 10.0  # factor on the damping after a step that gained little, or much
+SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 
@@ -149,12 +148,20 @@ def minimize(
     central, damping = criteria.central, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
-        model = accumulated(normal_parts(problem, z, context.pool, steps, central), z)
+        linear = linearize(problem, z, context.pool, steps, central)
+        model = quadratic_model(problem, linear, z)
         cost = model[0]
         context.on_iteration(label, iteration, cost)
         if context.stop.is_set():
             return FitResult(problem, z, cost, iteration, False)
         min_decrease = criteria.min_decrease * max(cost / half, COST_FLOOR)
+        if criteria.secant:
+            found = secant_minimum(problem, z, linear, (damping, min_decrease), context)
+            z, gained, damping = found.z, cost - found.cost, max(damping / SECANT_DAMPING, SECANT_DAMPING_FLOOR)
+            if gained <= max(min_decrease, criteria.relative_decrease * cost):
+                return FitResult(problem, z, cost - gained, iteration, True)
+            steps = better_steps(problem, model[2], central)
+            continue
         step, gained, damping = damped_step(problem, z, model, damping, min_decrease, context.pool)
         z = z + step
         if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
@@ -165,15 +172,16 @@ def minimize(
 
 
 def secant_minimum(
-    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], damping: float, context: SearchContext
-) -> FitResult:  # fmt: skip
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], limits: tuple[float, float], context: SearchContext
+) -> FitResult:
     """Where minimisation from z leads without another linearisation: `linear` is one at z, or near it.
 
     Each step corrects the derivatives (Broyden, Math. Comp. 19, 1965) and costs one run of the model, where a linearisation
-    costs one by unknown. It ends near the optimum, seldom on it.
+    costs one by unknown. It ends near the optimum, seldom on it. `limits`: the damping of the first step, and the predicted
+    decrease of the cost below which none is made.
     """
-    low, high = problem.limits()
-    cost, gradient, hessian = secant_model(problem, linear, z)
+    (damping, min_decrease), (low, high) = limits, problem.limits()
+    cost, gradient, hessian = quadratic_model(problem, linear, z)
     for iteration in range(MAX_SECANT_STEPS):
         try:
             step = bounded_step(gradient, hessian, damping, low - z, high - z)
@@ -181,7 +189,7 @@ def secant_minimum(
             damping *= DAMPING_INCREASE
             continue
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
-        if expected <= SECANT_DECREASE * cost or context.stop.is_set():
+        if expected <= min_decrease or context.stop.is_set():
             return FitResult(problem, z, cost, iteration)
         shown = residuals_at(problem, z + step, context.pool)
         gained = cost - cost_of(problem, shown, z + step)
@@ -192,11 +200,11 @@ def secant_minimum(
         if gained > 0.0:
             z = z + step
         damping *= SECANT_DAMPING if gained < 0.25 * expected else 1.0 / SECANT_DAMPING if gained > 0.5 * expected else 1.0
-        cost, gradient, hessian = secant_model(problem, linear, z)
+        cost, gradient, hessian = quadratic_model(problem, linear, z)
     return FitResult(problem, z, cost, MAX_SECANT_STEPS, False)
 
 
-def secant_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:
+def quadratic_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:
     """Cost, gradient and Hessian at z from linearised runs."""
     return accumulated([normal_equations(run, problem.robust) for run in linear], z)
 

@@ -12,7 +12,8 @@ class StopCriteria:
     `damping`: of the first step. It ends after `max_iterations`, when the next step is predicted to lower the cost by at
     most `min_decrease` times the square of the error over noise (0.01 moves no estimate by more than 0.14 of its
     standard deviation), or when the last step gained less than the fraction `relative_decrease` of the cost. `central`:
-    central differences from the first iteration on.
+    central differences from the first iteration on. `secant`: from a point near the optimum, where a linearisation serves
+    several steps.
     """
 
     max_iterations: int
@@ -20,6 +21,7 @@ class StopCriteria:
     min_decrease: float
     relative_decrease: float
     central: bool
+    secant: bool = False
 
 
 # From the middle of the priors, on thinned samples: strong damping keeps what data hardly see near its prior.
@@ -31,10 +33,14 @@ NOMINAL_MODEL = replace(FROM_PRIORS, max_iterations=12, relative_decrease=1e-3)
 # With a new effect, from the fit without it.
 ADDED_EFFECT = StopCriteria(max_iterations=12, damping=10.0, min_decrease=0.3, relative_decrease=1e-3, central=False)
 # Without some of the runs, from the fit to all of them.
-RUNS_LEFT_OUT = StopCriteria(max_iterations=3, damping=1.0, min_decrease=0.3, relative_decrease=3e-4, central=True)
+RUNS_LEFT_OUT = StopCriteria(
+    max_iterations=3, damping=1.0, min_decrease=0.3, relative_decrease=3e-4, central=True, secant=True
+)
 # A tempered likelihood, whose weights change from stage to stage.
 TEMPERED = StopCriteria(max_iterations=15, damping=1.0, min_decrease=0.01, relative_decrease=3e-3, central=False)
 # The reported fit, on all samples.
-ALL_SAMPLES = StopCriteria(max_iterations=12, damping=1.0, min_decrease=0.01, relative_decrease=0.0, central=True)
+ALL_SAMPLES = StopCriteria(
+    max_iterations=12, damping=1.0, min_decrease=0.01, relative_decrease=0.0, central=True, secant=True
+)
 # The unknowns of a run under fixed parameters: few of them, found from far away, to the end.
 RUN_UNKNOWNS = replace(FROM_PRIORS, min_decrease=ALL_SAMPLES.min_decrease, relative_decrease=0.0)
