@@ -132,3 +132,11 @@ def test_recent_growth_is_forgotten_and_the_total_is_not_needed_again(clock):
     assert recent(4) == 1
     clock.now += 6.0
     assert recent(4) == 0
+
+
+def test_the_speed_counts_from_where_it_began(clock):
+    speed = schedule.Speed(100.0)
+    clock.now += 2.0
+    assert speed.since_last(101.0) == pytest.approx(0.5)
+    clock.now += 1.0
+    assert speed.since_last(103.0) == pytest.approx(2.0)

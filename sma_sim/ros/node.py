@@ -69,7 +69,6 @@ class ModuleSimulation:
         self._schedule = self._new_schedule(use_sim_time)
         self._running = False  # until there is a clock
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
-        self._speed = Speed()
         self._publishers = Publishers(node, config, self._is_clock)
         self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
         self._recording = BagSession(node, config, self._publishers, self._record_state)
@@ -143,7 +142,6 @@ class ModuleSimulation:
         if not self._running:
             return f'{RESET_DONE}; waiting for /clock'
         self._begin(time)
-        self._speed = Speed()
         return RESET_DONE
 
     def end(self) -> str:
@@ -218,6 +216,7 @@ class ModuleSimulation:
         self._schedule.restart()
         if at_zero:
             self._set_epoch()
+        self._speed = Speed(self._run.time)
         self._publish()
 
     def _set_epoch(self) -> None:

@@ -151,13 +151,13 @@ class RecentCount:
 
 
 class Speed:
-    """Simulated seconds per second over a window of wall time."""
+    """Simulated seconds per second over a window of wall time, which begins at a simulated time [s]."""
 
-    def __init__(self) -> None:
-        self._wall, self._simulated = time.monotonic(), 0.0
+    def __init__(self, simulated: float) -> None:
+        self._wall, self._simulated = time.monotonic(), simulated
 
     def since_last(self, simulated: float) -> float:
-        """The factor since this was last asked (since the start, at first); `simulated` is the simulated time [s]."""
+        """The factor since this was last asked (since the beginning, at first); `simulated` is the simulated time [s]."""
         now = time.monotonic()
         factor = (simulated - self._simulated) / max(now - self._wall, 1e-9)
         self._wall, self._simulated = now, simulated

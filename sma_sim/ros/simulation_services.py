@@ -6,6 +6,8 @@ from concurrent.futures import Future
 from typing import Any
 
 from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
@@ -44,6 +46,23 @@ def result_ok() -> Result:
     return Result(result=Result.RESULT_OK)
 
 
+class ByComputerClock:
+    """A node for an action server, which keeps results for a time by the computer's clock.
+
+    By a /clock, the timer of the server would wake the executor for every message on /clock.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._clock = node, Clock(clock_type=ClockType.SYSTEM_TIME)
+
+    def get_clock(self) -> Clock:
+        """The computer's clock."""
+        return self._clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._node, name)
+
+
 class SimulationServices:
     """Services ~/get_simulator_features, ~/reset_simulation and others, and the action ~/simulate_steps of a node."""
 
@@ -57,8 +76,9 @@ class SimulationServices:
             (StepSimulation, '~/step_simulation', self._step),
         ):
             node.create_service(kind, name, callback, callback_group=control.callback_group)
+        served: Any = ByComputerClock(node)
         self._action = ActionServer(
-            node, SimulateSteps, '~/simulate_steps', self._simulate_steps, callback_group=control.callback_group,
+            served, SimulateSteps, '~/simulate_steps', self._simulate_steps, callback_group=control.callback_group,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
 
