@@ -137,7 +137,9 @@ def evaluation(name: str, turns: int) -> dict[str, float]:
     y, dy = state.y.copy(), np.zeros_like(state.y)
     calls = {
         'sma_sim': lambda: ours(CALLS, state, point, p, work.first),
-        'transcription': lambda: transcription_repeatedly(CALLS, y, state.mode, state.x_frozen, p.mas, p.wire, p.beam, dy),
+        'transcription': lambda: transcription_repeatedly(
+            CALLS, y, state.mode, state.x_frozen, p.mas, p.wire, model.constants, dy
+        ),
     }
     least = least_times(calls, turns)
     difference = np.max(np.abs(dy - work.first.dy) / np.maximum(np.abs(dy), 1e-12))

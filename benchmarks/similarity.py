@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from sma_sim import Config, Input, Model, default_parameters, find_effects, simulate
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.solver.effect_table import acts_on
 
 Vector = NDArray[np.float64]
 
@@ -60,7 +62,7 @@ def variants(system: str) -> dict[str, ActiveEffect]:
     made = {}
     for name, found in find_effects().items():
         strengths = [p for p in found.effect.parameters if p.neutral is not None]
-        if system not in found.effect.systems:
+        if not acts_on(found.effect, package_structures()[system].structure):
             continue
         for one in strengths:
             neutral, upper = one.neutral or 0.0, (one.realistic or one.bounds)[1]

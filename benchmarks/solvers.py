@@ -20,10 +20,11 @@ from scipy.integrate import solve_ivp
 
 from sma_sim import Input, Model, simulate
 from sma_sim.model.automaton import EDGES
-from sma_sim.model.layout import O_SIZE, InputPoint, System, SystemState
+from sma_sim.model.layout import InputPoint, System, SystemState
 from sma_sim.model.system import flow, guard
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.events import TOLERANCE, jump
+from sma_sim.solver.model import new_findings
 from sma_sim.solver.simulate import new_run, new_work
 
 Vector = NDArray[np.float64]
@@ -38,7 +39,7 @@ class Problem:
     def __init__(self, model: Model) -> None:
         self.model, p = model, model.compiled
         self.scales = model.scales
-        self.obs = np.zeros((2, O_SIZE))
+        self.obs = new_findings(model.compiled)
         self.u = np.array([0.0, 298.0])
         self.calls = 0
         self.compiled = compiled_functions(p)

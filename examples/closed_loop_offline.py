@@ -9,7 +9,6 @@ import numpy as np
 
 from sma_sim import Model
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.integrate import Y_SENSED
 
 RATE, CONTROL_EVERY = 1000, 10  # [Hz], steps
 J_MAX, K_P, K_I, BIAS = 15.0, 60.0, 120.0, 0.0  # [W], [W/rad], [W/(rad s)], [W]
@@ -25,7 +24,7 @@ run = FixedRateRun(Model(), RATE, np.array([0.0, T_E]))
 J_eq, integral, errors = 0.0, 0.0, []
 while run.time < 20.0:
     if run.k % CONTROL_EVERY == 0:
-        error = target(run.time) - run.sample[Y_SENSED + 2]
+        error = target(run.time) - run.shown('alpha')
         wanted = BIAS + K_P * error + K_I * integral
         J_eq = min(max(wanted, -J_MAX), J_MAX)
         if J_eq == wanted:

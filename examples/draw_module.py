@@ -13,5 +13,5 @@ model = sma_sim.Model()
 run = sma_sim.simulate(model, command, 50)
 columns = inputs_at(command, run.time) | run.columns
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else 'module.png')
-save(draw_module(columns, [1.0, 4.0, 13.0, 17.0, 25.0], model.compiled.beam), picture)
+save(draw_module(columns, [1.0, 4.0, 13.0, 17.0, 25.0], model.constants), picture)
 print(picture)

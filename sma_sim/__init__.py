@@ -27,10 +27,13 @@ if TYPE_CHECKING:
     from sma_sim.model.effects.effect import Effect as Effect
     from sma_sim.model.errors import UserError as UserError
     from sma_sim.model.parameters import Parameter as Parameter
+    from sma_sim.model.structures.discovery import find_structures as find_structures
+    from sma_sim.model.structures.structure import Coordinate as Coordinate
+    from sma_sim.model.structures.structure import Structure as Structure
     from sma_sim.solver.inputs import Input as Input
     from sma_sim.solver.inputs import module_input as module_input
     from sma_sim.solver.inputs import wire_input as wire_input
-    from sma_sim.solver.simulate import Model as Model
+    from sma_sim.solver.model import Model as Model
     from sma_sim.solver.simulate import Trajectory as Trajectory
     from sma_sim.solver.simulate import simulate as simulate
 
@@ -48,8 +51,11 @@ HOMES = {
     'model.effects.discovery': ('find_effects',),
     'model.errors': ('UserError',),
     'model.parameters': ('Parameter',),
+    'model.structures.discovery': ('find_structures',),
+    'model.structures.structure': ('Coordinate', 'Structure'),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),
-    'solver.simulate': ('Model', 'Trajectory', 'simulate'),
+    'solver.model': ('Model',),
+    'solver.simulate': ('Trajectory', 'simulate'),
 }
 __all__ = sorted(name for names in HOMES.values() for name in names)
 

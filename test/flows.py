@@ -5,9 +5,10 @@ import numpy as np
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.automaton import AUSTENITE, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.layout import O_SIZE, O_X, InputPoint, SystemState
+from sma_sim.model.layout import O_X, InputPoint, SystemState
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.system import flow
+from sma_sim.solver.model import new_findings
 
 MODES = (1, 2, 3, 4, 5)
 
@@ -39,7 +40,7 @@ class Point:
         p = model.compiled
         self.model, self.p = model, p
         self.y = np.zeros(len(model.scales))
-        if p.module:
+        if p.coordinates:
             self.y[:3] = [-6e-5, 1e-3 * random.normal(), 0.05 * random.normal()]
             self.y[3:6] = [1e-4 * random.normal(), 1e-3 * random.normal(), 0.05 * random.normal()]
             self.u, self.du = np.array([random.uniform(-15, 15), 298.0]), np.zeros(2)
@@ -56,7 +57,7 @@ class Point:
         if p.mas:
             self.y[p.first_x : p.first_x + p.wires] = self.x
         self.evaluate()
-        if p.mas and not p.module:
+        if p.mas and not p.coordinates:
             self.u[0] = self.strain_between_plateaus(random)
             self.evaluate()
 
@@ -69,7 +70,7 @@ class Point:
 
     def evaluate(self, y=None, u=None):
         """dy/dt and what the flow finds on its way."""
-        self.dy, self.obs = np.zeros(len(self.y)), np.zeros((self.p.wires, O_SIZE))
+        self.dy, self.obs = np.zeros(len(self.y)), new_findings(self.p)
         y, u = self.y if y is None else y, self.u if u is None else u
         flow(0.0, SystemState(y, self.mode, self.x), InputPoint(u, self.du), self.p, self.dy, self.obs)
         return self.dy, self.obs

@@ -8,23 +8,21 @@ import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.layout import O_SIZE, InputPoint, SystemState
+from sma_sim.model.layout import InputPoint, SystemState
 from sma_sim.model.material import fraction_at_stress, sigma_A, sigma_M
 from sma_sim.model.system import flow
+from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.inputs import pieces
 from sma_sim.solver.integrate import (
     PER_WIRE,
-    SAMPLE_SIZE,
     WIRE_COLUMNS,
-    Y_POSE,
-    Y_RATE,
-    Y_WIRE,
     InputStretches,
     Limits,
     Log,
     integrate,
 )
+from sma_sim.solver.model import new_findings
 from sma_sim.solver.simulate import new_run, new_work
 
 COMBINATIONS = [(system, kind) for system in ('wire', 'module') for kind in ('hybrid', 'mas')]
@@ -57,7 +55,7 @@ class State(NamedTuple):
 def evaluate(model, y, u, du, mode, x_frozen, t=0.0):
     """The flow in plain Python."""
     p = model.compiled
-    dy, obs = np.zeros(len(y)), np.zeros((p.wires, O_SIZE))
+    dy, obs = np.zeros(len(y)), new_findings(p)
     flow(t, SystemState(y, mode, x_frozen), InputPoint(u, du), p, dy, obs)
     return State(y, u, du, mode, x_frozen, dy, obs)
 
@@ -67,7 +65,7 @@ def random_state(model, random, mode=None):
     p, w = model.compiled, model.compiled.wire
     while True:
         y = np.zeros(len(model.scales))
-        if p.module:
+        if p.coordinates:
             y[:3] = random.uniform(-1.0, 1.0, 3) * [3e-4, 3e-3, 0.2]
             y[3:6] = random.uniform(-1.0, 1.0, 3) * [1e-2, 5e-2, 1.0]
             u, du = np.array([random.uniform(-30, 30), random.uniform(280, 320)]), np.zeros(2)
@@ -104,11 +102,11 @@ class RawRun(NamedTuple):
     y: np.ndarray
 
 
-def new_log(sample_times=()):
-    """Room for samples at these times, and for jumps."""
+def new_log(where, sample_times=()):
+    """Room for samples of whole rows at these times, and for jumps."""
     times = np.asarray(sample_times, float)
     return Log(
-        np.full((len(times), SAMPLE_SIZE), np.nan), times, np.zeros(1, dtype=np.int64), np.zeros((10_000, 3)), WHOLE_ROWS
+        np.full((len(times), where.size), np.nan), times, np.zeros(1, dtype=np.int64), np.zeros((10_000, 3)), WHOLE_ROWS
     )
 
 
@@ -117,15 +115,14 @@ def raw_run(model, source, sample_times, max_step=np.inf, max_steps=10_000_000):
     stretches = InputStretches(*pieces(source), model.uses_time)
     work = new_work(model)
     run = new_run(model, stretches.values[0], work)
-    log = new_log(sample_times)
+    where = sample_columns(model.structure)
+    log = new_log(where, sample_times)
     samples, jumps = log.samples, log.jumps
     status = package_compiler().function(integrate)(
         stretches, run, model.compiled, work, Limits(max_step, max_steps, 0.0), log
     )
-    wires = [
-        {name: samples[:, Y_WIRE + i * PER_WIRE + k] for k, name in enumerate(WIRE_COLUMNS)} for i in range(model.wires)
-    ]
-    pose, rates = samples[:, Y_POSE : Y_POSE + 3], samples[:, Y_RATE : Y_RATE + 3]
+    wires = [dict(zip(WIRE_COLUMNS, samples[:, where.wires][:, i * PER_WIRE :].T, strict=False)) for i in range(model.wires)]
+    pose, rates = samples[:, where.pose], samples[:, where.rates]
     return RawRun(pose, rates, wires, jumps[: run.count[3]], status, int(run.count[0]), run.state.y)
 
 
@@ -141,6 +138,7 @@ def smooth_state(model, J_eq, after):
     work = new_work(model)
     run = new_run(model, u, work)
     stretches = InputStretches(np.array([0.0, after]), np.array([u, u]), np.zeros((2, 2)), False)
-    package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000, 0.0), new_log())
+    log = new_log(sample_columns(model.structure))
+    package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000, 0.0), log)
     y, mode, x_frozen = run.state
     return evaluate(model, y, u, np.zeros(2), mode, x_frozen)

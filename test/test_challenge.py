@@ -22,7 +22,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.inputs import Input, module_input
-from sma_sim.solver.simulate import Model
+from sma_sim.solver.model import Model
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
 from other_form_truths import FORMS  # noqa: E402

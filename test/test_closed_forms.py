@@ -9,13 +9,13 @@ from systems import COMBINATIONS, active, evaluate, make_model, random_state, ra
 from sma_sim import find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.effects.library import polycrystal
-from sma_sim.model.effects.ports import S_CHANNEL, S_POSE, S_SIZE, S_STRAIN, S_T_OTHER, S_VALUE, S_X, S_X_OTHER, State
+from sma_sim.model.effects.ports import S_CHANNEL, S_POSE, S_STRAIN, S_T_OTHER, S_VALUE, S_X, S_X_OTHER, State
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.structures.geometry import shape_of
-from sma_sim.solver.integrate import C_DWELL, FIRST_DWELL, N_CHATTER, N_JUMPS, record_jump
+from sma_sim.solver.integrate import C_DWELL, FIRST_DWELL, N_CHATTER, N_JUMPS, of_wire, record_jump
 from sma_sim.solver.simulate import new_run, new_work
 
-BEAM, WIRE = make_model().compiled.beam, make_model().compiled.wire
+BEAM, WIRE = make_model().constants, make_model().compiled.wire
 FIELDS = dict.fromkeys(State._fields, 0.0)
 
 
@@ -117,7 +117,7 @@ def test_fields_of_the_state_are_where_their_names_say():
     fields = State._fields
     where = {'x': S_X, 'x_other': S_X_OTHER, 'T_other': S_T_OTHER, 'U_x': S_POSE, 'value': S_VALUE}
     where |= {'channel': S_CHANNEL, 'strain': S_STRAIN}
-    assert {name: fields.index(name) for name in where} == where and len(fields) == S_SIZE
+    assert {name: fields.index(name) for name in where} == where and len(fields) == S_POSE + 6
 
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
@@ -186,6 +186,6 @@ def test_jumps_in_a_burst_make_a_wire_wait_and_single_ones_do_not():
         for k in range(40):
             record_jump(1.0 + k * interval, 0, 1, run, log)
         assert run.count[N_JUMPS] == 40 and log[39] == pytest.approx([1.0 + 39 * interval, 0, 1])
-        assert (run.control[C_DWELL] >= FIRST_DWELL) == waits and (run.count[N_CHATTER] > 0) == waits
+        assert (run.control[of_wire(0, C_DWELL)] >= FIRST_DWELL) == waits and (run.count[N_CHATTER] > 0) == waits
         record_jump(100.0, 0, 1, run, log)
-        assert run.control[C_DWELL] == 0.0
+        assert run.control[of_wire(0, C_DWELL)] == 0.0

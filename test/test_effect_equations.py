@@ -12,13 +12,16 @@ from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, State
 from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.parameters import beam_constants, wire_constants
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.geometry import shape_of
+from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Y_POSE, Y_WIRE
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
 COLUMNS = ('length', 'v', 'F', 'sigma')
 
 PARAMETERS = make_model().config.parameters
+WHERE = sample_columns(package_structures()['module'].structure)
 WIRE, BEAM = wire_constants(PARAMETERS), beam_constants(PARAMETERS)
 A_S = 2.0 * np.pi * 75e-6 * 0.0957  # [m^2] surface of one wire
 E_A, E_M, EPS_T = 12.3e9, 7.8e9, 0.067
@@ -206,12 +209,12 @@ def test_polycrystal_goes_straight_on_outside():
 
 
 def test_fields_of_the_state_are_where_the_flow_writes_them():
-    special = {'S_TIME': 't', 'S_POSE': 'U_x', 'S_POSE_RATE': 'dU_x'}
-    for name in (name for name in vars(ports) if name.startswith('S_') and name != 'S_SIZE'):
+    special = {'S_TIME': 't', 'S_POSE': 'U_x'}
+    for name in (name for name in vars(ports) if name.startswith('S_')):
         plain = name[2:] if name[2:] in State._fields else name[2:].lower()
         field = special.get(name) or {'t_other': 'T_other', 'x_other': 'x_other'}.get(plain, plain)
         assert getattr(ports, name) == State._fields.index(field), name
-    assert len(State._fields) == ports.S_SIZE
+    assert len(State._fields) == ports.S_POSE + 6
 
 
 def test_a_wire_sees_the_other_ones_fraction():
@@ -239,9 +242,9 @@ def test_values_of_a_sample_belong_together():
         run.step(np.array([12.0, 298.0]), 10, 1)
         rows.append(run.sample.copy())
     for i in range(2):
-        at = [row[Y_WIRE + i * PER_WIRE :][:PER_WIRE] for row in rows]
+        at = [row[WHERE.wires][i * PER_WIRE :][:PER_WIRE] for row in rows]
         length, rate, force, stress = (np.array([wire[WIRE_COLUMNS.index(c)] for wire in at]) for c in COLUMNS)
-        drawn = [shape_of(*row[Y_POSE : Y_POSE + 3], BEAM, 5).wires[i] for row in rows]
+        drawn = [shape_of(*row[WHERE.pose], BEAM, 5).wires[i] for row in rows]
         assert length == pytest.approx([np.hypot(*(wire[-1] - wire[0])) for wire in drawn], rel=1e-9)
         slope = (length[2:] - length[:-2]) / 0.02
         assert rate[11:-1] == pytest.approx(slope[10:], rel=0.05, abs=1e-6)  # the first rows swing too fast for differences

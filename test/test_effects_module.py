@@ -6,7 +6,10 @@ from systems import active, make_model, random_state
 
 from sma_sim import Input, find_effects, simulate
 from sma_sim.model.effects.ports import State
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.solver.effect_table import acts_on
 
+MODULE, WIRE = (package_structures()[name].structure for name in ('module', 'wire'))
 COMMAND = Input(
     np.array([0.0, 1.0, 7.0, 12.0, 16.0, 20.0]),
     np.column_stack([[0.0, 12.0, -10.0, 5.0, -3.0, 0.0], np.full(6, 298.0)]),
@@ -24,7 +27,7 @@ EXCHANGED = {
     ('sensor_misalignment', 'theta'): lambda v: -v,
 }
 ASYMMETRIC = {name for name, _ in EXCHANGED}
-BEAM = make_model().compiled.beam
+BEAM = make_model().constants
 
 
 def kernel(name, state, constants=BEAM, memory=None, **values):
@@ -42,7 +45,7 @@ def run(effects, source=COMMAND, **parameters):
     return result
 
 
-@pytest.mark.parametrize('name', sorted(n for n, e in find_effects().items() if 'module' in e.effect.systems))
+@pytest.mark.parametrize('name', sorted(n for n, e in find_effects().items() if acts_on(e.effect, MODULE)))
 def test_exchanging_the_wires_mirrors_the_motion(name):
     """alpha -> -alpha and wire 1 <-> wire 2 under the mirrored command; by the mirrored value if it tells them apart."""
     parameters = find_effects()[name].effect.parameters
@@ -185,7 +188,7 @@ def test_turned_camera_turns_the_picture():
 
 
 def test_effects_without_meaning_leave_a_wire_alone():
-    names = [n for n, e in find_effects().items() if 'wire' not in e.effect.systems]
+    names = [n for n, e in find_effects().items() if not acts_on(e.effect, WIRE)]
     assert {'gravity', 'thermal_crosstalk', 'power_gain_mismatch', 'sensor_misalignment'} <= set(names)
     bare, rich = make_model('wire'), make_model('wire', effects=[active(name) for name in names])
     assert len(bare.scales) == len(rich.scales)

@@ -73,7 +73,7 @@ def test_first_law_at_every_state(system, kind, names):
 def test_first_law_of_the_whole_module(kind):
     """Wires, beam and plate together: heat in, friction out (the interconnection preserves power)."""
     model = make_model('module', kind)
-    p, b, random = model.compiled, model.compiled.beam, np.random.default_rng(2)
+    p, b, random = model.compiled, model.constants, np.random.default_rng(2)
     stiffness = np.array([[b.k_x, 0, 0], [0, b.k_y, -b.k_ya], [0, -b.k_ya, b.k_a]])
     mass, damping = np.array([b.m_H, b.m_H, b.J_H]), np.array([b.b_x, b.b_y, b.b_alpha])
     for _ in range(50):

@@ -24,7 +24,7 @@ from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
 from sma_sim.model.config import read_config
-from sma_sim.solver.simulate import Model
+from sma_sim.solver.model import Model
 
 CHANNELS = ('U_x', 'U_y', 'alpha')
 LOCATIONS = {location.name: location for location in locations_for('module', CHANNELS)}

@@ -13,7 +13,8 @@ from measured_runs import truth, write_isotherm, write_module_runs
 
 import sma_sim.cli.fit as fit_command
 from sma_sim.cli.main import main
-from sma_sim.model.config import read_config, read_yaml
+from sma_sim.model.config import read_config
+from sma_sim.model.given import read_yaml
 
 TRUE = {'wire.lambda': 1.1 * 450.0, 'beam.E': 0.94 * 2e9}
 FREE = ['--free', 'wire.lambda,beam.E', '--model', 'hybrid', '--starts', '1']

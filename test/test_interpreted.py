@@ -8,9 +8,9 @@ import pytest
 from systems import COMBINATIONS, active, make_model
 
 from sma_sim import module_input, simulate, wire_input
-from sma_sim.solver import effect_table, kernels
+from sma_sim.solver import kernels, model, structure_kernels
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
-from sma_sim.solver.kernels import native_effect
+from sma_sim.solver.structure_kernels import native_structure
 
 STEPS = module_input([0.0, 0.1, 0.5, 1.0, 1.5], [0.0, 12.0, -12.0, 4.0, 0.0])
 LOOP = wire_input([0.0, 0.5, 1.0, 1.5], [0.0, 0.07, 0.01, 0.04], [0.0, 0.3, 0.0, 1.0])
@@ -26,9 +26,12 @@ def interpreted(monkeypatch):
     """Call a function with numba switched off."""
     kept = []  # the addresses of its functions are in use
 
-    def uncached(found):
-        kept.append(native_effect.__wrapped__(found))
-        return kept[-1]
+    def uncached(native):
+        def build(*found):
+            kept.append(native.__wrapped__(*found))
+            return kept[-1]
+
+        return build
 
     def numbers_at(pointer, size):
         """What numba's own `carray` gives as plain Python, which takes most of the time of a run."""
@@ -38,7 +41,9 @@ def interpreted(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(numba.config, 'DISABLE_JIT', True)
             patch.setattr(kernels, 'carray', numbers_at)
-            patch.setattr(effect_table, 'native_effect', uncached)
+            patch.setattr(structure_kernels, 'carray', numbers_at)
+            patch.setattr(kernels, '_native_effect', uncached(kernels._native_effect))
+            patch.setattr(model, 'native_structure', uncached(native_structure))
             return function(*arguments)
 
     return run

@@ -15,11 +15,14 @@ from sma_sim.evidence.monitoring.live_model import (
     LiveModel,
     RunningError,
 )
+from sma_sim.model.structures.module import STRUCTURE
+from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
-from sma_sim.solver.integrate import Y_SENSED
 
 RATE, EPOCH = 1000.0, 1_700_000_000_123_456_789
 NAMES = ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K')
+
+SENSED = sample_columns(STRUCTURE).sensed.start
 
 
 def after(seconds):
@@ -41,7 +44,7 @@ def test_prediction_is_the_offline_run_bit_for_bit():
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 100.0)
     assert len(NAMES) == len(MODULE_CHANNEL_NAMES)
     for column, name in enumerate(NAMES):
-        assert np.array_equal(np.array(rows)[:, Y_SENSED + column], run[name]), name
+        assert np.array_equal(np.array(rows)[:, SENSED + column], run[name]), name
 
 
 def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
@@ -52,13 +55,13 @@ def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():
     assert np.array_equal(live.advance(after(1.0001), []), row, equal_nan=True)  # the same step
     times, values = np.array([0.0, 0.5, 1.0]), np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 298.0]])
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 1000.0)
-    assert row[Y_SENSED + 2] == run['alpha_rad'][-1]
+    assert row[SENSED + 2] == run['alpha_rad'][-1]
 
 
 def test_the_order_of_changes_counts_when_they_share_a_step():
     live = LiveModel(Model(Config()), RATE, EPOCH, (0.0, 298.0))
     on_and_off = [InputChange(after(0.1), J_EQ, 12.0), InputChange(after(0.1), J_EQ, 0.0)]
-    assert live.advance(after(0.5), on_and_off)[Y_SENSED + 5] == pytest.approx(298.0)
+    assert live.advance(after(0.5), on_and_off)[SENSED + 5] == pytest.approx(298.0)
 
 
 STEPS_AND_RATIOS = st.tuples(st.floats(0.001, 3.0), st.one_of(st.floats(-1e3, 1e3), st.just(float('nan'))))

@@ -23,7 +23,9 @@ from sma_sim.model.material import (
     stress,
 )
 from sma_sim.model.parameters import K_B, beam_constants, wire_constants
-from sma_sim.model.structures.beam import beam_forces, wire_length
+from sma_sim.model.structures.beam import wire_length
+from sma_sim.model.structures.module import STRUCTURE
+from sma_sim.model.structures.structure import record
 
 W = wire_constants(default_parameters())
 B = beam_constants(default_parameters())
@@ -100,11 +102,13 @@ def test_gradient_of_the_wire_length(x, y, alpha, side):
 
 def test_beam_is_the_cantilever_of_textbooks():
     """A tip force P gives P L^3/(3 E I) and P L^2/(2 E I); a tip moment M gives M L^2/(2 E I) and M L/(E I)."""
-    stiffness = -np.array([beam_forces((0, *pose, 0, 0, 0), B)[1:] for pose in ((1, 0), (0, 1))]).T
+    pose = record('Pose', STRUCTURE.coordinate_names)
+    rest = pose(0, 0, 0)
+    stiffness = -np.array([STRUCTURE.forces(pose(0, *moved), rest, B)[1:] for moved in ((1, 0), (0, 1))]).T
     compliance = np.linalg.inv(stiffness)
     L, EI = 0.1, 2e9 * math.pi * 2.5e-3**4 / 4
     assert compliance == pytest.approx(np.array([[L**3 / (3 * EI), L**2 / (2 * EI)], [L**2 / (2 * EI), L / EI]]))
-    assert beam_forces((1, 0, 0, 0, 0, 0), B)[0] == pytest.approx(-2e9 * math.pi * 2.5e-3**2 / L)
+    assert STRUCTURE.forces(pose(1, 0, 0), rest, B)[0] == pytest.approx(-2e9 * math.pi * 2.5e-3**2 / L)
 
 
 def test_automaton_is_the_papers():

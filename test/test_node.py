@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from sma_sim import Config, Input, Model
-from sma_sim.model.config import flatten, read_yaml
+from sma_sim.model.given import flatten, read_yaml
 from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
 

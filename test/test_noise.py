@@ -12,7 +12,7 @@ from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.repair_notes import grouped_notes
-from sma_sim.solver.simulate import Model
+from sma_sim.solver.model import Model
 
 MEASURED = Path(__file__).resolve().parents[2] / 'shared' / 'measured' / 'module'
 STD = NOISE | {'alpha_rad': np.radians(0.02)}

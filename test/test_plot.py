@@ -86,7 +86,7 @@ def test_every_axis_has_two_labelled_ticks(columns):
         )
         for part in errors
     ]
-    for figure in (draw_run(columns), draw_run(halves), draw_module(columns, [9.0], Model().compiled.beam), *reductions):
+    for figure in (draw_run(columns), draw_run(halves), draw_module(columns, [9.0], Model().constants), *reductions):
         figure.draw_without_rendering()
         for axis in figure.axes:
             if axis.axison:
@@ -153,7 +153,7 @@ def test_draw_run_says_what_it_can_draw():
 
 
 def test_drawn_beam_ends_at_the_plate():
-    along, across = shape_of(-6e-5, 2e-3, 0.08, Model().compiled.beam).beam.T
+    along, across = shape_of(-6e-5, 2e-3, 0.08, Model().constants).beam.T
     assert (along[-1], across[-1]) == pytest.approx((0.1 - 6e-5, 2e-3))
     slope = np.gradient(across, along, edge_order=2)
     assert slope[0] == pytest.approx(0.0, abs=2e-3) and slope[-1] == pytest.approx(0.08, abs=2e-3)
@@ -163,7 +163,7 @@ def test_heated_wire_is_drawn_on_the_side_to_which_the_module_leans(columns):
     """Wire 1, heated, shortens; a positive angle leans to its side (EB-B2a)."""
     heated = int(np.searchsorted(columns['time_s'], 9.0))
     assert columns['alpha_rad'][heated] > 0.0 and columns['U_y_m'][heated] > 0.0
-    figure = draw_module(columns, [9.0, 99.0], Model().compiled.beam)  # beyond the end: the last sample
+    figure = draw_module(columns, [9.0, 99.0], Model().constants)  # beyond the end: the last sample
     beam, wire_1, wire_2 = figure.axes[0].lines[:3]
     assert beam.get_xdata()[-1] > 0.0
     assert wire_1.get_xdata()[0] > wire_2.get_xdata()[0]

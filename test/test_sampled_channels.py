@@ -7,9 +7,10 @@ from sma_sim import Config, Model, default_parameters, find_effects, module_inpu
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
-from sma_sim.solver.columns import CHANNEL_COLUMN_NAMES
+from sma_sim.model.structures.discovery import package_structures
 
-COLUMN = dict(zip(CHANNELS, CHANNEL_COLUMN_NAMES, strict=True))
+STRUCTURES = [package_structures()[name].structure for name in ('module', 'wire')]
+COLUMN = {channel: column for one in STRUCTURES for channel, column in zip(one.channels, one.channel_columns, strict=True)}
 COMMAND = module_input([0.0, 1.0, 4.0, 6.0, 8.0], [0.0, 14.0, 0.0, -12.0, 0.0])
 STRETCH = wire_input([0.0, 4.0, 8.0], [0.0, 0.05, 0.01], [0.0, 0.2, 0.0])
 TIMES = np.linspace(0.0, 8.0, 41)

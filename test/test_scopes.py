@@ -76,17 +76,17 @@ def test_a_driver_that_lags_in_one_wire_passes_the_other_on():
 
 
 def test_creep_in_rotation_is_a_hinge_that_relaxes():
-    beam = make_model().compiled.beam
+    beam = make_model().constants
     assert_same([in_scope('beam_creep@rotation', phi=0.1, tau=6.0)], form('hinge_creep', c=0.1 * beam.k_a, tau=6.0))
 
 
 def test_creep_in_stretch_is_a_spring_along_the_beam_that_relaxes():
-    beam = make_model().compiled.beam
+    beam = make_model().constants
     assert_same([in_scope('beam_creep@stretch', phi=0.2, tau=6.0)], form('stretch_creep', c=0.2 * beam.k_x, tau=6.0))
 
 
 def test_a_cubic_beam_in_rotation_is_a_cubic_moment():
-    beam = make_model().compiled.beam
+    beam = make_model().constants
     assert_same([in_scope('beam_nonlinearity@rotation', b=1.5, c=0.0)], form('hinge_cubic', c=8.8 * 1.5 * beam.k_a))
 
 

@@ -65,7 +65,7 @@ def test_a_beam_that_softens_within_its_realistic_range_does_not_give_way(kineti
     b = find_effects()['beam_nonlinearity'].effect.parameters[0].realistic[0]
     model = make_model('module', kinetics, [active('beam_nonlinearity', b=b, c=c)])
     run = simulate(model, HELD, np.linspace(0.0, 40.0, 401))
-    L, U_y, alpha = model.compiled.beam.L, run['U_y_m'], run['alpha_rad']
+    L, U_y, alpha = model.constants.L, run['U_y_m'], run['alpha_rad']
     ends = 2.0 / L * np.abs([3.0 * U_y - L * alpha, 2.0 * L * alpha - 3.0 * U_y])
     assert b < 0.0 and run.completed and ends.max() < 1.0 / np.sqrt(-3.0 * b)
 

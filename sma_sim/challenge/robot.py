@@ -12,7 +12,8 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
-from sma_sim.solver.simulate import Model, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import simulate
 
 REST_DURATION = 20.0  # [s] without power before a run
 ROBOT_RTOL = 1e-6

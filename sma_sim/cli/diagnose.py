@@ -33,7 +33,7 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.model.config import effect_folders_of
+from sma_sim.model.given import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.model.config import effect_folders_of, suggestion
+from sma_sim.model.config import suggestion
 from sma_sim.model.effects.discovery import find_effects, with_scopes
-from sma_sim.model.effects.effect import SYSTEMS, Effect
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.solver.effect_table import acts_on
 
 TEXT_WIDTH = 100
 
-LIST_FIELDS = ('confused_with', 'same_as', 'systems', 'states')
+LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 
 def add_parser(verbs: Any) -> None:
@@ -55,8 +58,13 @@ def effect_data(effect: Effect) -> dict[str, Any]:
         for p in effect.parameters
     ]  # fmt: skip
     words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
-    plain = {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)}
+    plain = {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)} | {'systems': systems_of(effect)}
     return plain | {'parameters': parameters, 'scopes': scope_names(effect)}
+
+
+def systems_of(effect: Effect) -> list[str]:
+    """The package's systems in which an effect has a meaning."""
+    return [name for name, found in package_structures().items() if acts_on(effect, found.structure)]
 
 
 def scope_names(effect: Effect) -> list[str]:
@@ -66,7 +74,8 @@ def scope_names(effect: Effect) -> list[str]:
 
 def effect_text(effect: Effect) -> str:
     """An effect as text."""
-    only = '' if effect.systems == SYSTEMS else f', {" and ".join(effect.systems)} only'
+    systems = systems_of(effect)
+    only = '' if len(systems) == len(package_structures()) else f', {" and ".join(systems)} only'
     lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']
     details = {
         'signature': effect.signature,

@@ -30,8 +30,8 @@ from sma_sim.evidence.experiment_design.further_channels import channels_sentenc
 from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences, plan_data
-from sma_sim.model.config import effect_folders_of
 from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.design_page import write_design_page
 
 

@@ -17,7 +17,8 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
-from sma_sim.solver.simulate import STOPPED, Model, Trajectory, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import STOPPED, Trajectory, simulate
 
 MAX_RUN_SAMPLES = 50_000_000
 JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')

@@ -4,33 +4,28 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects, with_scopes
-from sma_sim.model.errors import UserError
+from sma_sim.model.given import LISTS, SWITCH_WORDS, ConfigError, Given, add_effect, given_values, named_folders, names_in
 from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
+from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures
 
-CHOICES = {'system': ('module', 'wire'), 'model': ('hybrid', 'mas')}
-EFFECT_LISTS = ('effects.active', 'effects.paths')
-SWITCH_WORDS = {'true': True, 'false': False}
-COMMAND_LINE = 'on the command line'
-QOS_OVERRIDES = 'qos_overrides.'
-OF_ROS = ('use_sim_time', 'start_type_description_service')  # every node has them; they say nothing of a model
+MODELS = ('hybrid', 'mas')
 
 
-class ConfigError(UserError):
-    """A parameter that is wrong; the message names it, what was given, what is expected and where to change it."""
+def default_parameters(system: str = 'module') -> dict[str, float]:
+    """The default values of all parameters: the paper's, beside them those of another structure.
 
-
-def default_parameters() -> dict[str, float]:
-    """The paper's values of all parameters.
+    Parameters
+    ----------
+    system : str
+        A system of the package.
 
     Returns
     -------
@@ -43,7 +38,7 @@ def default_parameters() -> dict[str, float]:
     >>> sma_sim.default_parameters()['wire.r0']
     7.5e-05
     """
-    return {name: parameter.default for name, parameter in DEFAULTS.items()}
+    return package_structures()[system].structure.default_values
 
 
 def default_settings() -> dict[str, str | bool]:
@@ -58,20 +53,40 @@ class Config:
     Attributes
     ----------
     parameters : mapping
-        Values in SI units by full name.
+        Values in SI units by full name; those that are left out have the defaults of the system.
     system, model : str
-        ``'module'`` or ``'wire'``; kinetics ``'hybrid'`` or ``'mas'``.
+        Name of the structure, such as ``'module'``; kinetics ``'hybrid'`` or ``'mas'``.
     effects : tuple of ActiveEffect
         Active effects with their parameter values.
     settings : mapping
         Settings of the node that are not numbers.
+    own_structure : FoundStructure, optional
+        The structure where it is not one of the package.
+
+    Raises
+    ------
+    ConfigError
+        For a system that is not one of the package and is not given.
     """
 
-    parameters: Mapping[str, float] = field(default_factory=default_parameters)
+    parameters: Mapping[str, float] = field(default_factory=dict)
     system: str = 'module'
     model: str = 'hybrid'
     effects: tuple[ActiveEffect, ...] = ()
     settings: Mapping[str, str | bool] = field(default_factory=default_settings)
+    own_structure: FoundStructure | None = None
+
+    def __post_init__(self) -> None:
+        if self.own_structure is None and self.system not in package_structures():
+            raise ConfigError(f'unknown system {self.system!r}: expected one of {", ".join(package_structures())}')
+        needed = self.structure.structure.default_values
+        if not needed.keys() <= self.parameters.keys():
+            object.__setattr__(self, 'parameters', needed | dict(self.parameters))
+
+    @property
+    def structure(self) -> FoundStructure:
+        """What the wires pull on."""
+        return self.own_structure or package_structures()[self.system]
 
 
 def flat_parameters(config: Config) -> dict[str, Any]:
@@ -79,23 +94,16 @@ def flat_parameters(config: Config) -> dict[str, Any]:
     values: dict[str, Any] = {'system': config.system, 'model': config.model, **config.parameters, **config.settings}
     values['effects.active'] = [active.found.effect.name for active in config.effects]
     values['effects.paths'] = sorted({str(file.parent) for active in config.effects for file in active.found.files})
+    values['structures.paths'] = folders_of(config.structure)
     for active in config.effects:
         effect = active.found.effect
         values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
     return values
 
 
-@dataclass(frozen=True)
-class Given:
-    """A value as given, where it was given, and the folder to which paths in it are relative.
-
-    `recorded` values come from data, which must not decide which code is run.
-    """
-
-    value: Any
-    where: str
-    folder: Path = Path()
-    recorded: bool = False
+def folders_of(found: FoundStructure) -> list[str]:
+    """Folders of the files of a structure, none for one of the package."""
+    return sorted({str(file.parent) for file in found.files})
 
 
 def read_config(
@@ -146,112 +154,46 @@ def read_config(
     return checked(given)
 
 
-def belongs_to_ros(name: str) -> bool:
-    """Whether a parameter is one of the node as such, which `ros2 param dump` writes too."""
-    return name in OF_ROS or name.startswith(QOS_OVERRIDES)
-
-
-def given_values(path: Path | None, words: Iterable[str]) -> dict[str, Given]:
-    """What a YAML file and ``name=value`` words say, by full name."""
-    given: dict[str, Given] = {}
-    if path is not None:
-        values = {name: value for name, value in flatten(read_yaml(path)).items() if not belongs_to_ros(name)}
-        given |= {name: Given(value, f'in {path}', path.parent) for name, value in values.items()}
-    for word in words:
-        name, equals, text = word.partition('=')
-        if not equals:
-            raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
-        given[name.strip()] = Given(parse(name.strip(), text), COMMAND_LINE)
-    return given
-
-
-def effect_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
-    """The folders of the user's effects that a YAML file or ``effects.paths=...`` names. Raises ConfigError."""
-    return effect_folders(given_values(path, words).get('effects.paths', Given([], '')))
-
-
-def parse(name: str, text: str) -> Any:
-    """A value from the command line: a list for the lists of effects, a number where it reads as one."""
-    if name in EFFECT_LISTS:
-        return [word for word in text.split(',') if word]
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def add_effect(word: str, given: dict[str, Given]) -> None:
-    """Put ``name:parameter=value,...`` into the given parameters."""
-    name, _, settings = word.partition(':')
-    before = given.get('effects.active', Given([], COMMAND_LINE))
-    names = names_in('effects.active', before)
-    given['effects.active'] = Given([*names, *([] if name in names else [name])], COMMAND_LINE)
-    for setting in settings.split(',') if settings else ():
-        parameter, equals, text = setting.partition('=')
-        if not equals:
-            raise ConfigError(f'--effect {word}: expected name:parameter=value,..., got {setting!r}')
-        full = f'effects.{name}.{parameter.strip()}'
-        given[full] = Given(parse(full, text), COMMAND_LINE)
-
-
-def read_yaml(path: Path) -> Mapping[str, Any]:
-    """The mapping below ``ros__parameters`` of a ROS 2 parameter file, or a plain mapping."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'cannot read {path}: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path} is not YAML: {error}') from error
-    if not isinstance(content, dict):
-        raise ConfigError(f'{path}: expected a mapping of parameters, got {type(content).__name__}')
-    merged: dict[str, Any] = {}
-    nodes = [v['ros__parameters'] for v in content.values() if isinstance(v, dict) and 'ros__parameters' in v]
-    for node in nodes or [content]:
-        if not isinstance(node, dict):
-            raise ConfigError(f'{path}: expected a mapping below ros__parameters, got {type(node).__name__}')
-        merged |= node
-    return merged
-
-
-def flatten(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested names joined with dots."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f'{prefix}{key}.')
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat
-
-
 def checked(given: Mapping[str, Given]) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError."""
-    known = {name: Given(parameter.default, 'default') for name, parameter in DEFAULTS.items()}
+    own = checked_structure(given)
+    structure = own.structure
+    defaults, ranges = structure.default_values, dict(DEFAULTS) | structure.declared
+    known = {name: Given(value, 'default') for name, value in defaults.items()}
     folders = given.get('effects.paths', Given([], ''))
-    found = find_effects([] if folders.recorded else effect_folders(folders))
+    found = find_effects([] if folders.recorded else named_folders('effects.paths', folders))
     if folders.recorded:
         check_effects_found(given, found, folders)
     found = with_scopes(found, names_of_effects(given))
-    declared = dict(DEFAULTS) | effect_parameters(found)
-    words = {name: choices[0] for name, choices in CHOICES.items()}
-    settings = default_settings()
+    declared = ranges | effect_parameters(found)
+    model, settings = MODELS[0], default_settings()
     for name, one in given.items():
-        if name in CHOICES:
-            words[name] = checked_choice(name, one)
+        if name == 'model':
+            model = checked_choice(name, one, MODELS)
         elif name in SETTINGS:
             settings[name] = checked_setting(name, one)
-        elif name not in EFFECT_LISTS:
+        elif name not in LISTS and name != 'system':
             known[name] = Given(checked_number(name, one, declared), one.where)
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
-    values = {name: float(known[name].value) for name in DEFAULTS}
-    return Config(values, words['system'], words['model'], effects, settings)
+    values = {name: float(known[name].value) for name in defaults}
+    return Config(values, structure.name, model, effects, settings, own if own.files else None)
 
 
-def checked_choice(name: str, one: Given) -> str:
+def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
+    """The structure of the system that is given. Raises UserError."""
+    folders = given.get('structures.paths', Given([], ''))
+    found = find_structures([] if folders.recorded else named_folders('structures.paths', folders))
+    one = given.get('system', Given('module', 'default'))
+    if one.value not in found and folders.recorded and names_in('structures.paths', folders):
+        raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
+    return found[checked_choice('system', one, tuple(found))]
+
+
+def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:
     """One of a few words."""
-    if one.value not in CHOICES[name]:
-        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(CHOICES[name])}')
+    if one.value not in choices:
+        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(choices)}')
     return str(one.value)
 
 
@@ -265,34 +207,22 @@ def checked_setting(name: str, one: Given) -> str | bool:
     return value
 
 
-def names_in(name: str, one: Given) -> list[str]:
-    """A list of words, without the empty ones (ROS 2 cannot write an empty list)."""
-    words = one.value if isinstance(one.value, list | tuple) else [one.value]
-    if not all(isinstance(word, str) for word in words):
-        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected a list of names, such as [gravity]')
-    words = [word for word in words if word]
-    doubled = [word for word in words if words.count(word) > 1]
-    if doubled:
-        raise ConfigError(f'{name} ({one.where}): {doubled[0]} is there twice')
-    return words
-
-
-def effect_folders(one: Given) -> list[Path]:
-    """Folders of the user's effects; relative ones start at the YAML file's folder."""
-    return [one.folder / Path(word).expanduser() for word in names_in('effects.paths', one)]
-
-
 def check_effects_found(given: Mapping[str, Given], found: Mapping[str, FoundEffect], folders: Given) -> None:
     """Raise ConfigError where an active effect can only come from folders that are named in data alone."""
     names = names_in('effects.active', given.get('effects.active', Given([], '')))
     unknown = [name for name in names if name not in found]
-    paths = names_in('effects.paths', folders)
-    if unknown and paths:
-        raise ConfigError(
-            f'the effect {unknown[0]} is needed, but only data name its folder ({folders.where}): {", ".join(paths)}. '
-            'Python files in a folder that data name are not run unless you name it too: if you trust them, add '
-            f'--set effects.paths={quote(",".join(paths))}'
-        )
+    if unknown and names_in('effects.paths', folders):
+        raise ConfigError(only_named_in_data(f'the effect {unknown[0]}', 'effects.paths', folders))
+
+
+def only_named_in_data(what: str, parameter: str, folders: Given) -> str:
+    """Why files are not imported, and how a user has them imported."""
+    paths = names_in(parameter, folders)
+    return (
+        f'{what} is needed, but only data name its folder ({folders.where}): {", ".join(paths)}. '
+        'Python files in a folder that data name are not run unless you name it too: if you trust them, add '
+        f'--set {parameter}={quote(",".join(paths))}'
+    )
 
 
 def names_of_effects(given: Mapping[str, Given]) -> list[str]:
@@ -332,7 +262,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> float:
     """One number within its bounds."""
     if name not in declared:
-        hint = suggestion(name, [*declared, *CHOICES, *EFFECT_LISTS, *SETTINGS])
+        hint = suggestion(name, [*declared, 'system', 'model', *LISTS, *SETTINGS])
         raise ConfigError(f'unknown parameter {name} ({one.where}){hint}')
     parameter, value = declared[name], one.value
     low, high = parameter.bounds

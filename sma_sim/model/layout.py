@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.effects.ports import EffectTable
-from sma_sim.model.parameters import BeamConstants, WireConstants
+from sma_sim.model.parameters import WireConstants
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
-# Columns of `obs`, a row per wire: what the flow finds on its way.
-O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL, O_SIZE = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15,
-)  # fmt: skip
+# Columns of `obs`, a row per wire: what the flow finds on its way; from O_DL on dl/dq, one column for each coordinate.
+O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL = range(13)
 
 
 class SystemState(NamedTuple):
@@ -32,27 +30,50 @@ class SystemState(NamedTuple):
 
 
 class InputPoint(NamedTuple):
-    """The input of a system at one time, and its slope [1/s]: module (J_eq, T_E), wire (strain, J, T_E)."""
+    """The input of a system at one time, and its slope [1/s]: what is imposed, heating, and T_E in the end."""
 
     u: Vector
     du: Vector
 
 
 class Evaluation(NamedTuple):
-    """What one evaluation of the flow leaves behind: dy/dt (n,), and what is found on the way (wires, O_SIZE)."""
+    """What one evaluation of the flow leaves behind: dy/dt (n,), what is found on the way (wires, O_DL + coordinates)."""
 
     dy: Vector
     obs: Matrix
 
 
-class System(NamedTuple):
-    """Everything that the flow needs and that does not change during a run."""
+class StructureTable(NamedTuple):
+    """The structure as the compiled flow reads it.
 
-    module: bool  # else a single wire on a test bench
-    mas: bool  # else the hybrid model
+    The first three are addresses of native kernels: `kinematics_at` writes length, strain and dl/dq of each wire into `obs`,
+    `speeds_at` their rates, `motion_at` the rates of coordinates and velocities into `dy`. They read `constants`: the
+    structure's own, the scales and the inertia of its coordinates (n,) each, l0. `effects` takes what is imposed (drives,),
+    how many effects act on the structure, and the generalised forces of each (n,).
+    """
+
+    kinematics_at: int
+    speeds_at: int
+    motion_at: int
+    constants: Vector
+    effects: Vector
+
+
+class System(NamedTuple):
+    """Everything that the flow needs and that does not change during a run.
+
+    The state vector has the coordinates, their rates, the temperature of every wire; for the MAS model x_M of every wire;
+    then the extra states of the active effects.
+    """
+
+    coordinates: int  # n; none where strain is imposed on a wire
     wires: int
+    drives: int  # leading entries of the input that are no heating
+    antagonistic: bool  # one command heats wire 1 or wire 2
+    mas: bool  # else the hybrid model
     first_T: int  # index of T_1 in y
     first_x: int  # index of x_M of wire 1 in y (MAS)
+    channels: int  # of sensors
     wire: WireConstants
-    beam: BeamConstants
+    structure: StructureTable
     effects: EffectTable

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from decimal import Decimal
 
-from sma_sim.model.config import CHOICES, Config
+from sma_sim.model.config import MODELS, Config, folders_of
 from sma_sim.model.parameters import GROUPS, PAPER, SETTINGS, Parameter
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.structures.structure import Structure
 
 HEAD = f"""\
 # Parameters of sma_sim: a ROS 2 parameter file that the offline commands read too.
@@ -17,6 +20,7 @@ HEAD = f"""\
 """
 ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
 PATHS = 'folders with effect files of your own; relative ones start at this file'
+STRUCTURE_PATHS = 'folders with structure files of your own'
 
 
 def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
@@ -24,12 +28,25 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
 
     `effect_paths` are the folders of the user's effects, as they are to stand in the file.
     """
-    lines = [f'{name}: {getattr(config, name)}  # {" | ".join(choices)}' for name, choices in CHOICES.items()]
-    for group, members in GROUPS.items():
+    systems = list(dict.fromkeys([*package_structures(), config.system]))
+    lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.model}  # {" | ".join(MODELS)}']
+    for group, members in groups_of(config.structure.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
         lines += [f'  {setting_line(name, config)}' for name in SETTINGS if name.startswith(f'{group}.')]
     lines += effect_lines(config, effect_paths)
+    lines += ['structures:', f'  paths: {words(folders_of(config.structure))}  # {STRUCTURE_PATHS}']
     return HEAD + ''.join(f'    {one}\n' for one in lines)
+
+
+def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
+    """The parameters of a model with this structure, by group; those of other structures are left out."""
+    others = {name.partition('.')[0] for found in package_structures().values() for name in found.structure.declared}
+    own: dict[str, list[Parameter]] = {}
+    for name, parameter in structure.declared.items():
+        group, _, short = name.partition('.')
+        own.setdefault(group, []).append(replace(parameter, name=short))
+    kept = {group: members for group, members in GROUPS.items() if group not in others - set(own)}
+    return kept | {group: tuple(members) for group, members in own.items()}
 
 
 def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:

@@ -1,19 +1,11 @@
-"""The equations of motion of the module and of the single wire: dy/dt = flow(t, y) in a given mode of each wire.
-
-State vector y: module (U_x, U_y, alpha, their rates, T_1, T_2), wire (T); then, for the MAS model, x_M of each
-wire; then the extra states of the active effects.
-"""
+"""The equations of motion of a structure with its wires: dy/dt = flow(t, y) in a given mode of each wire."""
 
 from __future__ import annotations
-
-import math
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.calls import add_rates, fill_kernel_phases, fill_kernel_state, true_channel
 from sma_sim.model.effects.ports import (
     ACTUATION,
-    MODULE_CHANNELS,
-    N_CHANNELS,
     S_CHANNEL,
     S_DX,
     S_F,
@@ -28,11 +20,11 @@ from sma_sim.model.effects.ports import (
     WIRE_FORCE,
     WIRE_HEAT,
     call_effect,
+    call_kernel,
 )
 from sma_sim.model.kinetics import mas_rate
 from sma_sim.model.layout import (
     O_DEPS,
-    O_DL,
     O_DX,
     O_EPS,
     O_F,
@@ -51,37 +43,37 @@ from sma_sim.model.layout import (
     Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
-from sma_sim.model.structures.beam import beam_forces, inclined_wire_length
 from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_stress
 
-# What of the flow changes with a state: bits.
-LENGTHS, SPEEDS, STRESS_1, RATES_1 = 1, 2, 4, 16  # those of wire 2 follow those of wire 1
+# What of the flow changes with a state: bits. Those of the next wire follow those of wire 1.
+LENGTHS, SPEEDS, STRESS_1, RATES_1, PER_WIRE_BITS = 1, 2, 8, 16, 2
+NOMINAL_FORCE = 4  # beside lengths and stress: only the force of a wire, on which no effect acts
 WIRE_1 = STRESS_1 | RATES_1
-EVERY_WIRE = WIRE_1 | WIRE_1 << 1
+EVERY_WIRE = (1 << 62) - STRESS_1
 EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
-NOMINAL_FORCE = 64  # beside lengths and stress: only the force of a wire, on which no effect acts
+MOST_WIRES = 29  # that these bits tell apart
 
 
 def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
-    """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (wires, O_SIZE)."""
+    """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (wires, O_DL + coordinates)."""
     update_flow(t, state, point, p, Evaluation(dy, obs), EVERYTHING)
 
 
 def depends_on(j: int, state: SystemState, p: System) -> int:
     """What of the flow depends on state `j`, for `update_flow`."""
     any_effect = p.effects.port_start[-1] > 0
-    if p.module and j < 3:
+    if j < p.coordinates:
         return EVERYTHING
-    if p.module and j < 6:
+    if j < 2 * p.coordinates:
         moving = SPEEDS
         for i in range(p.wires):
             if any_effect or not p.mas and (state.mode[i] == TO_MARTENSITE or state.mode[i] == TO_AUSTENITE):
-                moving |= RATES_1 << i
+                moving |= RATES_1 << PER_WIRE_BITS * i
         return moving
     if any_effect:
         return EVERY_WIRE
     i = j - p.first_T if j < p.first_T + p.wires else j - p.first_x
-    return WIRE_1 << i
+    return WIRE_1 << PER_WIRE_BITS * i
 
 
 def update_flow(t: float, state: SystemState, point: InputPoint, p: System, found: Evaluation, changed: int) -> None:
@@ -95,14 +87,14 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     any_effect = e.port_start[-1] > 0 and not force_only
     if changed & LENGTHS:
         kinematics(y, point, p, obs)
-    if changed & SPEEDS and p.module:
+    if changed & SPEEDS and p.coordinates > 0:
         speeds(y, p, obs)
     for i in range(p.wires):
         obs[i, O_J] = commanded_heating(i, point.u, p)
     if any_effect:
         fill_kernel_state(t, y, T_E, p, obs)
     for i in range(p.wires):
-        if any_effect or changed & (STRESS_1 << i):
+        if any_effect or changed & (STRESS_1 << PER_WIRE_BITS * i):
             phase_and_stress(i, state, p, obs)
             obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
     if force_only:
@@ -112,48 +104,48 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
         for i in range(p.wires):
             obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
-        if any_effect or changed & (RATES_1 << i):
+        if any_effect or changed & (RATES_1 << PER_WIRE_BITS * i):
             wire_rates(i, state, T_E, p, dy, obs)
         if any_effect:
             obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
-    if p.module:
-        accelerations(y, p, dy, obs)
+    if p.coordinates > 0:
+        motion(y, point.u, p, dy, obs)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:
         sensing_rates(y, p, dy, obs)
 
 
 def ambient_temperature(u: Vector, p: System) -> float:
-    """T_E [K] of an input."""
-    return u[1] if p.module else u[2]
+    """T_E [K] of an input, its last entry."""
+    return u[u.shape[0] - 1]
 
 
 def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
-    """Length and strain of each wire: from the pose (module), or with their rates from the input (wire)."""
-    u, du = point.u, point.du
-    if not p.module:
-        obs[0, O_EPS], obs[0, O_DEPS] = u[0], du[0]
-        obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + u[0]), p.wire.l0 * du[0]
+    """Length and strain of each wire with dl/dq from the pose; of a single wire, with their rates, from the input."""
+    if p.coordinates > 0:
+        at = p.structure
+        call_kernel(at.kinematics_at, y.ctypes.data, at.constants.ctypes.data, 0, 0, obs.ctypes.data)
         return
-    sine, cosine = math.sin(y[2]), math.cos(y[2])
-    for i in range(2):
-        length, by_x, by_y, by_alpha = inclined_wire_length(y[0], y[1], sine, cosine, 2.0 * i - 1.0, p.beam)
-        obs[i, O_LENGTH], obs[i, O_EPS] = length, length / p.wire.l0 - 1.0
-        obs[i, O_DL], obs[i, O_DL + 1], obs[i, O_DL + 2] = by_x, by_y, by_alpha
+    obs[0, O_EPS], obs[0, O_DEPS] = point.u[0], point.du[0]
+    obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + point.u[0]), p.wire.l0 * point.du[0]
 
 
 def speeds(y: Vector, p: System, obs: Vector) -> None:
-    """Rates of length and strain of each wire of the module."""
-    for i in range(2):
-        v = obs[i, O_DL] * y[3] + obs[i, O_DL + 1] * y[4] + obs[i, O_DL + 2] * y[5]
-        obs[i, O_V], obs[i, O_DEPS] = v, v / p.wire.l0
+    """Rates of length and strain of each wire."""
+    at = p.structure
+    call_kernel(at.speeds_at, y.ctypes.data, at.constants.ctypes.data, 0, 0, obs.ctypes.data)
 
 
 def commanded_heating(i: int, u: Vector, p: System) -> float:
-    """Heating of one wire [W] before the actuation chain: J_eq > 0 heats bundle 1, J_eq < 0 bundle 2."""
-    if not p.module:
-        return u[1]
-    side = u[0] if i == 0 else -u[0]
-    return max(side, 0.0) / p.wire.n
+    """Heating of one wire [W] before the actuation chain: a bundle's power is shared by its wires.
+
+    Of an antagonistic pair, J_eq > 0 heats bundle 1, J_eq < 0 bundle 2. Where the strain is imposed, J heats the wire.
+    """
+    if p.coordinates == 0:
+        return u[p.drives]
+    if p.antagonistic:
+        side = u[p.drives] if i == 0 else -u[p.drives]
+        return max(side, 0.0) / p.wire.n
+    return max(u[p.drives + i], 0.0) / p.wire.n
 
 
 def heating(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
@@ -231,22 +223,22 @@ def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> fl
     return force
 
 
-def accelerations(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
-    """Motion of the plate (EB-Ba to EB-Bc) under the beam, the wires (tau = -J^T F) and the structure's effects."""
-    b, e = p.beam, p.effects
-    F_x, F_y, M = beam_forces(y, b)
-    for i in range(2):
-        F_x -= obs[i, O_DL] * obs[i, O_F]
-        F_y -= obs[i, O_DL + 1] * obs[i, O_F]
-        M -= obs[i, O_DL + 2] * obs[i, O_F]
+def motion(y: Vector, u: Vector, p: System, dy: Vector, obs: Vector) -> None:
+    """Motion of the structure under its own forces, the wires (tau = -J^T F) and the effects on it."""
+    e, at, first = p.effects, p.structure, p.drives + 1
+    for k in range(p.drives):
+        at.effects[k] = u[k]
+    count = 0
     for k in range(e.port_start[STRUCTURE_FORCE], e.port_start[STRUCTURE_FORCE + 1]):
         add_rates(k, 0, y, e, dy)
         call_effect(e.value[k], k, 0, y, e)
-        F_x += e.out[0]
-        F_y += e.out[1]
-        M += e.out[2]
-    dy[0], dy[1], dy[2] = y[3], y[4], y[5]
-    dy[3], dy[4], dy[5] = F_x / b.m_H, F_y / b.m_H, M / b.J_H
+        for j in range(p.coordinates):
+            at.effects[first + count * p.coordinates + j] = e.out[j]
+        count += 1
+    at.effects[p.drives] = count
+    call_kernel(
+        at.motion_at, y.ctypes.data, at.constants.ctypes.data, at.effects.ctypes.data, obs.ctypes.data, dy.ctypes.data
+    )
 
 
 def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
@@ -254,7 +246,7 @@ def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) 
     e = p.effects
     s = e.s[p.wires - 1]
     value = true_channel(channel, y, p, obs)
-    s[S_CHANNEL] = channel
+    s[S_CHANNEL] = e.code[channel]
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
             s[S_VALUE] = value
@@ -266,9 +258,8 @@ def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) 
 
 def sensing_rates(y: Vector, p: System, dy: Vector, obs: Vector) -> None:
     """Rates of the sensing chain's states."""
-    for channel in range(N_CHANNELS):
-        if p.module == (channel < MODULE_CHANNELS):
-            sensed_channel(channel, y, p, obs, dy)
+    for channel in range(p.channels):
+        sensed_channel(channel, y, p, obs, dy)
 
 
 def guard(which: int, i: int, p: System, obs: Vector) -> float:

@@ -33,8 +33,8 @@ from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
 from sma_sim.ros.robot_subscriptions import ROBOT_TOPICS, RobotSubscriptions, Sample
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.integrate import Y_RATE, Y_SENSED, Y_TAU
-from sma_sim.solver.simulate import Model, SimulationError
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ class ModelCheck:
         )
 
     def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
-        residual = np.concatenate([now.joints[0], beside]) - row[Y_SENSED : Y_SENSED + len(MODULE_CHANNEL_NAMES)]
+        residual = np.concatenate([now.joints[0], beside]) - row[messages.WHERE.sensed]
         assert self._live is not None
         t = (now.stamp - self._live.begin) / 1e9
         if not self._settled and t >= self._values['burn_in']:
@@ -198,7 +198,7 @@ class ModelCheck:
     def _publish(self, now: Sample, row: Vector, residual: Vector) -> None:
         stamp = messages.stamp_of(now.stamp)
         self._topics['model_joint_states'].publish(messages.joint_state(stamp, row, sensed=True))
-        rates, tau = row[Y_RATE : Y_RATE + 3], row[Y_TAU : Y_TAU + 3]
+        rates, tau = row[messages.WHERE.rates], row[messages.WHERE.tau]
         position, velocity, effort = residual[:3], now.joints[1] - rates, now.joints[2] - tau
         message = JointState(
             header=Header(stamp=stamp), name=messages.JOINT_NAMES, position=position.tolist(),

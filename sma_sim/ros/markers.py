@@ -15,8 +15,8 @@ from sma_sim.model.parameters import BeamConstants
 from sma_sim.model.structures.beam_links import BASE_FRAME, PLATE_THICKNESS
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import MODE_COLOURS
+from sma_sim.ros.messages import WHERE
 from sma_sim.ros.robot_frames import frame_prefix
-from sma_sim.solver.integrate import Y_POSE
 
 BEAM_POINTS = 21
 BEAM_COLOUR, PLATE_COLOUR = '#444444', '#000000'
@@ -49,7 +49,7 @@ def line_marker(header: Header, number: int, name: str, line: NDArray[Any], widt
 def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], beam: BeamConstants, h: float) -> MarkerArray:
     """The module in the true pose of a row of samples; `h` is the beam's radius [m]."""
     header = Header(stamp=stamp, frame_id=frame)
-    U_x, U_y, alpha = row[Y_POSE : Y_POSE + 3].tolist()
+    U_x, U_y, alpha = row[WHERE.pose].tolist()
     shape = shape_of(U_x, U_y, alpha, beam, BEAM_POINTS)
     lines = [
         line_marker(header, 0, 'beam', shape.beam, 2.0 * h, colour_from(BEAM_COLOUR)),

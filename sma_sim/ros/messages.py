@@ -11,11 +11,15 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Y_POSE, Y_RATE, Y_SENSED, Y_TAU, Y_WIRE
+from sma_sim.model.structures.module import STRUCTURE
+from sma_sim.solver.columns import sample_columns
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
-JOINT_NAMES = ('U_x', 'U_y', 'alpha')
+WHERE = sample_columns(STRUCTURE)
+JOINT_NAMES = STRUCTURE.coordinate_names
 WIRE_NAMES = ('wire_1', 'wire_2')
-SENSED_FORCE, SENSED_TEMPERATURE = Y_SENSED + 3, Y_SENSED + 5
+SENSED_POSE = slice(WHERE.sensed.start, WHERE.sensed.start + 3)
+SENSED_FORCE, SENSED_TEMPERATURE = WHERE.sensed.start + 3, WHERE.sensed.start + 5
 
 
 def stamp_of(nanoseconds: int) -> Time:
@@ -26,12 +30,12 @@ def stamp_of(nanoseconds: int) -> Time:
 def wire_values(row: NDArray[Any], column: str) -> list[float]:
     """One quantity of both wires."""
     at = WIRE_COLUMNS.index(column)
-    return [float(row[Y_WIRE + i * PER_WIRE + at]) for i in range(2)]
+    return [float(row[WHERE.wires.start + i * PER_WIRE + at]) for i in range(2)]
 
 
 def coordinates(row: NDArray[Any]) -> dict[str, float]:
     """The true pose by name [m, m, rad]."""
-    return dict(zip(JOINT_NAMES, row[Y_POSE : Y_POSE + 3].tolist(), strict=True))
+    return dict(zip(JOINT_NAMES, row[WHERE.pose].tolist(), strict=True))
 
 
 def joint_state(stamp: Time, row: NDArray[Any], sensed: bool, prefix: str = '') -> JointState:
@@ -39,13 +43,12 @@ def joint_state(stamp: Time, row: NDArray[Any], sensed: bool, prefix: str = '') 
 
     `prefix` stands before the names.
     """
-    first = Y_SENSED if sensed else Y_POSE
     return JointState(
         header=Header(stamp=stamp),
         name=[prefix + name for name in JOINT_NAMES],
-        position=row[first : first + 3].tolist(),
-        velocity=row[Y_RATE : Y_RATE + 3].tolist(),
-        effort=row[Y_TAU : Y_TAU + 3].tolist(),
+        position=row[SENSED_POSE if sensed else WHERE.pose].tolist(),
+        velocity=row[WHERE.rates].tolist(),
+        effort=row[WHERE.tau].tolist(),
     )
 
 

@@ -29,7 +29,7 @@ from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
 from sma_sim.ros.stamped import COMMAND, STAMPED_COMMAND, StampedCommands
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
-from sma_sim.solver.simulate import Model
+from sma_sim.solver.model import Model
 
 CLOCK_REMINDER_PERIOD = 5.0  # [s] between two reminders that there is none
 NO_SIMULATION_INTERFACES = (

@@ -12,20 +12,12 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sma_sim.model.config import (
-    CHOICES,
-    EFFECT_LISTS,
-    Config,
-    ConfigError,
-    Given,
-    belongs_to_ros,
-    checked,
-    effect_folders,
-    names_of_effects,
-)
+from sma_sim.model.config import MODELS, Config, checked, names_of_effects
 from sma_sim.model.effects.discovery import find_effects, with_scopes
+from sma_sim.model.given import LISTS, ConfigError, Given, belongs_to_ros, named_folders
 from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.model.parameters import Parameter as NumberParameter
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.command import ENVIRONMENT
 
 REAL_TIME_FACTOR = 'node.real_time_factor'
@@ -33,6 +25,7 @@ LIVE = (ENVIRONMENT,)  # what every node of ours lets a user set while it runs
 LIST_DESCRIPTIONS = {
     'effects.active': 'names of the active effects',
     'effects.paths': "folders of the user's own effects; relative ones start at the parameter file",
+    'structures.paths': "folders of the user's own structures; relative ones start at the parameter file",
 }
 CHOICE_DESCRIPTIONS = {'system': 'what is simulated', 'model': 'kinetics of the wires'}
 
@@ -73,7 +66,7 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
         node.undeclare_parameter(name)
     for name, parameter in DEFAULTS.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
-    for name, choices in CHOICES.items():
+    for name, choices in (('system', tuple(package_structures())), ('model', MODELS)):
         words = ParameterDescriptor(
             description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
             additional_constraints=f'one of {", ".join(choices)}',
@@ -90,14 +83,14 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
 
 def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> None:
     """Declare the lists of effects and the parameters of all that were found."""
-    for name in EFFECT_LISTS:
+    for name in LISTS:
         value = given[name].value if name in given else ['']
         words = ParameterDescriptor(
             description=LIST_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING_ARRAY
         )
         node.declare_parameter(name, value, words, ignore_override=True)
     values_by_name = {active.found.effect.name: active.values for active in config.effects}
-    found = find_effects(effect_folders(given.get('effects.paths', Given([], ''))))
+    found = find_effects(named_folders('effects.paths', given.get('effects.paths', Given([], ''))))
     found = with_scopes(found, names_of_effects(given))
     for name, entry in found.items():
         values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sma_sim.model.config import QOS_OVERRIDES, ConfigError
+from sma_sim.model.given import QOS_OVERRIDES, ConfigError
 
 LAST_FEW = QoSProfile(depth=10)
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # kept for late subscribers

@@ -3,47 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS
 from sma_sim.model.errors import UserError
-from sma_sim.solver.integrate import PER_WIRE, SAMPLE_SIZE, Y_SENSED, Y_WIRE
+from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-CHANNEL_COLUMN_NAMES = ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K', 'stress_Pa', 'T_K')
 
 
-def channel_indices(channels: Sequence[str] | None, system: str) -> NDArray[np.int64]:
-    """Indices of sensor channels of a system, none of them for all columns. Raises UserError."""
-    known = CHANNELS[:MODULE_CHANNELS] if system == 'module' else CHANNELS[MODULE_CHANNELS:]
+class SampleColumns(NamedTuple):
+    """Where a whole row has what: the pose, its rates, PER_WIRE numbers of each wire, the sensors, tau; `size` in all."""
+
+    pose: slice
+    rates: slice
+    wires: slice
+    sensed: slice
+    tau: slice
+    size: int
+
+
+def sample_columns(structure: Structure) -> SampleColumns:
+    """Where whole rows of a structure's samples have what."""
+    n, wires, channels = len(structure.coordinates), structure.wires, len(structure.channels)
+    bounds = np.cumsum([0, n, n, PER_WIRE * wires, channels, n]).tolist()
+    pose, rates, of_wires, sensed, tau = (slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
+    return SampleColumns(pose, rates, of_wires, sensed, tau, bounds[-1])
+
+
+def channel_indices(channels: Sequence[str] | None, structure: Structure) -> NDArray[np.int64]:
+    """Numbers of sensor channels of a system, none of them for all columns. Raises UserError."""
+    known = structure.channels
     for name in channels or ():
         if name not in known:
-            raise UserError(f'the model of system {system!r} has no channel {name!r}; expected some of {", ".join(known)}')
-    return np.array([CHANNELS.index(name) for name in channels or ()], dtype=np.int64)
+            raise UserError(
+                f'the model of system {structure.name!r} has no channel {name!r}; expected some of {", ".join(known)}'
+            )
+    return np.array([known.index(name) for name in channels or ()], dtype=np.int64)
 
 
-def new_samples(count: int, channels: NDArray[np.int64]) -> Matrix:
+def new_samples(count: int, channels: NDArray[np.int64], structure: Structure) -> Matrix:
     """Room for samples, (count, columns): of these channels, or whole rows where there are none; NaN until written."""
-    return np.full((count, len(channels) or SAMPLE_SIZE), np.nan)
+    return np.full((count, len(channels) or sample_columns(structure).size), np.nan)
 
 
-def named_columns(system: str, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
+def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
     """Samples, of all columns or of some channels, by the names of the file contract."""
-
-    def wire(i: int, column: int) -> Vector:
-        return samples[:, Y_WIRE + i * PER_WIRE + column]
-
     if len(channels):
-        return {CHANNEL_COLUMN_NAMES[channel]: samples[:, k] for k, channel in enumerate(channels)}
-    if system == 'wire':
-        return {
-            'stress_Pa': samples[:, Y_SENSED + 7], 'T_K': samples[:, Y_SENSED + 8],
-            'x_M': wire(0, 1), 'mode': wire(0, 7),
-        }  # fmt: skip
-    columns = {name: samples[:, Y_SENSED + k] for k, name in enumerate(CHANNEL_COLUMN_NAMES[:MODULE_CHANNELS])}
-    for column, name in ((1, 'x_M'), (7, 'mode')):
-        columns |= {f'{name}_{i + 1}': wire(i, column) for i in range(2)}
+        return {structure.channel_columns[channel]: samples[:, k] for k, channel in enumerate(channels)}
+    where = sample_columns(structure)
+    columns = {name: samples[:, where.sensed.start + k] for k, name in enumerate(structure.channel_columns)}
+    for name in ('x_M', 'mode'):
+        at = where.wires.start + WIRE_COLUMNS.index(name)
+        for i in range(structure.wires):
+            numbered = f'{name}_{i + 1}' if structure.coordinates else name
+            columns[numbered] = samples[:, at + PER_WIRE * i]
     return columns

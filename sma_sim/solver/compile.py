@@ -31,6 +31,8 @@ from sma_sim.model.effects.ports import call_kernel
 from sma_sim.solver.by_reference import by_reference
 from sma_sim.solver.fragments import Entry, fragment
 
+_numba: Any = numba  # its types are not declared
+carray = _numba.carray
 _one_at_a_time = RLock()
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'solver')
@@ -144,6 +146,14 @@ def write_source(file: Path, text: str) -> None:
     os.replace(name, file)
 
 
+def first_lines_of(error: Exception) -> str:
+    """The first lines of the long message of the compiler that say what is wrong."""
+    noise = ('Failed in', 'During:', 'File "', '^', 'This error', '[1]')
+    lines = [line.strip() for line in str(error).splitlines()]
+    kept = [line for line in lines if line and not line.startswith(noise)]
+    return ' '.join(kept[:3]) or type(error).__name__
+
+
 def reachable(*roots: Callable[..., Any]) -> set[Callable[..., Any]]:
     """The functions of the package that are compiled with those given."""
     found: set[Callable[..., Any]] = set()
@@ -223,13 +233,13 @@ class Compiler:
             self._fragments[python, inlined] = fragment(self._with_compiled_callees(python), inlined)
         return self._fragments[python, inlined]
 
-    def native(self, python: Callable[..., Any], kernel: Callable[..., Any]) -> Any:
-        """A C function of five data addresses that calls `kernel`; keep what is returned while its address is used."""
+    def native(self, python: Callable[..., Any], *kernels: Callable[..., Any]) -> Any:
+        """A C function of five data addresses that calls `kernels`; keep what is returned while its address is used."""
         if is_interpreted():
             return interpreted(python)
         kinds: Any = types
         signature = kinds.void(*([kinds.CPointer(kinds.float64)] * 5))
-        twin = self._with_compiled_callees(python, kernel)
+        twin = self._with_compiled_callees(python, *kernels)
         return self._cached(lambda: numba.cfunc(signature, cache=True, error_model='numpy')(twin))
 
     def _cached(self, build: Callable[[], Any]) -> Any:

@@ -9,35 +9,65 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
-from sma_sim.model.effects.effect import SYSTEMS, Effect
-from sma_sim.model.effects.ports import CHANNELS, MODULE_CHANNELS, PORT_NAMES, S_SIZE, SENSING, STRUCTURE_FORCE, EffectTable
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.effects.scope import MASK_SIZE
 from sma_sim.model.layout import System
-from sma_sim.model.parameters import BeamConstants, WireConstants
+from sma_sim.model.parameters import WireConstants
+from sma_sim.model.structures.discovery import FoundStructure
+from sma_sim.model.structures.structure import Constants, Structure
 from sma_sim.solver.fields_read import fields_read
-from sma_sim.solver.kernels import native_effect
+from sma_sim.solver.kernels import POSE, native_effect, own_kernels
 
-# Size of a change in each channel, for the states of sensing effects.
-CHANNEL_SCALES = (1e-4, 1e-3, 0.15, 10.0, 10.0, 30.0, 30.0, 1e8, 30.0)
+# Size of a change in a channel that is no coordinate, for the states of sensing effects.
+FORCE_SCALE, TEMPERATURE_SCALE, STRESS_SCALE = 10.0, 30.0, 1e8
 
 
-def channel_slots(effect: Effect, module: bool) -> list[int]:
-    """The instance of a sensing effect on each channel of the system, -1 where it does not act."""
+def acts_on(effect: Effect, structure: Structure) -> bool:
+    """Whether an effect has a meaning on a structure."""
+    if effect.systems and structure.name not in effect.systems or structure.wires < effect.wires:
+        return False
+    return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
+
+
+def channel_codes(structure: Structure) -> list[int]:
+    """The number by which kernels know each channel of a structure: its place in CHANNELS, or one after all of these."""
+    return [
+        CHANNELS.index(channel) if channel in CHANNELS else len(CHANNELS) + k for k, channel in enumerate(structure.channels)
+    ]
+
+
+def channel_slots(effect: Effect, structure: Structure) -> list[int]:
+    """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
+
+    An effect on every coordinate of the module acts on every coordinate of other structures too.
+    """
     slots, count = [], 0
-    for k, channel in enumerate(CHANNELS):
-        acts = effect.port == PORT_NAMES[SENSING] and channel in effect.channels and module == (k < MODULE_CHANNELS)
+    of_pose = set(POSE) <= set(effect.channels) and not effect.scope.channel
+    for channel in structure.channels:
+        named = channel in effect.channels or of_pose and channel in structure.coordinate_names
+        acts = effect.port == PORT_NAMES[SENSING] and named
         slots.append(count if acts else -1)
         count += acts
     return slots
 
 
-def state_scales(effect: Effect, module: bool) -> list[float]:
+def channel_scales(structure: Structure) -> list[float]:
+    """Size of a change in each channel."""
+    if not structure.coordinates:
+        return [STRESS_SCALE, TEMPERATURE_SCALE]
+    constants = structure.default_constants
+    own = [c.sensor_scale or c.size(constants) for c in structure.coordinates]
+    return [*own, *[FORCE_SCALE] * structure.wires, *[TEMPERATURE_SCALE] * structure.wires]
+
+
+def state_scales(effect: Effect, structure: Structure) -> list[float]:
     """Scales of the extra states of all instances of an effect."""
     if effect.port == PORT_NAMES[SENSING]:
-        acting = [CHANNEL_SCALES[k] for k, slot in enumerate(channel_slots(effect, module)) if slot >= 0]
+        slots = channel_slots(effect, structure)
+        acting = [size for size, slot in zip(channel_scales(structure), slots, strict=True) if slot >= 0]
         return [channel * scale for channel in acting for scale in effect.scale]
-    instances = 1 if effect.port == 'structure_force' or not module else 2
-    return list(effect.scale) * instances
+    return list(effect.scale) * (1 if effect.port == 'structure_force' else structure.wires)
 
 
 class Layout(NamedTuple):
@@ -49,19 +79,20 @@ class Layout(NamedTuple):
 
 
 @lru_cache(256)
-def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> Layout:
+def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int) -> Layout:
     """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only."""
-    acting = [k for k, one in enumerate(found) if SYSTEMS[0 if module else 1] in one.effect.systems]
+    structure = on.structure
+    acting = [k for k, one in enumerate(found) if acts_on(one.effect, structure)]
     order = tuple(sorted(acting, key=lambda k: found[k].effect.order))
     effects = [found[k].effect for k in order]
     ports = np.array([effect.order[0] for effect in effects], dtype=np.int64)
-    natives = [native_effect(found[k]).addresses for k in order]
+    natives = [native_effect(found[k], on if own_kernels(found[k].effect, structure) else None).addresses for k in order]
     addresses = np.array(natives, dtype=np.int64).reshape(-1, 3).T.copy()
     scales: list[float] = []
     state_start = []
     for effect in effects:
         state_start.append(first_state + len(scales))
-        scales += state_scales(effect, module)
+        scales += state_scales(effect, structure)
     counts = [len(effect.parameters) + MASK_SIZE for effect in effects]
     fields = [fields_read(effect.kernel) for effect in effects]
     return Layout(order, tuple(scales), {
@@ -72,8 +103,11 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
         'states': np.array([len(effect.states) for effect in effects], dtype=np.int64),
         'state_start': np.array(state_start, dtype=np.int64),
         'scale': np.array(scales, dtype=float),
-        'row': np.array([(1 if module else 0) if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
-        'slot': np.array([channel_slots(effect, module) for effect in effects], dtype=np.int64).reshape(-1, len(CHANNELS)),
+        'row': np.array([structure.wires - 1 if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
+        'slot': np.array([channel_slots(effect, structure) for effect in effects], dtype=np.int64).reshape(
+            -1, len(structure.channels)
+        ),
+        'code': np.array(channel_codes(structure), dtype=np.int64),
         'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
         'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
         'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
@@ -82,20 +116,21 @@ def layout(found: tuple[FoundEffect, ...], module: bool, first_state: int) -> La
 
 
 def effect_table(
-    active: Sequence[ActiveEffect], module: bool, first_state: int, wire: WireConstants, beam: BeamConstants
+    active: Sequence[ActiveEffect], on: FoundStructure, first_state: int, wire: WireConstants, constants: Constants
 ) -> tuple[EffectTable, tuple[float, ...]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
-    plan = layout(tuple(one.found for one in active), module, first_state)
-    of_wire, of_beam = np.array(wire, dtype=float), np.array(beam, dtype=float)
+    plan = layout(tuple(one.found for one in active), on, first_state)
+    of_wire, of_structure = np.array(wire, dtype=float), np.array(constants, dtype=float)
     structural = [active[k].found.effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
+    coordinates = max(len(on.structure.coordinates), len(POSE))  # most kernels take the state of these
     table = EffectTable(
         **plan.fields,
-        constants=np.array([(of_beam if of else of_wire).ctypes.data for of in structural], dtype=np.int64),
+        constants=np.array([(of_structure if of else of_wire).ctypes.data for of in structural], dtype=np.int64),
         parameters=np.array([v for k in plan.order for v in with_mask(active[k])], dtype=float),
-        s=np.zeros((2 if module else 1, S_SIZE)),
+        s=np.zeros((on.structure.wires, S_POSE + 2 * coordinates)),
         wire=of_wire,
-        beam=of_beam,
-        out=np.zeros(16),
+        structure=of_structure,
+        out=np.zeros(max(16, len(on.structure.coordinates))),
     )
     return table, plan.scales
 
@@ -107,5 +142,6 @@ def with_mask(active: ActiveEffect) -> tuple[float, ...]:
 
 def own_scratch(p: System) -> System:
     """The system with scratch memory of its own: runs of one model in several threads must not share it."""
-    e = p.effects
-    return p._replace(effects=e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out)))
+    e, at = p.effects, p.structure
+    effects = e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out))
+    return p._replace(effects=effects, structure=at._replace(effects=np.zeros_like(at.effects)))

@@ -21,24 +21,25 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work) -> boo
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
     """
     y, f, f_stage = state.y, w.first.dy, w.stage.dy
-    matrix, step = w.matrix[:3, :3], w.y_new[:3]
+    n = p.coordinates
+    matrix, step = w.matrix[:n, :n], w.y_new[:n]
     for _ in range(NEWTON_STEPS):
         balance(state, point, p, w, w.first.dy)
-        for j in range(3):
+        for j in range(n):
             kept = y[j]
             y[j] = kept + w.increment[j]
             delta = y[j] - kept
             balance(state, point, p, w, f_stage)
             y[j] = kept
-            for i in range(3):
-                matrix[i, j] = (f_stage[3 + i] - f[3 + i]) / delta
-        for i in range(3):
-            step[i] = f[3 + i]
+            for i in range(n):
+                matrix[i, j] = (f_stage[n + i] - f[n + i]) / delta
+        for i in range(n):
+            step[i] = f[n + i]
         if not factorise(matrix, w.pivot):
             return False
         solve_factorised(matrix, w.pivot, step)
         size = 0.0
-        for j in range(3):
+        for j in range(n):
             y[j] -= step[j]
             size = max(size, abs(step[j]) / w.increment[j])
         if not np.isfinite(size):
@@ -80,7 +81,7 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
 
 def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> None:
     """Where the requested fractions have no equilibrium at all: put each wire on the nearer edge of its hysteresis."""
-    for j in range(3):
+    for j in range(p.coordinates):
         state.y[j] = 0.0
     for i in range(p.wires):
         state.x_frozen[i], state.mode[i] = 0.5, TO_MARTENSITE
@@ -91,8 +92,8 @@ def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: V
 
 
 def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
-    """Static equilibrium of the module; the wire has its strain from the input."""
-    if p.module:
+    """Static equilibrium of the structure; a wire alone has its strain from the input."""
+    if p.coordinates > 0:
         return solve_pose(state, point, p, w)
     balance(state, point, p, w, w.first.dy)
     return True

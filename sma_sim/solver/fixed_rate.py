@@ -9,37 +9,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.solver.columns import new_samples, sample_columns
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.end_of_run import notes_on_start, stop_reason
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import (
-    C_BURST,
     C_LAST_JUMP,
     C_WINDOW,
+    C_WIRES,
     COMPLETED,
     N_JUMPS,
+    PER_WIRE_CONTROLS,
     REASONS,
-    SAMPLE_SIZE,
     HeldInput,
     Limits,
     Log,
     integrate_held,
     observe,
 )
+from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import (
     MAX_JUMPS,
     STOPPED,
     Jump,
-    Model,
     SimulationError,
     Trajectory,
     Vector,
     named_jumps,
     new_run,
     new_work,
-    notes_on_start,
     stall_step,
-    stop_reason,
     trajectory,
 )
 from sma_sim.solver.stepper import Segment
@@ -53,8 +53,8 @@ MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
 class FixedRateRun:
     """A run in steps of 1/rate: step k goes from k/rate to (k + 1)/rate under a held input.
 
-    `sample` (SAMPLE_SIZE,) holds what was seen at the end of the last step (at the start, before it): columns Y_* of
-    solver.integrate.
+    `sample` (size,) holds what was seen at the end of the last step (at the start, before it), where
+    `solver.columns.sample_columns` says.
     Raises SimulationError when there is no start, or when a step cannot be made.
     """
 
@@ -67,7 +67,7 @@ class FixedRateRun:
         self._still = np.zeros(len(self._work.u))
         self._compiled = own_scratch(model.compiled)
         self._integrate = package_compiler().function(integrate_held)
-        self._samples = np.full((1, SAMPLE_SIZE), np.nan)
+        self._samples = new_samples(1, WHOLE_ROWS, model.structure)
         self._observe(first_input)
         self.advance(np.zeros((0, len(self._still))), 1, self._samples)  # compiled now, not at the first step
 
@@ -82,9 +82,14 @@ class FixedRateRun:
         row: Vector = self._samples[0]
         return row
 
+    def shown(self, channel: str) -> float:
+        """What the sensor of a channel, such as ``alpha``, showed at the end of the last step (SI)."""
+        structure = self.model.structure
+        return float(self.sample[sample_columns(structure).sensed][structure.channels.index(channel)])
+
     def restart_clock(self, u: Vector) -> None:
         """Go on from the state of now at time 0, under the input `u`; `sample` is renewed."""
-        self.run.control[C_LAST_JUMP:C_BURST] -= self.time
+        self.run.control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] -= self.time
         self.run.control[C_WINDOW] -= self.time
         self.k = 0
         self._observe(u)
@@ -153,7 +158,7 @@ def simulate_fixed_rate(
         raise SimulationError('fixed steps need held inputs, not linear ones')
     k_0, inputs = held_inputs(source, rate)
     run = FixedRateRun(model, rate, inputs[0], k_0)
-    samples = np.full((len(inputs) // every + 2, SAMPLE_SIZE), np.nan)
+    samples = new_samples(len(inputs) // every + 2, WHOLE_ROWS, model.structure)
     samples[0] = run.sample
     written, reason = 1, REASONS[COMPLETED]
     counts: Any = np.zeros_like(run.run.count)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.automaton import observed_mode
-from sma_sim.model.effects.ports import MODULE_CHANNELS, N_CHANNELS
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
 from sma_sim.model.system import sensed_channel
 from sma_sim.model.transformation import has_offsets
@@ -43,21 +42,21 @@ REASONS = (
 )
 RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 
-# Columns of a sample.
-Y_POSE, Y_RATE, Y_WIRE, Y_SENSED, Y_TAU, SAMPLE_SIZE = 0, 3, 6, 26, 35, 38
-WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J', 'd2')
-PER_WIRE = 10
+# Columns of a sample: coordinates, their rates, PER_WIRE of each wire, what sensors show, generalised forces of the wires.
+WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J')
+PER_WIRE = len(WIRE_COLUMNS)
 
 # Counters and controls of a run.
 N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_TIGHTENED, N_SIZE = range(8)
-C_H, C_LAST_JUMP, C_BURST, C_DWELL, C_WINDOW, C_SIZE = 0, 1, 3, 5, 7, 8
+C_H, C_WINDOW, C_WIRES = 0, 1, 2  # from the last on, for each wire:
+C_LAST_JUMP, C_BURST, C_DWELL, PER_WIRE_CONTROLS = 0, 1, 2, 3
 
 
 class Run(NamedTuple):
     """A run in progress; all arrays are changed in place, so that a run can be continued."""
 
     state: SystemState
-    control: Vector  # step size; per wire: time of the last jump, recent jumps, dwell; start of the window of steps
+    control: Vector  # step size; start of the window of steps; per wire: time of the last jump, recent jumps, dwell
     count: Integers
 
 
@@ -92,7 +91,7 @@ class HeldInput(NamedTuple):
 class Log(NamedTuple):
     """What a run writes: samples at `times` (k,), how many so far (1,), and jumps (j, 3).
 
-    Samples are (k, SAMPLE_SIZE), or (k, c) of the `channels` (c,), indices into CHANNELS, where there are any.
+    Samples are whole rows (k, size), or (k, c) of the `channels` (c,), numbers of channels, where there are any.
     """
 
     samples: Matrix
@@ -122,12 +121,18 @@ def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, log: Log)
     any_jump = False
     for i in range(p.wires):
         edge = violated_edge(i, run.state, p, w.first.obs)
-        if edge >= 0 and t >= run.control[C_LAST_JUMP + i] + run.control[C_DWELL + i] and t > run.control[C_LAST_JUMP + i]:
+        last_jump = run.control[of_wire(i, C_LAST_JUMP)]
+        if edge >= 0 and t >= last_jump + run.control[of_wire(i, C_DWELL)] and t > last_jump:
             record_jump(t, i, edge, run, log.jumps)
             jump(edge, i, run.state, w.first.obs)
             any_jump = True
             run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
     return any_jump
+
+
+def of_wire(i: int, which: int) -> int:
+    """Where the control has a number of wire `i`."""
+    return C_WIRES + PER_WIRE_CONTROLS * i + which
 
 
 def record_jump(t: float, i: int, edge: int, run: Run, jumps: Matrix) -> None:
@@ -136,14 +141,15 @@ def record_jump(t: float, i: int, edge: int, run: Run, jumps: Matrix) -> None:
     if j < jumps.shape[0]:
         jumps[j, 0], jumps[j, 1], jumps[j, 2] = t, i, edge
     run.count[N_JUMPS] = j + 1
-    run.control[C_BURST + i] *= np.exp(-(t - run.control[C_LAST_JUMP + i]) / BURST_WINDOW)
-    run.control[C_BURST + i] += 1.0
-    run.control[C_LAST_JUMP + i] = t
-    if run.control[C_BURST + i] > BURST:
-        run.control[C_DWELL + i] = max(FIRST_DWELL, 2.0 * run.control[C_DWELL + i])
+    last, burst, dwell = of_wire(i, C_LAST_JUMP), of_wire(i, C_BURST), of_wire(i, C_DWELL)
+    run.control[burst] *= np.exp(-(t - run.control[last]) / BURST_WINDOW)
+    run.control[burst] += 1.0
+    run.control[last] = t
+    if run.control[burst] > BURST:
+        run.control[dwell] = max(FIRST_DWELL, 2.0 * run.control[dwell])
         run.count[N_CHATTER] += 1
-    elif run.control[C_BURST + i] < 2.0:
-        run.control[C_DWELL + i] = 0.0
+    elif run.control[burst] < 2.0:
+        run.control[dwell] = 0.0
 
 
 def first_jump(step: Step, run: Run, segment: Segment, p: System, w: Work) -> float:
@@ -174,8 +180,8 @@ def first_jump_before(end: float, step: Step, run: Run, segment: Segment, p: Sys
         if edge >= 0:
             prepare_dense(w)
             theta = crossing(edge, i, end, step, run.state, segment, p, w)
-            last_jump = run.control[C_LAST_JUMP + i]
-            earliest = (last_jump + run.control[C_DWELL + i] - step.t) / step.h
+            last_jump = run.control[of_wire(i, C_LAST_JUMP)]
+            earliest = (last_jump + run.control[of_wire(i, C_DWELL)] - step.t) / step.h
             if theta <= earliest or step.t + theta * step.h <= last_jump:
                 theta = 1.0 if earliest < 1.0 else NO_JUMP
                 run.count[N_CHATTER] += 1  # its flow would leave the mode at once
@@ -254,15 +260,15 @@ def is_stalled(t: float, run: Run, limits: Limits) -> bool:
 
 
 def tighten_rates(run: Run, p: System, w: Work) -> bool:
-    """Tighten the tolerance of the plate's rates, once a run; whether that was done.
+    """Tighten the tolerance of the structure's rates, once a run; whether that was done.
 
     They are scaled as undamped vibrations. Friction that switches over a much smaller speed is then not resolved, and a
     short step may repeat the same error for ever; resolved, it takes no more steps than usual.
     """
-    if not p.module or run.count[N_TIGHTENED] > 0:
+    if p.coordinates == 0 or run.count[N_TIGHTENED] > 0:
         return False
     run.count[N_TIGHTENED] = 1
-    for i in range(Y_RATE, Y_RATE + 3):
+    for i in range(p.coordinates, 2 * p.coordinates):
         w.weight[i] *= TIGHTER
     return True
 
@@ -292,21 +298,23 @@ def write_sample(k: int, state: SystemState, segment: Segment, p: System, w: Wor
 def observe(t: float, state: SystemState, segment: Segment, p: System, w: Work, row: Vector) -> None:
     """One sample: true states, what the wires do, and what the sensors show."""
     flow_at(t, state, segment, p, w, w.sample)
-    y, obs = state.y, w.sample.obs
-    if p.module:
-        for j in range(6):
-            row[j] = y[j]
-        for j in range(3):  # tau = -J^T F
-            row[Y_TAU + j] = -(obs[0, O_DL + j] * obs[0, O_F] + obs[1, O_DL + j] * obs[1, O_F])
+    y, obs, n = state.y, w.sample.obs, p.coordinates
+    for j in range(2 * n):
+        row[j] = y[j]
     for i in range(p.wires):
-        at = Y_WIRE + i * PER_WIRE
+        at = 2 * n + i * PER_WIRE
         row[at], row[at + 1], row[at + 2] = y[p.first_T + i], obs[i, O_X], obs[i, O_F]
         row[at + 3], row[at + 4], row[at + 5] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_SIGMA]
         row[at + 6], row[at + 8] = obs[i, O_DX], obs[i, O_J]
         row[at + 7] = observed_mode(obs[i, O_X], obs[i, O_DX], RESTING_RATE) if p.mas else state.mode[i]
-    for channel in range(N_CHANNELS):
-        if p.module == (channel < MODULE_CHANNELS):
-            row[Y_SENSED + channel] = sensed_channel(channel, y, p, obs, w.sample.dy)
+    sensed = 2 * n + p.wires * PER_WIRE
+    for channel in range(p.channels):
+        row[sensed + channel] = sensed_channel(channel, y, p, obs, w.sample.dy)
+    for j in range(n):  # tau = -J^T F
+        pull = 0.0
+        for i in range(p.wires):
+            pull += obs[i, O_DL + j] * obs[i, O_F]
+        row[sensed + p.channels + j] = -pull
 
 
 def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple
-
-import numba
 
 from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
@@ -18,7 +15,6 @@ from sma_sim.model.effects.ports import (
     PORT_OUTPUTS,
     S_J,
     S_POSE,
-    S_POSE_RATE,
     S_T,
     S_T_OTHER,
     S_WIRE,
@@ -28,11 +24,12 @@ from sma_sim.model.effects.ports import (
 )
 from sma_sim.model.effects.scope import MASK_POSE, MASK_SHARED, MASK_SIZE, MASK_WIRE
 from sma_sim.model.parameters import BeamConstants, WireConstants
-from sma_sim.solver.compile import Compiler, content_key, write_source
-from sma_sim.solver.fields_read import can_share, check_fields, check_scope
+from sma_sim.model.structures.discovery import FoundStructure
+from sma_sim.model.structures.structure import Structure, record
+from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
+from sma_sim.solver.fields_read import can_share, check_fields, check_scope, fields_read
 
-_numba: Any = numba  # its types are not declared
-carray = _numba.carray
+POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels take
 
 
 class NativeEffect(NamedTuple):
@@ -49,20 +46,35 @@ class NativeEffect(NamedTuple):
         return value, rate, start
 
 
-@cache
-def native_effect(found: FoundEffect) -> NativeEffect:
+class KernelTypes(NamedTuple):
+    """What the kernels of an effect take, and how many coordinates their state has."""
+
+    state: Any
+    constants: Any
+    coordinates: int
+
+
+def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> NativeEffect:
     """Compile the kernels of an effect, or load them when these very sources were compiled before.
+
+    `on` is the structure where its coordinates or constants are not those of the module (`own_kernels`).
 
     An effect in a scope has the kernels of the effect itself. Raises EffectError when a kernel cannot be compiled, or reads
     what is not known yet, or what keeps the wires from sharing its states in a scope where they do.
     """
     if found.plain is not None:
         check_scope(found.effect)
-        return native_effect(found.plain)
+    return _native_effect(found.plain or found, on)
+
+
+@cache
+def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffect:
     effect = found.effect
     check_fields(effect)
-    compiler = Compiler(content_key(*found.files), found.packages)
-    outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
+    files, packages = (on.files, on.packages) if on else ((), ())
+    compiler = Compiler(content_key(*found.files, *files), (*found.packages, *packages))
+    kinds = kernel_types(effect, on.structure if on else None)
+    outputs = kinds.coordinates if effect.port == 'structure_force' else PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
     states = len(effect.states)
     built: list[Any] = []
     for role, kernel, count in (
@@ -71,31 +83,59 @@ def native_effect(found: FoundEffect) -> NativeEffect:
         ('start', effect.start, states),
     ):
         memory = bool(states) and role != 'start'
-        built.append(None if kernel is None else _native(effect, role, kernel, count, memory, compiler))
+        if kernel is None:
+            built.append(None)
+            continue
+        one = OneKernel(role, kernel, count, memory)
+        text = wrapper_text(effect, one, kinds, returns_tuple(effect, one, kinds))
+        built.append(_native(effect, one, kinds, text, compiler, f'_{on.structure.name}' if on else ''))
     return NativeEffect(*built)
 
 
-def record(name: str, fields: Sequence[str]) -> Any:
-    """A named tuple type whose fields are known only now."""
-    return namedtuple(name, fields)
+class OneKernel(NamedTuple):
+    """A kernel of an effect, in its role: how many numbers it returns, and whether it takes the extra states."""
+
+    role: str
+    python: Callable[..., Any]
+    outputs: int
+    memory: bool
 
 
-def constants_of(effect: Effect) -> type[BeamConstants] | type[WireConstants]:
-    """The constants that the kernels of an effect read."""
-    return BeamConstants if effect.port == 'structure_force' else WireConstants
+def own_kernels(effect: Effect, structure: Structure) -> bool:
+    """Whether the kernels of an effect are compiled for this structure, as they take its coordinates or constants."""
+    if structure.coordinate_names == POSE or not structure.coordinates:
+        return False
+    read = fields_read(effect.kernel) | fields_read(effect.rate) | fields_read(effect.start)
+    return effect.port == 'structure_force' or not read.isdisjoint(pose_fields(structure))
 
 
-def _native(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool, compiler: Compiler) -> Any:
+def pose_fields(structure: Structure) -> tuple[str, ...]:
+    """Names of the coordinates and of their rates, as kernels read them."""
+    names = structure.coordinate_names
+    return (*names, *(f'd{name}' for name in names))
+
+
+def kernel_types(effect: Effect, structure: Structure | None) -> KernelTypes:
+    """What the kernels of an effect take."""
+    structural = effect.port == 'structure_force'
+    if structure is None:
+        return KernelTypes(State, BeamConstants if structural else WireConstants, len(POSE))
+    state = record('State', (*State._fields[:S_POSE], *pose_fields(structure)))
+    constants = type(structure.default_constants) if structural else WireConstants
+    return KernelTypes(state, constants, len(structure.coordinates))
+
+
+def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compiler: Compiler, suffix: str) -> Any:
     """A C function of five addresses around one kernel."""
-    text = wrapper_text(effect, role, outputs, memory, returns_tuple(effect, role, kernel, outputs, memory))
-    file = compiler.folder / f'effect_{effect.name}_{role}.py'
+    role, kernel = one.role, one.python
+    file = compiler.folder / f'effect_{effect.name}_{role}{suffix}.py'
     write_source(file, text)
     names = [p.name for p in effect.parameters]
     namespace: dict[str, Any] = {
         '__name__': __name__,
         'carray': carray,
-        'State': State,
-        'Constants': constants_of(effect),
+        'State': kinds.state,
+        'Constants': kinds.constants,
         'Parameters': record('Parameters', names),
         'Memory': record('Memory', effect.states),
         'kernel': kernel,
@@ -109,21 +149,14 @@ def _native(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int,
         raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {first_lines_of(error)}') from error
 
 
-def first_lines_of(error: Exception) -> str:
-    """The first lines of the long message of the compiler that say what is wrong."""
-    noise = ('Failed in', 'During:', 'File "', '^', 'This error', '[1]')
-    lines = [line.strip() for line in str(error).splitlines()]
-    kept = [line for line in lines if line and not line.startswith(noise)]
-    return ' '.join(kept[:3]) or type(error).__name__
-
-
-def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs: int, memory: bool) -> bool:
+def returns_tuple(effect: Effect, one: OneKernel, kinds: KernelTypes) -> bool:
     """Whether a kernel returns a tuple rather than a float, found by calling it once. Raises EffectError."""
+    role, kernel, outputs, memory = one
     may_be_one = role == 'value' and PORT_MAY_RETURN_ONE[PORT_NAMES.index(effect.port)]
-    constants, memory_type = constants_of(effect), record('Memory', effect.states)
+    constants, memory_type = kinds.constants, record('Memory', effect.states)
     parameters = record('Parameters', [p.name for p in effect.parameters])
     given: list[Any] = [
-        State(*[0.5] * len(State._fields)),
+        kinds.state(*[0.5] * len(kinds.state._fields)),
         constants(*[0.5] * len(constants._fields)),
         parameters(*[p.default for p in effect.parameters]),
     ]
@@ -143,20 +176,21 @@ def returns_tuple(effect: Effect, role: str, kernel: Callable[..., Any], outputs
     return isinstance(value, tuple)
 
 
-def wrapper_text(effect: Effect, role: str, outputs: int, memory: bool, is_tuple: bool) -> str:
+def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> str:
     """Source of the C function: build what the kernel takes from the five addresses, store what it returns."""
-    constants, first = constants_of(effect), len(effect.parameters)
-    groups = [('s', 'State', len(State._fields)), ('w', 'Constants', len(constants._fields))]
+    role, _, outputs, memory = one
+    first = len(effect.parameters)
+    groups = [('s', 'State', len(kinds.state._fields)), ('w', 'Constants', len(kinds.constants._fields))]
     groups.append(('p', 'Parameters', first))
     if memory:
         groups.append(('m', 'Memory', len(effect.states)))
     lines = [f'def {effect.name}_{role}(s, w, p, m, out):', f'    out_ = carray(out, {max(outputs, 1)})']
     lines += [f'    {letter}_ = carray({letter}, {size + MASK_SIZE * (letter == "p")})' for letter, _, size in groups]
     lines += elsewhere_lines(effect, role, outputs)
-    lines += record_lines(groups, masked_state(effect, first))
+    lines += record_lines(groups, masked_state(effect, first, kinds))
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
     values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
-    if effect.port == 'structure_force' and role == 'value':
+    if has_pose_mask(effect, kinds) and role == 'value':
         values = [f'{value} * p_[{first + MASK_POSE + i}]' for i, value in enumerate(values)]
     lines += [f'    out_[{i}] = {value}' for i, value in enumerate(values)]
     if role == 'rate' and can_share(effect):
@@ -170,12 +204,17 @@ def record_lines(groups: Sequence[tuple[str, str, int]], state: Sequence[str], i
     return [f'{indent}{letter}__ = {kind}({", ".join(entries[letter])})' for letter, kind, _ in groups]
 
 
-def masked_state(effect: Effect, first: int) -> list[str]:
+def has_pose_mask(effect: Effect, kinds: KernelTypes) -> bool:
+    """Whether an effect can act on some coordinates only."""
+    return effect.port == 'structure_force' and kinds.coordinates == len(POSE)
+
+
+def masked_state(effect: Effect, first: int, kinds: KernelTypes) -> list[str]:
     """The entries of the state that a kernel sees, of the pose and its rates those of its scope; `first`: the mask."""
-    entries = [f's_[{i}]' for i in range(len(State._fields))]
-    if effect.port == 'structure_force':
-        for i in range(3):
-            for at in (S_POSE, S_POSE_RATE):
+    entries = [f's_[{i}]' for i in range(len(kinds.state._fields))]
+    if has_pose_mask(effect, kinds):
+        for i in range(len(POSE)):
+            for at in (S_POSE, S_POSE + len(POSE)):
                 entries[at + i] += f' * p_[{first + MASK_POSE + i}]'
     return entries
 

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 from sma_sim.model.effects.calls import true_channel
-from sma_sim.model.effects.ports import MODULE_CHANNELS, SENSING, TRANSFORMATION_STRESS, WIRE_FORCE, WIRE_STRAIN
+from sma_sim.model.effects.ports import SENSING, TRANSFORMATION_STRESS, WIRE_FORCE, WIRE_STRAIN
 from sma_sim.model.layout import InputPoint, System, SystemState
-from sma_sim.model.system import EVERYTHING, LENGTHS, NOMINAL_FORCE, STRESS_1, sensed_channel, update_flow
+from sma_sim.model.system import (
+    EVERYTHING,
+    LENGTHS,
+    NOMINAL_FORCE,
+    PER_WIRE_BITS,
+    STRESS_1,
+    sensed_channel,
+    update_flow,
+)
 from sma_sim.solver.stepper import Integers, Segment, Vector, Work, input_at
-
-FIRST_FORCE, FIRST_TEMPERATURE = 3, 5  # among the channels of the module
 
 
 def needed_for(channels: Integers, p: System) -> int:
     """What of the flow the sensors of these channels show, for `update_flow`; 0 where they show states."""
-    e, needed = p.effects, 0
+    e, needed, n = p.effects, 0, p.coordinates
     for channel in channels:
         for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
             if e.slot[k, channel] >= 0:
                 return EVERYTHING
-        force = FIRST_FORCE <= channel < FIRST_TEMPERATURE or channel == MODULE_CHANNELS
+        force = n <= channel < n + p.wires  # of a wire whose strain is imposed, the stress
         if force and (
             e.port_start[TRANSFORMATION_STRESS + 1] > e.port_start[WIRE_STRAIN]
             or e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_FORCE]
         ):
             return EVERYTHING
         if force:
-            needed |= NOMINAL_FORCE | LENGTHS | STRESS_1 << (channel - FIRST_FORCE if p.module else 0)
+            needed |= NOMINAL_FORCE | LENGTHS | STRESS_1 << PER_WIRE_BITS * (channel - n)
     return needed
 
 

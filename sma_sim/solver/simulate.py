@@ -2,47 +2,48 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
-from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import O_EPS, O_S_A, O_S_M, O_SIZE, Evaluation, InputPoint, System, SystemState
-from sma_sim.model.material import heat_capacity
-from sma_sim.model.parameters import DEFAULTS, beam_constants, wire_constants
-from sma_sim.model.system import flow
+from sma_sim.model.layout import (
+    O_EPS,
+    O_LENGTH,
+    Evaluation,
+    InputPoint,
+    SystemState,
+)
+from sma_sim.model.parameters import DEFAULTS
 from sma_sim.solver.columns import channel_indices, named_columns, new_samples
 from sma_sim.solver.compile import package_compiler
-from sma_sim.solver.effect_table import effect_table, own_scratch
+from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.end_of_run import notes_on_start, stop_reason
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.fields_read import uses_time
 from sma_sim.solver.inputs import Input, pieces, requested_times
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
-    C_SIZE,
+    C_WIRES,
     COMPLETED,
     N_CHATTER,
     N_JUMPS,
     N_REJECTED,
     N_SIZE,
     N_STEPS,
+    PER_WIRE_CONTROLS,
     REASONS,
-    STALLED,
-    STEP_UNDERFLOW,
     InputStretches,
     Limits,
     Log,
     Run,
     integrate,
 )  # fmt: skip
+from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.stepper import ORDER, Work
 
 Vector = NDArray[np.float64]
@@ -104,59 +105,9 @@ class Trajectory:
         return self.columns[name]
 
 
-@dataclass(frozen=True)
-class Model:
-    """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used.
-
-    Attributes
-    ----------
-    config : Config
-        Parameters, system, kinetics and active effects; default: the paper's module.
-    """
-
-    config: Config = field(default_factory=Config)
-
-    @property
-    def wires(self) -> int:
-        """Number of wires (bundles, in the module)."""
-        return 2 if self.config.system == 'module' else 1
-
-    @property
-    def uses_time(self) -> bool:
-        """Whether the flow depends on time other than through the input."""
-        return any(uses_time(active.found.effect) for active in self.config.effects)
-
-    @cached_property
-    def compiled(self) -> System:
-        """What the compiled flow reads."""
-        config = self.config
-        module, mas = config.system == 'module', config.model == 'mas'
-        first_T = 6 if module else 0
-        first_x = first_T + self.wires
-        wire, beam = wire_constants(config.parameters), beam_constants(config.parameters)
-        table, _ = effect_table(config.effects, module, first_x + (self.wires if mas else 0), wire, beam)
-        return System(module, mas, self.wires, first_T, first_x, wire, beam, table)
-
-    @cached_property
-    def scales(self) -> Vector:
-        """The size of every state, for the error control and the difference steps; its length is the state's."""
-        config = self.config
-        module = config.system == 'module'
-        L = config.parameters['beam.L']
-        pose = [3e-4 * L, 0.01 * L, 0.15] if module else []
-        beam = beam_constants(config.parameters)
-        stiffness, inertia = (beam.k_x, beam.k_y, beam.k_a), (beam.m_H, beam.m_H, beam.J_H)
-        rates = [s * math.sqrt(k / m) for s, k, m in zip(pose, stiffness, inertia, strict=False)]
-        wires = [30.0] * self.wires + [0.1] * (self.wires if config.model == 'mas' else 0)
-        p = self.compiled
-        _, extra = effect_table(config.effects, module, len(pose + rates + wires), p.wire, p.beam)
-        return np.array([*pose, *rates, *wires, *extra])
-
-
 STOPPED = 'Ctrl-C'
-SENSIBLE_STRAINS = (-0.05, 0.3)  # of the module's wires at the start
+SENSIBLE_STRAINS = (-0.05, 0.3)  # of the wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
-LOST_STABILITY_ANGLE = 0.5 * math.pi  # [rad] of the plate: far beyond what the wires can bend a beam to
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
@@ -170,8 +121,8 @@ def new_work(model: Model) -> Work:
     n = len(scales)
     return Work(
         jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
-        **{name: Evaluation(np.zeros(n), np.zeros((p.wires, O_SIZE))) for name in ('first', 'stage', 'guard', 'sample')},
-        f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(2 if p.module else 3), stages=np.zeros((6, n)),
+        **{name: Evaluation(np.zeros(n), new_findings(p)) for name in ('first', 'stage', 'guard', 'sample')},
+        f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(len(model.structure.input_columns)), stages=np.zeros((6, n)),
         y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
         increment=DIFFERENCE * scales, weight=model.config.parameters['solver.rtol'] * scales,
     )  # fmt: skip
@@ -186,24 +137,27 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     p = own_scratch(model.compiled)
     y = np.zeros(len(model.scales))
     u = np.array(first_input, dtype=float)
-    u[0 if p.module else 1] = 0.0
+    u[p.drives : -1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[-1]
     requested = fractions
     if requested is None:
-        requested = np.array([model.config.parameters[f'initial.x_M_{i + 1}'] for i in range(p.wires)])
+        requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(requested), requested, 0.5)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
     at_rest, hybrid = InputPoint(u, np.zeros_like(u)), p._replace(mas=False)
     if not package_compiler().function(start)(state, at_rest, requested, hybrid, work):
-        raise SimulationError('no static equilibrium of beam and wires was found; check beam.*, plate.*, wire.l0')
-    if p.module:
-        check_start(model, work.first.obs[:, O_EPS])
+        groups = ', '.join(sorted({f'{name.partition(".")[0]}.*' for name in model.structure.declared}))
+        raise SimulationError(
+            f'no static equilibrium of {model.structure.title} and wires was found; check {groups}, wire.l0'
+        )
+    if p.coordinates > 0:
+        check_start(model, work.first.obs)
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = state.x_frozen
-    control = np.zeros(C_SIZE)
+    control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)
     control[C_H] = 1e-3
-    control[C_LAST_JUMP : C_LAST_JUMP + 2] = -1.0
+    control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
     return Run(state, control, np.zeros(N_SIZE, dtype=np.int64))
 
 
@@ -223,13 +177,16 @@ def stall_step(model: Model) -> float:
     return float(STALL_STEP * tightness ** (1.0 / ORDER))
 
 
-def check_start(model: Model, strains: Vector) -> None:
-    """Raise SimulationError when the wires are far too long or too short for the beam."""
-    worst = float(strains[np.argmax(np.abs(strains))])
-    if not SENSIBLE_STRAINS[0] < worst < SENSIBLE_STRAINS[1]:
-        l0, L = model.config.parameters['wire.l0'], model.config.parameters['beam.L']
+def check_start(model: Model, found: Any) -> None:
+    """Raise SimulationError when the wires are far too long or too short for the structure; `found` as `new_findings`."""
+    worst = int(np.argmax(np.abs(found[:, O_EPS])))
+    if not SENSIBLE_STRAINS[0] < found[worst, O_EPS] < SENSIBLE_STRAINS[1]:
+        l0, structure = model.config.parameters['wire.l0'], model.structure
+        given = f'beam.L = {model.constants.L:g} m' if structure.name == 'module' else (
+            f'the {found[worst, O_LENGTH]:g} m that the {structure.title} gives wire {worst + 1}'
+        )  # fmt: skip
         raise SimulationError(
-            f'a wire is strained by {100.0 * worst:.0f} % at rest: check wire.l0 = {l0:g} m against beam.L = {L:g} m'
+            f'a wire is strained by {100.0 * found[worst, O_EPS]:.0f} % at rest: check wire.l0 = {l0:g} m against {given}'
         )
 
 
@@ -294,8 +251,9 @@ def simulate(
     limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
-    sampled = channel_indices(channels, model.config.system)
-    log = Log(new_samples(len(asked), sampled), asked, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), sampled)
+    sampled = channel_indices(channels, model.structure)
+    samples = new_samples(len(asked), sampled, model.structure)
+    log = Log(samples, asked, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), sampled)
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
@@ -316,7 +274,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
     written = slice(int(log.written[0]))
     return Trajectory(
         time=log.times[written],
-        columns=named_columns(model.config.system, log.samples[written], log.channels),
+        columns=named_columns(model.structure, log.samples[written], log.channels),
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],
@@ -326,57 +284,6 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
         state=run,
         notes=notes,
     )
-
-
-def stop_reason(status: int, model: Model, run: Run) -> str:
-    """Why a run ended, in words; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
-    p = model.compiled
-    if status != COMPLETED and p.module and not abs(run.state.y[2]) < LOST_STABILITY_ANGLE:
-        return (
-            f'the beam has lost its stability: the plate has turned by {abs(run.state.y[2]):.3g} rad, no pose is stable '
-            'under these forces; check the effects on structure_force (one that softens it), beam.E, beam.h and plate.W'
-        )
-    if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
-        return narrow
-    for i in range(p.wires):
-        y, T = run.state.y, run.state.y[p.first_T + i]
-        x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
-        left = heat_capacity(T, x, p.wire) / (p.wire.volume * p.wire.rho * p.wire.c_V)
-        if status == STEP_UNDERFLOW and left < NO_CAPACITY:
-            return (
-                f'the heat capacity of wire {i + 1} has come down to nothing at {T:.1f} K and x_M = {x:.2f}: rho c_V + T '
-                f'(1/E_M - 1/E_A) sigma_T^2 (1 - x_M); check wire.sigma_T, wire.c_V and why wire.E_M is above wire.E_A'
-            )
-    return REASONS[status]
-
-
-def narrow_hysteresis(model: Model, run: Run) -> str:
-    """What stalls the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
-    p, y = model.compiled, run.state.y
-    point = InputPoint(np.zeros(2 if p.module else 3), np.zeros(2 if p.module else 3))
-    found = Evaluation(np.zeros_like(y), np.zeros((p.wires, O_SIZE)))
-    flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
-    dsigma = model.config.parameters['wire.dsigma']
-    for i in range(p.wires):
-        height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
-        if not height > NARROW:
-            return (
-                f'stalled: the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
-                f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
-                f'sigma_M, or choose the hybrid model'
-            )
-    return ''
-
-
-def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
-    """Which requested phase fractions no mode admits, and where they were moved."""
-    notes = []
-    for i in range(model.wires):
-        name = f'initial.x_M_{i + 1}'
-        requested, x = model.config.parameters[name], run.state.x_frozen[i]
-        if not np.isnan(requested) and abs(requested - x) > 1e-9:
-            notes.append(f'{name} = {requested:g} is not admitted at rest; the run starts at {x:.6g}')
-    return tuple(notes)
 
 
 def named_jumps(jumps: Any, count: int) -> tuple[Jump, ...]:

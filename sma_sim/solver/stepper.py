@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.layout import O_SIZE, Evaluation, InputPoint, System, SystemState
+from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import EVERYTHING, depends_on, update_flow
 from sma_sim.solver.linear import factorise, solve_factorised
 from sma_sim.solver.rosenbrock import RODAS4P2
@@ -109,7 +109,7 @@ def copy_evaluation(source: Evaluation, target: Evaluation) -> None:
     """Copy an evaluation of the flow into another."""
     copy_into(target.dy, source.dy)
     for i in range(np.uint64(source.obs.shape[0])):
-        for k in range(O_SIZE):
+        for k in range(np.uint64(source.obs.shape[1])):
             target.obs[i, k] = source.obs[i, k]
 
 

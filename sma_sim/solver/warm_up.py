@@ -7,7 +7,8 @@ import numpy as np
 from sma_sim.model.config import Config
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.inputs import module_input
-from sma_sim.solver.simulate import Model, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import simulate
 
 
 def compile_simulation() -> None:

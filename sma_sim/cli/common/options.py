@@ -8,7 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from sma_sim.model.config import Config, effect_folders_of, read_config
+from sma_sim.model.config import Config, read_config
+from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
 
 QUIET_TIME = 2.0  # [s] before progress is shown

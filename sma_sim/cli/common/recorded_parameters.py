@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.rosbag.raw_messages import Bag, is_bag, open_bag
-from sma_sim.model.config import Config, effect_folders_of, read_config
+from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
 
 
 def recorded_parameters(bag: Bag) -> dict[str, Any] | None:

@@ -10,7 +10,8 @@ from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.config import Config
 from sma_sim.model.layout import O_EPS, O_SIGMA
 from sma_sim.solver.inputs import module_input
-from sma_sim.solver.simulate import Model, new_run, new_work, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import new_run, new_work, simulate
 
 HEATING_TIME = 10.0  # [s]
 J_MAX_FRACTION = 0.5

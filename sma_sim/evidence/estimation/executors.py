@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from sma_sim.evidence.estimation.search_context import Stop
-from sma_sim.model.config import Config
+from sma_sim.model.config import Config, folders_of
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects, with_scopes
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import find_structures
 
 Result = TypeVar('Result')
 
@@ -29,16 +30,22 @@ class PickledConfig:
         config = self.config
         folders = {str(file.parent) for active in config.effects for file in active.found.files}
         effects = [(active.found.effect.name, active.values) for active in config.effects]
-        return unpickled_config, (dict(config.parameters), config.system, config.model, effects, sorted(folders))
+        kind = (config.system, config.model, folders_of(config.structure))
+        return unpickled_config, (dict(config.parameters), kind, effects, sorted(folders))
 
 
 def unpickled_config(
-    parameters: dict[str, float], system: str, model: str, effects: list[tuple[str, tuple[float, ...]]], folders: list[str]
+    parameters: dict[str, float],
+    kind: tuple[str, str, list[str]],
+    effects: list[tuple[str, tuple[float, ...]]],
+    folders: list[str],
 ) -> PickledConfig:
     """The configuration in the other process."""
     found = with_scopes(find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]) if effects else {}
     active = tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects)
-    return PickledConfig(Config(parameters, system, model, active))
+    system, model, homes = kind
+    own = find_structures([Path(home) for home in homes])[system] if homes else None
+    return PickledConfig(Config(parameters, system, model, active, own_structure=own))
 
 
 def workers_of(executor: Executor) -> int:

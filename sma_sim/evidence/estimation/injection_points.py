@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sma_sim.model.effects.effect import SYSTEMS
 from sma_sim.model.effects.ports import CHANNELS
 
 STIFFNESS = 3  # `component` of the port that takes a part of K q
@@ -38,7 +37,16 @@ class Port:
 def wire_ports(group: str, unit: str, hook: str, probe: float, what: str) -> list[Port]:
     """The ports of both wires (of the only one, on a wire)."""
     return [
-        Port(f'{group}_{i + 1}', unit, hook, i, group, probe, SYSTEMS if i == 0 else ('module',), f'{what} wire {i + 1}')
+        Port(
+            f'{group}_{i + 1}',
+            unit,
+            hook,
+            i,
+            group,
+            probe,
+            ('module', 'wire') if i == 0 else ('module',),
+            f'{what} wire {i + 1}',
+        )
         for i in range(2)
     ]
 

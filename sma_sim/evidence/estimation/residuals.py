@@ -14,7 +14,8 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
-from sma_sim.solver.simulate import Model, SimulationError, Trajectory, new_run, new_work, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
 from sma_sim.solver.stepper import Work
 
 Vector = NDArray[np.float64]

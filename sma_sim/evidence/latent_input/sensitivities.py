@@ -21,7 +21,8 @@ from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.inputs import Input, input_between
-from sma_sim.solver.simulate import Model, SimulationError, simulate
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import SimulationError, simulate
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

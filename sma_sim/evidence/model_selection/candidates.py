@@ -13,6 +13,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.parameters import Parameter
+from sma_sim.solver.effect_table import acts_on
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
     """
     active = {effect.found.effect.plain_name for effect in config.effects}
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
-    candidates = (candidate_of(found) for found in missing if config.system in found.effect.systems)
+    structure = config.structure.structure
+    candidates = (candidate_of(found) for found in missing if acts_on(found.effect, structure))
     return tuple(candidate for candidate in candidates if candidate.families)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.fixed_rate import FixedRateRun, first_steps
-from sma_sim.solver.simulate import Model
+from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from sma_sim.model.effects.ports import (
-    MODULE_CHANNELS,
-    N_CHANNELS,
     S_CHANNEL,
     S_DEPS,
     S_DX,
@@ -47,23 +45,44 @@ from sma_sim.model.layout import (
 def fill_kernel_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
     """Fill the state that kernels read, a row per wire, with what is in `y` and `obs`."""
     for i in range(p.wires):
-        s, other = p.effects.s[i], p.wires - 1 - i
+        s = p.effects.s[i]
         s[S_TIME], s[S_T_E], s[S_WIRE] = t, T_E, i
-        s[S_T], s[S_T_OTHER] = y[p.first_T + i], y[p.first_T + other]
-        s[S_X], s[S_X_OTHER] = obs[i, O_X], obs[other, O_X]
+        s[S_T], s[S_T_OTHER] = y[p.first_T + i], other_temperature(i, y, p)
+        s[S_X], s[S_X_OTHER] = obs[i, O_X], other_fraction(i, p, obs)
         s[S_EPS], s[S_DEPS] = obs[i, O_EPS], obs[i, O_DEPS]
         s[S_LENGTH], s[S_V], s[S_J] = obs[i, O_LENGTH], obs[i, O_V], obs[i, O_J]
         s[S_SIGMA], s[S_DX] = obs[i, O_SIGMA], obs[i, O_DX]
-        if p.module:
-            for j in range(6):
-                s[S_POSE + j] = y[j]
+        for j in range(2 * p.coordinates):
+            s[S_POSE + j] = y[j]
+
+
+def other_temperature(i: int, y: Vector, p: System) -> float:
+    """Temperature of the other wire; the mean of the others, of a single wire its own."""
+    if p.wires < 3:
+        return y[p.first_T + p.wires - 1 - i]
+    total = 0.0
+    for other in range(p.wires):
+        if other != i:
+            total += y[p.first_T + other]
+    return total / (p.wires - 1)
+
+
+def other_fraction(i: int, p: System, obs: Vector) -> float:
+    """x_M of the other wire, as `other_temperature`."""
+    if p.wires < 3:
+        return obs[p.wires - 1 - i, O_X]
+    total = 0.0
+    for other in range(p.wires):
+        if other != i:
+            total += obs[other, O_X]
+    return total / (p.wires - 1)
 
 
 def fill_kernel_phases(p: System, obs: Vector) -> None:
     """Put the phase fractions and stresses, as soon as they are known, into the state that kernels read."""
     for i in range(p.wires):
         s = p.effects.s[i]
-        s[S_X], s[S_X_OTHER], s[S_SIGMA] = obs[i, O_X], obs[p.wires - 1 - i, O_X], obs[i, O_SIGMA]
+        s[S_X], s[S_X_OTHER], s[S_SIGMA] = obs[i, O_X], other_fraction(i, p, obs), obs[i, O_SIGMA]
         s[S_STRAIN] = obs[i, O_STRAIN]
 
 
@@ -84,16 +103,15 @@ def start_states(y: Vector, p: System, obs: Vector) -> None:
             for instance in range(1 if k >= e.port_start[STRUCTURE_FORCE] else p.wires):
                 start_instance(k, instance, y, e)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:
-        for channel in range(N_CHANNELS):
-            if p.module == (channel < MODULE_CHANNELS):
-                start_sensor(channel, y, p, obs)
+        for channel in range(p.channels):
+            start_sensor(channel, y, p, obs)
 
 
 def start_sensor(channel: int, y: Vector, p: System, obs: Vector) -> None:
     """First values of the sensing chain of a channel: each effect starts at what those before it show."""
     e = p.effects
     s = e.s[p.wires - 1]
-    s[S_VALUE], s[S_CHANNEL] = true_channel(channel, y, p, obs), channel
+    s[S_VALUE], s[S_CHANNEL] = true_channel(channel, y, p, obs), e.code[channel]
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
             if e.start[k] != 0:
@@ -110,13 +128,12 @@ def start_instance(k: int, instance: int, y: Vector, e: EffectTable) -> None:
 
 
 def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
-    """The true value of a sensor channel, in the order of CHANNELS."""
-    if channel < 3:
+    """The true value of a channel: coordinates, forces, temperatures; of a wire whose strain is imposed, stress and T."""
+    n = p.coordinates
+    if n == 0:
+        return obs[0, O_F] / (p.wire.n * p.wire.section) if channel == 0 else y[p.first_T]
+    if channel < n:
         return y[channel]
-    if channel < 5:
-        return obs[channel - 3, O_F]
-    if channel < 7:
-        return y[p.first_T + channel - 5]
-    if channel == 7:
-        return obs[0, O_F] / (p.wire.n * p.wire.section)
-    return y[p.first_T]
+    if channel < n + p.wires:
+        return obs[channel - n, O_F]
+    return y[p.first_T + channel - n - p.wires]

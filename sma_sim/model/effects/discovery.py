@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
-import importlib.util
 import pkgutil
 import sys
 from collections.abc import Iterable, Mapping
@@ -12,16 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
 
 import sma_sim.model.effects.library as package
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
+from sma_sim.model.user_files import user_modules
 
 ENTRY_POINTS = 'sma_sim.effects'
-USER_PACKAGE = 'sma_sim_user_effects'
-SEARCHED: set[Path] = set()  # folders of the user's, whose helper modules may have been imported in this process
 
 
 class EffectError(UserError):
@@ -96,17 +92,8 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
     """
     found = dict(package_effects())
     for folder in folders:
-        if not folder.is_dir():
-            raise EffectError(f'effects.paths: {folder} is not a folder')
-        files = tuple(sorted(folder.rglob('*.py')))
-        package = package_for(files)
-        stems = tuple(file.stem for file in files)
-        SEARCHED.add(folder.resolve())
-        for stem in stems:  # helper modules that an effect file imports: edited since, or another folder's of the same name
-            if is_below_one(SEARCHED, sys.modules.get(stem)):
-                del sys.modules[stem]
-        for file in sorted(folder.glob('*.py')):
-            module = load_file(file, package)
+        own = user_modules(folder, 'effects.paths', EffectError)
+        for file, module in own.modules:
             effect = getattr(module, 'EFFECT', None)
             if effect is None:
                 continue
@@ -114,7 +101,7 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
                 raise EffectError(f'{file}: EFFECT must be an sma_sim.Effect, got {type(effect).__name__}')
             if effect.name in found:
                 raise EffectError(f'{file}: an effect named {effect.name!r} exists already; choose another name')
-            found[effect.name] = FoundEffect(effect, files, ('sma_sim.', USER_PACKAGE, *stems))
+            found[effect.name] = FoundEffect(effect, own.files, own.packages)
     return found
 
 
@@ -132,51 +119,3 @@ def with_scopes(found: Mapping[str, FoundEffect], names: Iterable[str]) -> dict[
                 )
             every[name] = found[plain].in_scope(scopes[scope])
     return every
-
-
-def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:
-    """Whether a module was imported from a file in one of the (resolved) folders."""
-    file = getattr(module, '__file__', None)
-    return file is not None and not set(folders).isdisjoint(Path(file).resolve().parents)
-
-
-def load_file(file: Path, package: str) -> ModuleType:
-    """Import one file of the user's as a module of `package`. Raises EffectError with what is wrong in it."""
-    name = f'{package}.{file.stem}'
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    sys.path.insert(0, str(file.parent))
-    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # bytecode tells edits by second and size only
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise EffectError(f'{file} cannot be loaded: {type(error).__name__}: {error}{hint(error)}') from error
-    finally:
-        sys.path.remove(str(file.parent))
-        sys.dont_write_bytecode = writes
-    return module
-
-
-def hint(error: Exception) -> str:
-    """What to do about an error in a file that another version of the program took."""
-    if isinstance(error, TypeError) and "'depends_on_x'" in str(error):
-        return '; remove it: what a kernel reads is inferred'
-    return ''
-
-
-def package_for(files: Iterable[Path]) -> str:
-    """A package in memory for files of the user's, named by what is in them.
-
-    Native code that was kept refers to its module by name: the name must be there again in the next process, and be
-    another one after an edit.
-    """
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.name.encode() + b'\0' + file.read_bytes())
-    name = f'{USER_PACKAGE}_{digest.hexdigest()[:12]}'
-    if name not in sys.modules:
-        sys.modules[name] = ModuleType(name)
-        sys.modules[name].__path__ = []
-    return name

@@ -15,7 +15,6 @@ CHAIN = {
     'wire_strain': ('', 'series'),
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
-SYSTEMS = ('module', 'wire')
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,9 @@ class Effect:
     channels : tuple of str
         The channels that a sensing effect acts on.
     systems : tuple of str
-        The systems in which the effect has a meaning; in others it is left out.
+        The systems in which the effect has a meaning, in others it is left out; none are all with enough `wires`.
+    wires : int
+        How many wires it needs.
     energy : str
         How the effect enters the energy balance.
     description, signature : str
@@ -70,7 +71,8 @@ class Effect:
     start: Callable[..., Any] | None = None
     stage: str = ''
     channels: tuple[str, ...] = CHANNELS
-    systems: tuple[str, ...] = SYSTEMS
+    systems: tuple[str, ...] = ()
+    wires: int = 1
     energy: str = ''
     description: str = ''
     signature: str = ''

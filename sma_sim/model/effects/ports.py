@@ -43,8 +43,8 @@ RATE_UNKNOWN = (
     (),
 )
 
+# Channels of sensors that effects name, by the number that kernels see as ``s.channel``; other structures' follow them.
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
-N_CHANNELS, MODULE_CHANNELS = len(CHANNELS), 7  # the module's are the first; the others those of a wire on a test bench
 
 
 class State(NamedTuple):
@@ -77,15 +77,15 @@ class State(NamedTuple):
     F: float
     T_other: float
     x_other: float
+    value: float
+    channel: float
+    strain: float
     U_x: float
     U_y: float
     alpha: float
     dU_x: float
     dU_y: float
     dalpha: float
-    value: float
-    channel: float
-    strain: float
 
 
 (
@@ -104,24 +104,26 @@ class State(NamedTuple):
     S_F,
     S_T_OTHER,
     S_X_OTHER,
+    S_VALUE,
+    S_CHANNEL,
+    S_STRAIN,
     S_POSE,
-) = range(16)
-S_POSE_RATE, S_VALUE, S_CHANNEL, S_STRAIN, S_SIZE = 18, 21, 22, 23, 24
+) = range(19)  # the coordinates, then their rates
 
 
 class EffectTable(NamedTuple):
     """The active effects as the compiled right-hand side reads them, sorted by port and place in its chain.
 
-    Shapes: `port_start` (8,), `slot` (effects, 9), all others one entry per effect, except for the flat
-    `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are addresses
-    of native kernels, 0 for none. After an effect's `parameters` stands the mask of
-    its scope. `states` counts the extra states of one instance (one wire, one channel, or the
-    structure); instance i of effect k has its states at ``state_start[k] + i states[k]`` in the state vector. `slot`
-    gives the instance of a sensing effect on a channel, -1 where it does not act. `s` (wires, S_SIZE) is the state that
-    kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads, -1 for those on
-    wires, which read their wire's. `constants` are the addresses of `wire` or `beam`. `out` takes what kernels return.
-    What effects add on strain and stress
-    ports depends on x and eps, and on wire_heat on dx, where `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
+    Shapes: `port_start` (8,), `slot` (effects, channels), `code` (channels,), all others one entry per effect, except
+    for the flat `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are
+    addresses of native kernels, 0 for none. After an effect's `parameters` stands the mask of its scope. `states` counts
+    the extra states of one instance (one wire, one channel, or the structure); instance i of effect k has its states at
+    ``state_start[k] + i states[k]`` in the state vector. `slot` gives the instance of a sensing effect on a channel, -1
+    where it does not act; `code` is what kernels see as its ``s.channel``. `s` (wires, S_POSE + twice the coordinates)
+    is the state that kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads,
+    -1 for those on wires, which read their wire's. `constants` are the addresses of `wire` or `structure`. `out` takes
+    what kernels return. What effects add on strain and stress ports depends on x and eps, and on wire_heat on dx, where
+    `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
     """
 
     port_start: NDArray[np.int64]
@@ -132,6 +134,7 @@ class EffectTable(NamedTuple):
     state_start: NDArray[np.int64]
     scale: NDArray[np.float64]
     slot: NDArray[np.int64]
+    code: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
     depends_on_eps: NDArray[np.int64]
     depends_on_dx: NDArray[np.int64]
@@ -141,7 +144,7 @@ class EffectTable(NamedTuple):
     constants: NDArray[np.int64]
     s: NDArray[np.float64]
     wire: NDArray[np.float64]
-    beam: NDArray[np.float64]
+    structure: NDArray[np.float64]
     out: NDArray[np.float64]
 
 
@@ -158,7 +161,7 @@ def call_effect(address: int, k: int, instance: int, y: NDArray[np.float64], e: 
     row = e.row[k] if e.row[k] >= 0 else instance
     call_kernel(
         address,
-        e.s.ctypes.data + 8 * S_SIZE * row,
+        e.s.ctypes.data + 8 * e.s.shape[1] * row,
         e.constants[k],
         e.parameters.ctypes.data + 8 * e.parameter_start[k],
         y.ctypes.data + 8 * (e.state_start[k] + instance * e.states[k]),

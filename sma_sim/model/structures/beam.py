@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.model.parameters import BeamConstants
-
-Vector = NDArray[np.float64]
 
 
 def wire_length(U_x: float, U_y: float, alpha: float, side: float, b: BeamConstants) -> tuple[float, float, float, float]:
@@ -40,9 +35,3 @@ def stiffness_forces(
         part * (b.k_y * U_y - b.k_ya * alpha),
         part * (b.k_a * alpha - b.k_ya * U_y),
     )
-
-
-def beam_forces(y: Vector, b: BeamConstants) -> tuple[float, float, float]:
-    """Elastic and viscous generalised forces of the beam on the pose [N, N, N m]; `y` begins with pose and rates."""
-    F_x, F_y, M = stiffness_forces(y[0], y[1], y[2], b)
-    return -F_x - b.b_x * y[3], -F_y - b.b_y * y[4], -M - b.b_alpha * y[5]

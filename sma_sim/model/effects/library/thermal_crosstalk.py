@@ -25,7 +25,7 @@ EFFECT = Effect(
         ),
     ),  # fmt: skip
     kernel=lambda s, w, p: p.G * w.l0 * (s.T_other - s.T),
-    systems=('module',),
+    wires=2,
     energy='heat from the hotter to the colder bundle; their sum is unchanged',
     description='quasi-steady: the air between the bundles stores nothing',
     signature='the unpowered wire warms while the other is hot: less stroke, more at long heating',

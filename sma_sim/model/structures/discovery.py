@@ -1,0 +1,91 @@
+"""Finds structures: those of the package, files in folders of the user's own, entry points of other packages."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import sma_sim.model.structures as package
+from sma_sim.model.errors import UserError
+from sma_sim.model.structures.structure import Structure
+from sma_sim.model.user_files import user_modules
+
+ENTRY_POINTS = 'sma_sim.structures'
+
+
+class StructureError(UserError):
+    """A structure file that cannot be used; the message names the file and what is wrong."""
+
+
+@dataclass(frozen=True)
+class FoundStructure:
+    """A structure and the files that its kernels depend on."""
+
+    structure: Structure
+    files: tuple[Path, ...]
+    packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
+
+    def __hash__(self) -> int:
+        """Of what tells structures apart nearly always: it is asked for with every model."""
+        return hash((self.structure.name, self.files))
+
+
+@cache
+def package_structures() -> dict[str, FoundStructure]:
+    """The structures of the package and of installed packages that declare an entry point, by name."""
+    found = {}
+    for module in pkgutil.iter_modules(package.__path__):
+        member = importlib.import_module(f'{package.__name__}.{module.name}')
+        if hasattr(member, 'STRUCTURE'):
+            found[member.STRUCTURE.name] = FoundStructure(member.STRUCTURE, (), ('sma_sim.',))
+    for point in entry_points(group=ENTRY_POINTS):
+        structure = point.load()
+        home = sys.modules[point.module]
+        files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()
+        found[structure.name] = FoundStructure(structure, files, ('sma_sim.', point.module.split('.')[0]))
+    return found
+
+
+def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
+    """All structures by name: those of the package and those in the given folders.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Folders of structure files of your own. Importing them runs them.
+
+    Returns
+    -------
+    dict
+        A `FoundStructure` (the `Structure` and its files) by name.
+
+    Raises
+    ------
+    StructureError
+        For a folder that does not exist, a file that cannot be imported, or a name that exists already.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> sma_sim.find_structures()['module'].structure.coordinate_names
+    ('U_x', 'U_y', 'alpha')
+    """
+    found = dict(package_structures())
+    for folder in folders:
+        own = user_modules(folder, 'structures.paths', StructureError)
+        for file, module in own.modules:
+            structure = getattr(module, 'STRUCTURE', None)
+            if structure is None:
+                continue
+            if not isinstance(structure, Structure):
+                raise StructureError(f'{file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}')
+            if structure.name in found:
+                raise StructureError(f'{file}: a structure named {structure.name!r} exists already; choose another name')
+            found[structure.name] = FoundStructure(structure, own.files, own.packages)
+    return found

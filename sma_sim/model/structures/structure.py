@@ -1,0 +1,215 @@
+"""What a structure is: one small file that declares it.
+
+A structure is what wires pull on: its coordinates, its inertia, its own forces, and how long each wire is in every pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import namedtuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.structures.links import LinkTree
+
+Constants = Any  # a named tuple of numbers, the structure's own
+UNITS_WITHOUT_SUFFIX = ('-', '')
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A generalised coordinate of a structure.
+
+    Attributes
+    ----------
+    name, unit, description : str
+        What it is; its column in files is ``name_unit``.
+    scale : float or callable
+        A usual change of it, in its unit; a callable takes the structure's constants.
+    rate_scale : callable, optional
+        A usual change of its rate; without it, that of an undamped vibration by `scale`.
+    sensor_scale : float, optional
+        A usual change of what its sensor shows (default `scale`).
+    limit : float
+        Beyond it the structure has lost its stability.
+    """
+
+    name: str
+    unit: str
+    scale: float | Callable[[Constants], float]
+    description: str = ''
+    rate_scale: Callable[[Constants], float] | None = None
+    sensor_scale: float | None = None
+    limit: float = math.inf
+
+    @property
+    def column(self) -> str:
+        """Its column in files."""
+        return self.name if self.unit in UNITS_WITHOUT_SUFFIX else f'{self.name}_{self.unit}'
+
+    def size(self, constants: Constants) -> float:
+        """The usual change, of a structure with these constants."""
+        return float(self.scale(constants) if callable(self.scale) else self.scale)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What is imposed on a structure beside heating, such as the strain of a wire on a test bench; linear between rows."""
+
+    name: str
+    unit: str
+    description: str = ''
+
+    @property
+    def column(self) -> str:
+        """Its column in files."""
+        return self.name if self.unit in UNITS_WITHOUT_SUFFIX else f'{self.name}_{self.unit}'
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A structure, declared as data.
+
+    Attributes
+    ----------
+    name, title : str
+        The system's name, and what a sentence calls it.
+    coordinates : tuple of Coordinate
+        Generalised coordinates q; none for a wire whose strain is imposed.
+    wires : int
+        Bundles of wires; all are of the same alloy, ``wire.n`` wires in each.
+    lengths : callable
+        ``lengths(q, p)`` returns the length [m] of every wire, as a float or a tuple; `q` has the coordinates by name, `p`
+        the constants.
+    forces : callable
+        ``forces(q, v, p)`` returns the generalised force of all but the wires on every coordinate [N or N m]: springs,
+        damping, weight. `v` has the rates by the names of the coordinates. With drives it is ``forces(q, v, p, u)``.
+    inertia : callable
+        ``inertia(p)`` returns the inertia of every coordinate [kg or kg m^2].
+    gradients : callable, optional
+        ``gradients(q, p)`` returns dl/dq, wire by wire, in one tuple; without it central differences of sixth order.
+    accelerations : callable, optional
+        ``accelerations(q, v, f, p)`` from the generalised forces `f`, in place of f over `inertia`.
+    parameters : tuple of Parameter
+        The structure's parameters. A name without a point belongs to the group with the structure's name.
+    constants : callable, optional
+        From the values by full name to the named tuple `p`; without it `p` has the parameters by name.
+    antagonistic : bool
+        One command J_eq for two wires: positive heats wire 1, negative wire 2. Else one command for each wire.
+    drives : tuple of Drive
+        What is imposed beside heating.
+    fitted : tuple of str
+        Full names of what a fit changes beside the material when nothing else is asked for.
+    defaults : mapping
+        Values by full name in place of the package's own defaults.
+    links : callable, optional
+        From values by full name to the tree of links, which pictures and TF show.
+    energy : callable, optional
+        ``energy(q, v, p)`` is the kinetic and potential energy [J], which tests hold against the forces.
+    description, source : str
+        Remarks, and where the equations come from.
+    """
+
+    name: str
+    title: str
+    coordinates: tuple[Coordinate, ...]
+    wires: int
+    lengths: Callable[..., Any] | None = None
+    forces: Callable[..., Any] | None = None
+    inertia: Callable[..., Any] | None = None
+    gradients: Callable[..., Any] | None = None
+    accelerations: Callable[..., Any] | None = None
+    parameters: tuple[Parameter, ...] = ()
+    constants: Callable[[Mapping[str, float]], Constants] | None = None
+    antagonistic: bool = False
+    drives: tuple[Drive, ...] = ()
+    fitted: tuple[str, ...] = ()
+    defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    links: Callable[[Mapping[str, float]], LinkTree] | None = None
+    energy: Callable[..., Any] | None = None
+    description: str = ''
+    source: str = ''
+
+    def __post_init__(self) -> None:
+        if self.coordinates and not (self.lengths and self.forces and (self.inertia or self.accelerations)):
+            raise ValueError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
+        if self.antagonistic and self.wires != 2:
+            raise ValueError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
+        if self.wires < 1:
+            raise ValueError(f'structure {self.name!r}: expected one wire or more, got {self.wires}')
+
+    @cached_property
+    def declared(self) -> dict[str, Parameter]:
+        """The structure's parameters by full name."""
+        return {p.name if '.' in p.name else f'{self.name}.{p.name}': p for p in self.parameters}
+
+    @property
+    def default_values(self) -> dict[str, float]:
+        """Default values of all parameters of a model with this structure, by full name."""
+        values = {name: parameter.default for name, parameter in (dict(DEFAULTS) | self.declared).items()}
+        return values | dict(self.defaults)
+
+    @cached_property
+    def default_constants(self) -> Constants:
+        """The constants at the default values."""
+        return self.constants_of(self.default_values)
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    def constants_of(self, values: Mapping[str, float]) -> Constants:
+        """The constants that the kernels read, from values by full name."""
+        if self.constants is not None:
+            return self.constants(values)
+        names = [name.rpartition('.')[2] for name in self.declared]
+        return record('Constants', names)(*(float(values[name]) for name in self.declared))
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Names of the heating commands, in the order of the input."""
+        if self.antagonistic:
+            return ('J_eq',)
+        return ('J',) if self.wires == 1 else tuple(f'J_{i + 1}' for i in range(self.wires))
+
+    @property
+    def input_columns(self) -> tuple[str, ...]:
+        """Columns of the input in files: drives, heating, ambient temperature."""
+        return (*(drive.column for drive in self.drives), *(f'{name}_W' for name in self.commands), 'T_E_K')
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What sensors can show: the coordinates, the force and the temperature of every wire."""
+        if not self.coordinates:
+            return ('stress', 'T')
+        numbers = range(1, self.wires + 1)
+        return (*self.coordinate_names, *(f'F_{i}' for i in numbers), *(f'T_{i}' for i in numbers))
+
+    @property
+    def channel_columns(self) -> tuple[str, ...]:
+        """Columns of the channels in files."""
+        if not self.coordinates:
+            return ('stress_Pa', 'T_K')
+        numbers = range(1, self.wires + 1)
+        columns = (coordinate.column for coordinate in self.coordinates)
+        return (*columns, *(f'F_{i}_N' for i in numbers), *(f'T_{i}_K' for i in numbers))
+
+
+def in_group(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """The parameters under the names that they have in a group."""
+    return tuple(replace(parameter, name=f'{group}.{parameter.name}') for parameter in parameters)
+
+
+def record(name: str, fields: Sequence[str]) -> Any:
+    """A named tuple type whose fields are known only now."""
+    return namedtuple(name, fields)
+
+
+def numbers(value: Any) -> tuple[float, ...]:
+    """What a kernel returned, a tuple or a single number."""
+    return value if isinstance(value, tuple) else (value,)

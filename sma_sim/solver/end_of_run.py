@@ -1,0 +1,76 @@
+"""Why a run ended, in words, and what was moved at its start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
+from sma_sim.model.material import heat_capacity
+from sma_sim.model.system import flow
+from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.integrate import COMPLETED, REASONS, STALLED, STEP_UNDERFLOW, Run
+from sma_sim.solver.model import Model, new_findings
+
+NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
+NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
+
+
+def stop_reason(status: int, model: Model, run: Run) -> str:
+    """Why a run ended, in words; where parameters leave a wire no heat capacity, that (MAS9, L3b)."""
+    p = model.compiled
+    if status != COMPLETED and (lost := lost_stability(model, run)):
+        return lost
+    if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
+        return narrow
+    for i in range(p.wires):
+        y, T = run.state.y, run.state.y[p.first_T + i]
+        x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
+        left = heat_capacity(T, x, p.wire) / (p.wire.volume * p.wire.rho * p.wire.c_V)
+        if status == STEP_UNDERFLOW and left < NO_CAPACITY:
+            return (
+                f'the heat capacity of wire {i + 1} has come down to nothing at {T:.1f} K and x_M = {x:.2f}: rho c_V + T '
+                f'(1/E_M - 1/E_A) sigma_T^2 (1 - x_M); check wire.sigma_T, wire.c_V and why wire.E_M is above wire.E_A'
+            )
+    return REASONS[status]
+
+
+def lost_stability(model: Model, run: Run) -> str:
+    """Which coordinate has left the range in which a pose is stable; empty where none has."""
+    structure = model.structure
+    for coordinate, value in zip(structure.coordinates, run.state.y, strict=False):
+        if not abs(value) < coordinate.limit:
+            return (
+                f'the {structure.title} has lost its stability: {coordinate.name} has come to {value:.3g} '
+                f'{coordinate.unit}, no pose is stable under these forces; check the effects on structure_force (one that '
+                f'softens it) and {", ".join(structure.fitted)}'
+            )
+    return ''
+
+
+def narrow_hysteresis(model: Model, run: Run) -> str:
+    """What stalls the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
+    p, y = model.compiled, run.state.y
+    no_input = np.zeros(len(model.structure.input_columns))
+    point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
+    flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
+    dsigma = model.config.parameters['wire.dsigma']
+    for i in range(p.wires):
+        height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
+        if not height > NARROW:
+            return (
+                f'stalled: the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
+                f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
+                f'sigma_M, or choose the hybrid model'
+            )
+    return ''
+
+
+def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:
+    """Which requested phase fractions no mode admits, and where they were moved."""
+    notes = []
+    for i in range(model.wires):
+        name = f'initial.x_M_{i + 1}'
+        requested, x = model.config.parameters.get(name, np.nan), run.state.x_frozen[i]
+        if not np.isnan(requested) and abs(requested - x) > 1e-9:
+            notes.append(f'{name} = {requested:g} is not admitted at rest; the run starts at {x:.6g}')
+    return tuple(notes)

@@ -1,0 +1,114 @@
+"""A configuration made ready for the compiled flow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.config import Config
+from sma_sim.model.layout import O_DL, StructureTable, System
+from sma_sim.model.parameters import wire_constants
+from sma_sim.model.structures.structure import Constants, Structure, numbers, record
+from sma_sim.solver.effect_table import effect_table
+from sma_sim.solver.fields_read import uses_time
+from sma_sim.solver.structure_kernels import MOST_EFFECTS, native_structure
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used.
+
+    Attributes
+    ----------
+    config : Config
+        Parameters, system, kinetics and active effects; default: the paper's module.
+    """
+
+    config: Config = field(default_factory=Config)
+
+    @property
+    def structure(self) -> Structure:
+        """What the wires pull on."""
+        return self.config.structure.structure
+
+    @property
+    def wires(self) -> int:
+        """Number of wires (bundles, in the module)."""
+        return self.structure.wires
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether the flow depends on time other than through the input."""
+        return any(uses_time(active.found.effect) for active in self.config.effects)
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The structure's constants, by name."""
+        return self.structure.constants_of(self.config.parameters)
+
+    @cached_property
+    def compiled(self) -> System:
+        """What the compiled flow reads."""
+        config, structure = self.config, self.structure
+        n, mas = len(structure.coordinates), config.model == 'mas'
+        first_T, wire = 2 * n, wire_constants(config.parameters)
+        first_x = first_T + self.wires
+        table, _ = effect_table(config.effects, config.structure, first_x + (self.wires if mas else 0), wire, self.constants)
+        scales = [coordinate.size(self.constants) for coordinate in structure.coordinates]
+        numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
+        at = StructureTable(
+            *native_structure(config.structure).addresses, np.array(numbers_read, dtype=float),
+            np.zeros(len(structure.drives) + 1 + MOST_EFFECTS * n),
+        )  # fmt: skip
+        return System(
+            n, self.wires, len(structure.drives), structure.antagonistic, mas, first_T, first_x, len(structure.channels),
+            wire, at, table,
+        )  # fmt: skip
+
+    @cached_property
+    def scales(self) -> Vector:
+        """The size of every state, for the error control and the difference steps; its length is the state's."""
+        config, p = self.config, self.compiled
+        pose = [coordinate.size(self.constants) for coordinate in self.structure.coordinates]
+        wires = [30.0] * self.wires + [0.1] * (self.wires if p.mas else 0)
+        first = 2 * len(pose) + len(wires)
+        _, extra = effect_table(config.effects, config.structure, first, p.wire, self.constants)
+        return np.array([*pose, *rate_scales(self.structure, self.constants), *wires, *extra])
+
+
+def inertia_of(structure: Structure, constants: Constants) -> tuple[float, ...]:
+    """The inertia of every coordinate, 1 where accelerations are a kernel of their own."""
+    if structure.inertia is None:
+        return (1.0,) * len(structure.coordinates)
+    return numbers(structure.inertia(constants))
+
+
+def rate_scales(structure: Structure, constants: Constants) -> list[float]:
+    """Usual changes of the rates: declared, or those of undamped vibrations, or of a motion within a second."""
+    scales = []
+    pose = record('Pose', structure.coordinate_names)
+    rest = pose(*(0.0 for _ in structure.coordinates))
+    names = [drive.name for drive in structure.drives]
+    drives = (record('Drives', names)(*(0.0 for _ in names)),) if names else ()
+    for j, (coordinate, inertia) in enumerate(zip(structure.coordinates, inertia_of(structure, constants), strict=True)):
+        scale = coordinate.size(constants)
+        if coordinate.rate_scale is not None:
+            scales.append(coordinate.rate_scale(constants))
+            continue
+        assert structure.forces is not None
+        moved = rest._replace(**{coordinate.name: scale})
+        ends = [numbers(structure.forces(q, rest, constants, *drives))[j] for q in (rest, moved)]
+        scales.append(scale * max(1.0, math.sqrt(abs(ends[0] - ends[1]) / scale / inertia)))
+    return scales
+
+
+def new_findings(p: System) -> Any:
+    """Room for what the flow finds on its way, (wires, O_DL + coordinates)."""
+    return np.zeros((p.wires, O_DL + p.coordinates))

@@ -1,0 +1,246 @@
+"""Native code of a structure's kernels, ready within seconds of its file being saved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import FunctionType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V
+from sma_sim.model.structures.discovery import FoundStructure, StructureError
+from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
+
+STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordinate
+WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding
+AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
+MOST_EFFECTS = 64  # on one structure
+CHECKED_POSES = (0.0, 0.7, -1.3)  # relative to the scales of the coordinates
+
+
+class NativeStructure(NamedTuple):
+    """Native functions of a structure (`StructureTable`), None where it has none. Keep it alive while in use."""
+
+    kinematics: Any
+    speeds: Any
+    motion: Any
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Addresses of the three, 0 for none."""
+        kinematics, speeds, motion = (0 if f is None else int(f.address) for f in self)
+        return kinematics, speeds, motion
+
+
+class Kernel(NamedTuple):
+    """A kernel of a structure: the letters of what it takes, how many numbers it returns, and whether in a tuple."""
+
+    python: Callable[..., Any]
+    takes: str
+    returns: int
+    in_tuple: bool
+
+
+@cache
+def native_structure(found: FoundStructure) -> NativeStructure:
+    """Compile the kernels of a structure, or load them when these very sources were compiled before.
+
+    Raises StructureError where one fails, cannot be compiled, returns another number of values, or where a gradient is not
+    that of the lengths.
+    """
+    structure = found.structure
+    if not structure.coordinates:
+        return NativeStructure(None, None, None)
+    kernels = checked_kernels(structure)
+    compiler = Compiler(content_key(*found.files), found.packages)
+    texts = (kinematics_text(structure, kernels), speeds_text(structure), motion_text(structure, kernels))
+    return NativeStructure(*(compiled(structure, text, kernels, compiler) for text in texts))
+
+
+def records_of(structure: Structure) -> dict[str, Any]:
+    """The named tuples that kernels take, by the letter of the argument."""
+    pose, drives = record('Pose', structure.coordinate_names), record('Drives', [drive.name for drive in structure.drives])
+    return {'q': pose, 'v': pose, 'f': pose, 'p': type(structure.default_constants), 'u': drives}
+
+
+def checked_kernels(structure: Structure) -> dict[str, Kernel]:
+    """The kernels by role, each called once. Raises StructureError."""
+    n, driven = len(structure.coordinates), 'u' if structure.drives else ''
+    constants, kinds = structure.default_constants, records_of(structure)
+    example = {letter: kinds[letter](*(0.1 * c.size(constants) for c in structure.coordinates)) for letter in 'qvf'}
+    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives))}
+    kernels = {}
+    for role, python, takes, returns in (
+        ('lengths', structure.lengths, 'qp', structure.wires),
+        ('gradients', structure.gradients, 'qp', n * structure.wires),
+        ('forces', structure.forces, 'qvp' + driven, n),
+        ('accelerations', structure.accelerations, 'qvfp', n),
+    ):
+        if python is None:
+            continue
+        try:
+            value = python(*(example[letter] for letter in takes))
+        except Exception as error:
+            raise StructureError(
+                f'structure {structure.name!r}: its {role} fails: {type(error).__name__}: {error}'
+            ) from error
+        count = len(numbers(value))
+        if count != returns:
+            raise StructureError(
+                f'structure {structure.name!r}: its {role} returns {count} number(s); expected {returns}, for '
+                f'{structure.wires} wire(s) and {n} coordinate(s)'
+            )
+        kernels[role] = Kernel(python, takes, returns, isinstance(value, tuple))
+    if 'gradients' in kernels:
+        check_gradients(structure, constants)
+    return kernels
+
+
+def check_gradients(structure: Structure, constants: Any) -> None:
+    """Raise StructureError where a gradient by hand is not that of the lengths."""
+    scales = np.array([c.size(constants) for c in structure.coordinates])
+    pose = record('Pose', structure.coordinate_names)
+    lengths, gradients = structure.lengths, structure.gradients
+    assert lengths is not None and gradients is not None
+    for part in CHECKED_POSES:
+        at = part * scales
+        by_hand = np.array(numbers(gradients(pose(*at), constants))).reshape(structure.wires, -1)
+        for j, scale in enumerate(scales):
+            slope = np.zeros(structure.wires)
+            for k, weight in enumerate(WEIGHTS, start=1):
+                step = np.zeros(len(scales))
+                step[j] = k * STEP * scale
+                ahead, behind = (np.array(numbers(lengths(pose(*(at + s * step)), constants))) for s in (1.0, -1.0))
+                slope += weight * (ahead - behind) / (STEP * scale)
+            worst = int(np.argmax(np.abs(slope - by_hand[:, j])))
+            if abs(slope[worst] - by_hand[worst, j]) > AGREEMENT * max(1e-3, float(np.abs(by_hand).max())):
+                raise StructureError(
+                    f'structure {structure.name!r}: its gradients give {by_hand[worst, j]:g} for wire {worst + 1} in '
+                    f'{structure.coordinate_names[j]}, differences of its lengths {slope[worst]:g}; leave gradients out to '
+                    'have them found'
+                )
+
+
+def kinematics_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
+    """Source of the C function that stores length, strain and dl/dq of every wire."""
+    n, wires = len(structure.coordinates), structure.wires
+    lines = [f'    lengths_ = {call(kernels, "lengths")}']
+    for i in range(wires):
+        lines.append(f'    obs[{at(structure, i, O_LENGTH)}] = lengths_[{i}]')
+        lines.append(f'    obs[{at(structure, i, O_EPS)}] = lengths_[{i}] / p_[{constants_in(structure) + 2 * n}] - 1.0')
+    if 'gradients' in kernels:
+        lines.append(f'    slopes_ = {call(kernels, "gradients")}')
+        lines += [f'    obs[{at(structure, i, O_DL + j)}] = slopes_[{i * n + j}]' for i in range(wires) for j in range(n)]
+    else:
+        lines += [line for j in range(n) for line in difference_lines(structure, kernels, j)]
+    return text_of(structure, 'kinematics', [f'    obs = carray(out, {size_of_obs(structure)})', *lines])
+
+
+def difference_lines(structure: Structure, kernels: dict[str, Kernel], j: int) -> list[str]:
+    """Lines that store the derivatives of all lengths in coordinate `j`."""
+    n = len(structure.coordinates)
+    lines = [f'    h_ = {STEP!r} * p_[{constants_in(structure) + j}]']
+    for k in range(1, len(WEIGHTS) + 1):
+        for name, sign in ((f'ahead{k}_', '+'), (f'behind{k}_', '-')):
+            pose = ', '.join(f'q_[{i}] {sign} {float(k)!r} * h_' if i == j else f'q_[{i}]' for i in range(n))
+            lines.append(f'    {name} = {call(kernels, "lengths", f"Q({pose})")}')
+    for i in range(structure.wires):
+        terms = (f'{w!r} * (ahead{k}_[{i}] - behind{k}_[{i}])' for k, w in enumerate(WEIGHTS, start=1))
+        lines.append(f'    obs[{at(structure, i, O_DL + j)}] = ({" + ".join(terms)}) / h_')
+    return lines
+
+
+def speeds_text(structure: Structure) -> str:
+    """Source of the C function that stores the rates of length and strain of every wire."""
+    n = len(structure.coordinates)
+    lines = [f'    obs = carray(out, {size_of_obs(structure)})']
+    for i in range(structure.wires):
+        rate = ' + '.join(f'obs[{at(structure, i, O_DL + j)}] * q_[{n + j}]' for j in range(n))
+        lines.append(f'    obs[{at(structure, i, O_V)}] = {rate}')
+        lines.append(
+            f'    obs[{at(structure, i, O_DEPS)}] = obs[{at(structure, i, O_V)}] / p_[{constants_in(structure) + 2 * n}]'
+        )
+    return text_of(structure, 'speeds', lines)
+
+
+def motion_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
+    """Source of the C function that stores dq/dt and dv/dt, under wires and effects."""
+    n, drives, first = len(structure.coordinates), len(structure.drives), constants_in(structure)
+    lines = [
+        f'    obs, dy = carray(findings, {size_of_obs(structure)}), carray(out, {2 * n})',
+        f'    added = carray(effects, {MOST_EFFECTS * n + drives + 1})',
+    ]
+    if drives:
+        lines.append(f'    u = U({", ".join(f"added[{k}]" for k in range(drives))})')
+    lines.append(f'    forces_ = {call(kernels, "forces")}')
+    for j in range(n):
+        pulls = ''.join(
+            f' - obs[{at(structure, i, O_DL + j)}] * obs[{at(structure, i, O_F)}]' for i in range(structure.wires)
+        )
+        lines.append(f'    f_{j} = forces_[{j}]{pulls}')
+    lines.append(f'    for k in range(int(added[{drives}])):')
+    lines += [f'        f_{j} += added[{drives + 1} + {n} * k + {j}]' for j in range(n)]
+    if 'accelerations' in kernels:
+        lines += [f'    f = F({", ".join(f"f_{j}" for j in range(n))})', f'    rates_ = {call(kernels, "accelerations")}']
+    for j in range(n):
+        rate = f'rates_[{j}]' if 'accelerations' in kernels else f'f_{j} / p_[{first + n + j}]'
+        lines += [f'    dy[{j}] = q_[{n + j}]', f'    dy[{n + j}] = {rate}']
+    return text_of(structure, 'motion', lines)
+
+
+def call(kernels: dict[str, Kernel], role: str, pose: str = 'q') -> str:
+    """A call of a kernel, as a tuple."""
+    kernel = kernels[role]
+    made = f'{role}({", ".join([pose, *kernel.takes[1:]])})'
+    return made if kernel.in_tuple else f'({made},)'
+
+
+def at(structure: Structure, wire: int, column: int) -> int:
+    """Where the findings of the flow have a column of a wire."""
+    return wire * (O_DL + len(structure.coordinates)) + column
+
+
+def size_of_obs(structure: Structure) -> int:
+    """Numbers in the findings of the flow."""
+    return at(structure, structure.wires, 0)
+
+
+def constants_in(structure: Structure) -> int:
+    """How many constants of its own a structure has."""
+    return len(records_of(structure)['p']._fields)
+
+
+def text_of(structure: Structure, role: str, lines: list[str]) -> str:
+    """Source of a C function of five addresses: state (q, then v), constants, what `role` takes, and what it stores."""
+    n, own = len(structure.coordinates), constants_in(structure)
+    head = [
+        f'def {structure.name}_{role}(state, constants, effects, findings, out):',
+        f'    q_, p_ = carray(state, {2 * n}), carray(constants, {own + 2 * n + 1})',
+        f'    q = Q({", ".join(f"q_[{i}]" for i in range(n))})',
+        f'    v = V({", ".join(f"q_[{n + i}]" for i in range(n))})',
+        f'    p = P({", ".join(f"p_[{i}]" for i in range(own))})',
+    ]
+    return '\n'.join([*head, *lines]) + '\n'
+
+
+def compiled(structure: Structure, text: str, kernels: dict[str, Kernel], compiler: Compiler) -> Any:
+    """The C function of a source."""
+    name = text.split('(')[0].removeprefix('def ')
+    file = compiler.folder / f'structure_{name}.py'
+    write_source(file, text)
+    namespace: dict[str, Any] = {'__name__': __name__, 'carray': carray}
+    namespace |= {letter.upper(): kind for letter, kind in records_of(structure).items()}
+    namespace |= {role: kernel.python for role, kernel in kernels.items()}
+    exec(compile(text, str(file), 'exec'), namespace)
+    wrapper = namespace[name]
+    assert isinstance(wrapper, FunctionType)
+    try:
+        return compiler.native(wrapper, *(kernel.python for kernel in kernels.values()))
+    except Exception as error:
+        what = name.removeprefix(f'{structure.name}_')
+        raise StructureError(
+            f'structure {structure.name!r}: its {what} cannot be compiled: {first_lines_of(error)}'
+        ) from error
