@@ -69,6 +69,25 @@ def test_the_anchor_of_the_stamps_follows_the_clock_after_an_overrun_and_a_resta
     assert plan.overruns == 1 and behind() == pytest.approx(0.0)
 
 
+def test_stamps_are_right_although_the_thread_is_interrupted_while_it_reads_the_clocks(clock):
+    interruptions = [0.0]
+
+    def now():
+        clock.now += interruptions.pop() if interruptions else 0.0
+        return round(clock.now * 1e9)
+
+    plan = schedule.WallSchedule(100.0, 1.0, now)
+    interruptions.append(0.005)
+    plan.restart()
+    steps = plan.wait().steps
+    assert clock.now == pytest.approx(plan.anchor / 1e9 + steps / 100.0)
+    clock.now += 5.0
+    interruptions.append(0.005)
+    steps = plan.wait().steps  # after an overrun, since the anchor
+    steps += plan.wait().steps
+    assert plan.overruns == 1 and clock.now == pytest.approx(plan.anchor / 1e9 + steps / 100.0)
+
+
 def test_fast_steps_are_made_together(clock):
     plan = schedule.WallSchedule(rate=20_000.0, factor=1.0)
     assert sum(plan.wait().steps for _ in range(100)) == 2000 and clock.now == pytest.approx(100.1)

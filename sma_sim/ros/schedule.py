@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 LATENESS_TO_MAKE_UP = 0.1  # [s]; beyond it the schedule moves, so that an overrun is not answered with a burst
 CLOCK_STEP_TO_FOLLOW = 0.5  # [s] that another clock may move at once before it counts as an overrun
 SHORTEST_SLEEP = 1e-3  # [s]; steps that are due within it are made together
+AT_ONCE, TRIES = 1e-4, 10  # [s] within which two clocks are read, and how often that is tried on a busy computer
 MAX_WAIT = 0.05  # [s] after which a wait returns with nothing due
 LONGEST_STANDSTILL = 0.01  # [s] after which a clock that stands still is looked at again
 
@@ -67,9 +68,10 @@ class WallSchedule:
 
     def restart(self) -> None:
         """The next step is due one period from now."""
-        self._due = time.monotonic() + self._period
+        moment, now = self._read_clocks()
+        self._due = moment + self._period
         if self._now is not None:
-            self.anchor = self._now()
+            self.anchor = now
 
     def wait(self) -> Due:
         """Sleep until the next steps are due; nothing is due yet when that takes long."""
@@ -85,11 +87,21 @@ class WallSchedule:
         elif late > LATENESS_TO_MAKE_UP:
             self.overruns += 1
             self.lost += late
-            self._due += late
+            moment, now = self._read_clocks()
+            self._due = moment + self._period
             if self._now is not None:
-                self.anchor = self._now() - round(self._period * 1e9)
+                self.anchor = now - round(self._period * 1e9)
             return Due(self._steps, moved=late)
         return Due(self._steps)
+
+    def _read_clocks(self) -> tuple[float, int]:
+        """The computer's steady clock [s] and the one that stamps follow [ns], at one moment, else stamps would be off."""
+        for _ in range(TRIES):
+            moment = time.monotonic()
+            now = self._now() if self._now is not None else 0
+            if time.monotonic() - moment < AT_ONCE:
+                break
+        return moment, now
 
 
 class ClockSchedule:
