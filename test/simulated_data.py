@@ -44,7 +44,7 @@ def recording(truth, source, rate=20.0, noise=0.0, delay=0.0, seed=0, channels=t
     return Recording(f'run{seed}', truth.system, times, measured, source)
 
 
-def dataset(truth, seeds, noise=0.0, **options):
+def dataset(truth, seeds, noise=0.0, seconds=40.0, **options):
     """Several such recordings."""
-    runs = tuple(recording(truth, command(seed), noise=noise, seed=seed, **options) for seed in seeds)
+    runs = tuple(recording(truth, command(seed, seconds), noise=noise, seed=seed, **options) for seed in seeds)
     return Dataset(runs, dict(NOISE))

@@ -24,7 +24,7 @@ def case(tmp_path_factory):
     """A small robot that lacks gravity."""
     folder = tmp_path_factory.mktemp('stop') / 'case'
     write_challenge(
-        make_challenge(2, kinds=['gravity'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0)), folder, 'csv'
+        make_challenge(2, kinds=['gravity'], forces=True, plan=RecordingPlan(duration=15.0, rate=10.0)), folder, 'csv'
     )
     return folder
 

@@ -1,7 +1,9 @@
 """The missing input: it is recovered over time, the port is named, nothing is seen where nothing is missing."""
 
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from simulated_data import NOISE, config, dataset
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.cli import latent as latent_command
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import PORTS, ports_of
@@ -41,9 +44,28 @@ BY_NAME = {port.name: port for port in PORTS}
 
 
 @pytest.fixture(scope='module')
-def shaken():
+def command(tmp_path_factory):
+    """A robot on a shaking table, what `sma-sim latent` found, its exit code, its words, and the folder of its files."""
     case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    return case, estimate_latent_inputs(case.dataset, case.nominal)
+    home, found = tmp_path_factory.mktemp('latent'), []
+    write_challenge(case, home / 'case')
+
+    def kept(*arguments):
+        found.append(estimate_latent_inputs(*arguments))
+        return found[-1]
+
+    words = ['latent', 'case', '--config', 'case/nominal.yaml', '--model', 'mas', '--json', 'found.json', '-o', 'p.html']
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
+        patch.chdir(home)
+        patch.setattr(latent_command, 'estimate_latent_inputs', kept)
+        code = main(words)
+    return case, found[0], code, said.getvalue(), home
+
+
+@pytest.fixture(scope='module')
+def shaken(command):
+    """The robot, and what was found."""
+    return command[:2]
 
 
 def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
@@ -60,7 +82,7 @@ def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
 
 def test_with_nothing_missing_no_port_is_named():
     case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
-    found = estimate_latent_inputs(case.dataset, case.nominal)
+    found = estimate_latent_inputs(case.dataset, case.nominal, request=LatentRequest('mas'))
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(verdict_sentences(found))).startswith('none')
 
@@ -240,12 +262,8 @@ def test_a_calibrated_model_is_taken_as_it_is(shaken):
     assert found.verdict == 'force_U_y' and found.config.parameters['beam.E'] == fitted.config.parameters['beam.E']
 
 
-def test_command(shaken, tmp_path, capsys, monkeypatch):
-    case, _ = shaken
-    monkeypatch.chdir(tmp_path)
-    write_challenge(case, tmp_path / 'case')
-    command = ['latent', 'case', '--config', 'case/nominal.yaml', '--model', 'mas', '--json', 'found.json', '-o', 'p.html']
-    assert main(command) == 0
-    assert 'force_U_y: a missing force' in capsys.readouterr().out
-    assert json.loads((tmp_path / 'found.json').read_text())['verdict'] == 'force_U_y'
-    assert 'The missing quantity over time' in (tmp_path / 'p.html').read_text()
+def test_command(command):
+    _, _, code, said, home = command
+    assert code == 0 and 'force_U_y: a missing force' in said
+    assert json.loads((home / 'found.json').read_text())['verdict'] == 'force_U_y'
+    assert 'The missing quantity over time' in (home / 'p.html').read_text()

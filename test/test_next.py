@@ -6,6 +6,7 @@ import shlex
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
+from threading import Event
 from types import SimpleNamespace as Some
 
 import numpy as np
@@ -22,12 +23,21 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.follow_up import confounded
-from sma_sim.evidence.experiment_design import utilities
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.experiment_design import refitted_utilities, utilities
+from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
-from sma_sim.evidence.experiment_design.design import command_grid, next_experiment, operating_limits
+from sma_sim.evidence.experiment_design.design import (
+    best_plan,
+    command_grid,
+    next_experiment,
+    operating_limits,
+    parameter_combinations,
+)
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
 from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import DesignRequest
+from sma_sim.evidence.experiment_design.rival_fits import named_rivals
 from sma_sim.evidence.experiment_design.sequences import (
     SIGNAL_SHAPES,
     CommandGrid,
@@ -118,21 +128,27 @@ def test_weak_directions_are_those_of_large_variance():
     assert len(weak_directions(1e-6 * covariance, 0.1, 3)) == 3
 
 
-def measured(effect='gravity', channels=POSE, seeds=(1, 2), **values):
+def measured(effect='gravity', channels=POSE, seeds=(1, 2), seconds=40.0, **values):
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=1.04)
     if effect:
         truth = with_effect(truth, find_effects()[effect], values or {'g_y': -9.81})
-    runs = dataset(truth, seeds, noise=1.0, rate=10.0, channels=channels)
+    runs = dataset(truth, seeds, 1.0, seconds, rate=10.0, channels=channels)
     return replace(runs, noise_std={name: NOISE[name] for name in channels})
 
 
 BETWEEN = ('gravity', 'sensor_bias')
 
 
+# Rivals are refitted to one default sequence, to the best of the linear search, and to one that is mutated from it.
+FEW_REFITS = {'min_refitted': 3, 'refitted_parents': 1, 'refitted_defaults': 1, 'refitted_batch': 1}
+
+
 @pytest.fixture(scope='module')
 def rivals():
-    runs = measured()
-    return runs, next_experiment(runs, config(), DesignRequest(BETWEEN, temperature=325.0, **SHORT))
+    runs = measured(seconds=20.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refitted_utilities, 'DESIGN_CRITERIA', replace(DESIGN_CRITERIA, **FEW_REFITS))
+        return runs, next_experiment(runs, config(), DesignRequest(BETWEEN, temperature=325.0, **SHORT))
 
 
 def test_a_design_tells_more_than_the_default_and_keeps_all_limits(rivals):
@@ -142,7 +158,7 @@ def test_a_design_tells_more_than_the_default_and_keeps_all_limits(rivals):
     assert np.abs(plan.levels).max() <= max(np.abs(recording.source.values[:, 0]).max() for recording in runs.recordings)
     assert plan.limits.temperature == 325.0 >= max(prediction.temperature for prediction in plan.predictions)
     assert all(prediction.is_within(plan.limits) for prediction in plan.predictions)
-    assert plan.evaluated == 18 and not plan.interrupted
+    assert plan.evaluated == 11 and not plan.interrupted
     assert plan.limits_from == {
         'power': 'the largest command in the recordings', 'temperature': 'given',
         'stress': 'a tenth above what the recordings reached in the model',
@@ -199,15 +215,19 @@ def test_what_the_equations_confound_is_said():
     assert words.startswith('no experiment on these channels tells attachment_compliance from nothing apart')
 
 
-def test_ctrl_c_gives_the_best_so_far():
-    seen = []
+def designed(rivals, request, on_progress=lambda words: None):
+    """A design between the rivals that are fitted already."""
+    runs, plan = rivals
+    with ThreadPoolExecutor(2) as pool:
+        return best_plan(runs, plan.hypotheses, request, SearchContext(pool, Event(), on_progress))
 
+
+def test_ctrl_c_gives_the_best_so_far(rivals):
     def on_progress(words):
-        seen.append(words)
         if 'sequences evaluated' in words:
             raise KeyboardInterrupt
 
-    plan = next_experiment(measured(), config(), DesignRequest(BETWEEN, **(SHORT | {'budget': 24})), on_progress=on_progress)
+    plan = designed(rivals, DesignRequest(BETWEEN, **(SHORT | {'budget': 24})), on_progress)
     assert plan.interrupted and plan.evaluated < 24 and plan.expected[0].designed > 0.0
 
 
@@ -221,7 +241,7 @@ def write_runs(folder, runs):
 
 
 def test_the_command_knows_parameters_better(tmp_path, capsys):
-    write_runs(tmp_path / 'data', measured(''))
+    write_runs(tmp_path / 'data', measured('', seconds=20.0))
     out, told, page = (tmp_path / name for name in ('next.csv', 'next.json', 'next.html'))
     words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '24']
     assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
@@ -257,14 +277,13 @@ def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
 
 
 def test_mistakes_that_need_the_fit(rivals):
-    runs, _ = rivals
-    for request, message in (
-        (DesignRequest(('gravitation', 'sensor_bias'), **SHORT), 'gravity'),
-        (DesignRequest((), ('beam.X',), **SHORT), 'beam.E'),
-        (DesignRequest((), ('beam.E',), temperature=290.0, **SHORT), '--max-temperature'),
-    ):
-        with pytest.raises(UserError, match=message):
-            next_experiment(runs, config(), request)
+    runs, plan = rivals
+    with ThreadPoolExecutor(1) as pool, pytest.raises(UserError, match='gravity'):
+        named_rivals(plan.hypotheses[1].fitted, ('gravitation', 'sensor_bias'), SearchContext(pool, Event()))
+    with pytest.raises(UserError, match='beam.E'):
+        parameter_combinations(plan.hypotheses[0], DesignRequest((), ('beam.X',), **SHORT))
+    with pytest.raises(UserError, match='--max-temperature'):
+        designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **SHORT))
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
 

@@ -29,12 +29,12 @@ def place():
         yield SearchContext(pool, Event())
 
 
-def one_that_accepts_nothing(place, **hidden):
+def one_that_accepts_nothing(place, seconds=40.0, **hidden):
     """The first round on two runs of a robot that has these effects, as if none of them were acceptable by itself."""
     truth = scaled(config('mas'), wire__lambda=1.05, beam__E=0.96)
     for name, values in hidden.items():
         truth = with_effect(truth, find_effects()[name], values)
-    first = selection_step(nominal_fit(dataset(truth, [1, 2], noise=1.0, rate=5.0), config(), QUICK, place), place)
+    first = selection_step(nominal_fit(dataset(truth, [1, 2], 1.0, seconds, rate=5.0), config(), QUICK, place), place)
     assert first.candidate_fits
     return replace(first, accepted=None)
 
@@ -89,7 +89,7 @@ def test_a_second_lead_is_followed_where_the_first_does_not_lead_to_the_noise(pl
 @pytest.fixture(scope='module')
 def only_gravity(place):
     """The first round on a robot that has one effect."""
-    return one_that_accepts_nothing(place, gravity={'g_y': -9.81})
+    return one_that_accepts_nothing(place, 20.0, gravity={'g_y': -9.81})
 
 
 def test_a_lead_beside_which_nothing_explains_is_not_accepted(place, only_gravity):
