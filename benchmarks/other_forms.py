@@ -1,6 +1,6 @@
 """Listed effects that act in another form: in one coordinate, in one wire, through shared air, with another exponent.
 
-    python benchmarks/other_forms.py [--forms NAME ...] [--seeds 51] [--channels pose] [--variants] [--minutes 60]
+    python benchmarks/other_forms.py [--forms NAME ...] [--seeds 51] [--channels pose] [--no-variants] [--minutes 60]
                                      [--at-once 1]
 
 Each case is a robot with other parameters, MAS kinetics and noise (sma_sim/challenge), three runs of 100 s at 50 Hz, the
@@ -122,12 +122,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--forms', nargs='+', choices=list(FORMS), default=list(FORMS), metavar='NAME')
     parser.add_argument('--seeds', nargs='+', type=int, default=[51])
-    parser.add_argument('--variants', action='store_true', help='the diagnosis tries variants of the effects')
+    parser.add_argument('--no-variants', action='store_true', help='the diagnosis tries no variants of the effects')
     parser.add_argument('--channels', nargs='+', default=['pose'], choices=CHANNELS)
     add_options(parser, 'other_forms.jsonl', 60.0)
     asked = parser.parse_args()
     recorded = [name == 'forces' for name in asked.channels]
-    cases = [(name, seed, forces, asked.variants) for seed in asked.seeds for forces in recorded for name in asked.forms]
+    cases = [
+        (name, seed, forces, not asked.no_variants) for seed in asked.seeds for forces in recorded for name in asked.forms
+    ]
     results = solved(cases, solve, asked, lambda result: list(table([result]))[2])
     print(*table(results), sep='\n')
 

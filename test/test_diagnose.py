@@ -1,6 +1,7 @@
 """Diagnosis: hidden effects are found, nothing is invented, what cannot be explained is said."""
 
 import json
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
@@ -21,14 +22,16 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
+from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.forward_selection import retry_from_finite_step, with_realistic_values
+from sma_sim.evidence.model_selection.forward_selection import with_further_candidates, with_realistic_values
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.evidence.model_selection.refit import at_finite_step
+from sma_sim.evidence.model_selection.refit import at_finite_step, refit
 from sma_sim.evidence.model_selection.restricted import with_narrower_bounds
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import sketched, with_candidate
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 
 SEEDS = [1, 2, 3]
@@ -84,10 +87,32 @@ def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gr
     assert last.values['effects.gravity.g_y'] == pytest.approx(-5.0)
 
 
+def test_a_sketch_ends_near_the_refit_for_a_part_of_its_runs(with_gravity, monkeypatch):
+    first = with_gravity[1].selection_steps[0]
+    gravity = next(one for one in first.screened if one.candidate.name == 'gravity')
+    refitted = next(one.fit for one in first.candidate_fits if one.name == 'gravity')
+    counts, evaluate = Counter(), problem_module.weighted_residuals
+
+    def counted(*arguments):
+        counts['runs'] += 1
+        return evaluate(*arguments)
+
+    monkeypatch.setattr(problem_module, 'weighted_residuals', counted)
+    with ThreadPoolExecutor(1) as pool:
+        (sketches,) = sketched(first.base, [gravity], SearchContext(pool, Event()))
+        of_sketches = counts.pop('runs')
+        refit(*with_candidate(first.base, gravity), SearchContext(pool, Event()))
+    assert len(sketches) == 2 and sketches[0].cost <= sketches[1].cost
+    assert refitted.cost < sketches[0].cost < 1.1 * refitted.cost < 0.5 * first.base.cost
+    shared = 2 * len(first.base.problem.runs) * (len(first.base.z) + 1)  # two linearisations, whatever the candidates
+    assert 2 * (of_sketches - shared) < counts['runs']
+
+
 @pytest.mark.slow
 def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
     first = with_gravity[1].selection_steps[0]
     others = tuple(one for one in first.candidate_fits if one.name != 'gravity')
+    candidates = candidates_for(config())
     blind = replace(
         first,
         candidate_fits=others,
@@ -95,16 +120,16 @@ def test_a_second_look_finds_what_the_score_test_passed_over(with_gravity):
         screened=tuple(one for one in first.screened if one.candidate.name != 'gravity'),
     )
     with ThreadPoolExecutor(2) as pool:
-        place = SearchContext(pool, Event())
-        found = retry_from_finite_step(blind, place)
+        place = SearchContext(pool, Event(), variants=False)
+        found = with_further_candidates(blind, candidates, place)
         near = replace(blind, base=first.accepted.fit)
-        assert retry_from_finite_step(near, place) is near  # what leaves but noise is not looked at again
+        assert with_further_candidates(near, candidates, place) is near  # what leaves but noise is not looked at again
     assert found.accepted.name == 'gravity' and found.accepted.family_p == 1.0 and found.base is first.base
     assert found.accepted.fit.error < 1.1 and {one.name for one in others} < {one.name for one in found.candidate_fits}
     stopped = Event()
     stopped.set()
     with ThreadPoolExecutor(1) as pool:
-        assert retry_from_finite_step(blind, SearchContext(pool, stopped)).stopped
+        assert with_further_candidates(blind, candidates, SearchContext(pool, stopped)).accepted is None
 
 
 def test_a_second_look_begins_some_way_from_nothing():

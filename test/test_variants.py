@@ -1,6 +1,7 @@
 """Variants of effects: which there are, when they are tried, and that the effect itself is preferred."""
 
 from dataclasses import replace
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,12 +13,14 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
-from sma_sim.evidence.model_selection import confounding
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, best_acceptable
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection import confounding, forward_selection
+from sma_sim.evidence.model_selection.backward_elimination import other_effects
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
+from sma_sim.evidence.model_selection.forward_selection import promising_variants, with_further_candidates
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.variant_selection import asks_for_variants, promising_variants, replaces
 from sma_sim.evidence.model_selection.variants import scopes_of, variants_of
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.effects.discovery import with_scopes
@@ -58,59 +61,75 @@ def screened(name, gain):
     return ScreeningResult(SimpleNamespace(name=name, found=found), gain, {}, 0.01)
 
 
-def test_variants_that_gain_more_than_their_effects_are_refitted():
-    effects = [screened('natural_convection', 50.0), screened('beam_creep', 90.0)]
-    variants = [
-        screened('natural_convection@wire_1', 80.0), screened('beam_creep@rotation', 89.0),
-        screened('natural_convection@wire_2', 51.0), screened('polycrystal@wire_1', 5.0),
+def test_variants_that_gain_more_than_their_effects_are_tried():
+    results = [
+        screened('beam_creep', 90.0), screened('beam_creep@rotation', 89.0), screened('natural_convection@wire_1', 80.0),
+        screened('natural_convection@wire_2', 51.0), screened('natural_convection', 50.0),
+        screened('polycrystal@wire_1', 5.0),
     ]  # fmt: skip
-    chosen = [result.candidate.name for result in promising_variants(variants, effects)]
+    chosen = [result.candidate.name for result in promising_variants(results, 0.0)]
     assert chosen == ['natural_convection@wire_1', 'natural_convection@wire_2']
+    assert [result.candidate.name for result in promising_variants(results, 60.0)] == ['natural_convection@wire_1']
 
 
-def fit(error, prediction, effects=()):
+def fit(error, prediction, effects=(), cost=100.0):
+    config_ = SimpleNamespace(system='module', effects=())
+    runs = (SimpleNamespace(channels=('alpha',)),)
+    problem = SimpleNamespace(free=(1,) * len(effects), config=config_, runs=runs, samples=1000)
     return SimpleNamespace(
-        error=error, prediction_error=prediction, effects=effects, problem=SimpleNamespace(free=(1,) * len(effects))
+        error=error, prediction_error=prediction, effects=effects, problem=problem, cost=cost, squares=2.0 * cost, z=()
     )
 
 
-def candidate(name, prediction):
+def candidate(name, prediction, cost=100.0):
     found = with_scopes(find_effects(), [name])[name]
-    return CandidateFit(found, fit(1.0, prediction, (name,)), -100.0, 0.5, 0.5, 0.9, 0.01, True, {})
-
-
-def test_the_effect_itself_is_preferred_where_both_do_as_well():
-    plain, variant = candidate('beam_creep', 1.008), candidate('beam_creep@rotation', 1.0)
-    assert best_acceptable([variant, plain]) is plain
-    better = replace(plain, fit=fit(1.0, 1.03, ('beam_creep',)))
-    assert best_acceptable([variant, better]) is variant
-
-
-def steps(after):
-    return (SimpleNamespace(after=after, stopped=False),)
+    return CandidateFit(found, fit(1.0, prediction, (name,), cost), -100.0, 0.5, 0.5, 0.9, 0.01, True, {})
 
 
 @pytest.mark.parametrize(
-    ('with_variant', 'without', 'taken'),
+    ('prediction', 'cost', 'taken'),
     [
-        (fit(1.0, 1.0, ('a@b',)), fit(1.0, 1.005, ('a', 'c')), True),  # one explains as well as two
-        (fit(1.3, 1.3, ('a@b',)), fit(1.0, 1.0, ('a', 'c')), False),
-        (fit(1.0, 1.0, ('a@b',)), fit(1.02, 1.03, ('a',)), True),  # as many predict better
-        (fit(1.0, 1.0, ('a@b',)), fit(1.005, 1.005, ('a',)), False),
-        (fit(1.0, 1.0, ('a@b', 'd')), fit(1.015, 1.02, ('a',)), False),  # two must be better than one by more
-        (fit(1.0, 1.0, ('a@b', 'd')), fit(1.1, 1.1, ('a',)), True),
+        (1.008, 50.0, False),  # predicts no better
+        (1.03, 95.0, False),  # predicts better by chance: it fits no better
+        (1.03, 50.0, True),
     ],
 )
-def test_fewer_effects_win_unless_more_predict_better(with_variant, without, taken):
-    assert replaces(steps(with_variant), steps(without), fit(5.0, 5.0)) is taken
+def test_a_variant_must_predict_and_fit_better_than_every_effect(prediction, cost, taken):
+    plain, variant = candidate('beam_creep', prediction), candidate('beam_creep@rotation', 1.0, cost)
+    assert best_acceptable([variant, plain]) is (variant if taken else plain)
+    assert best_acceptable([variant, replace(plain, plausible=False)]) is variant
 
 
-def test_no_variant_is_tried_where_one_effect_leaves_only_noise():
-    nominal = fit(5.0, 5.0)
-    assert not asks_for_variants(nominal, steps(fit(1.0, 1.01, ('a',))))
-    assert asks_for_variants(nominal, steps(fit(1.2, 1.3, ('a',))))
-    assert asks_for_variants(nominal, steps(fit(1.0, 1.0, ('a', 'b'))))
-    assert not asks_for_variants(fit(1.0, 1.0), steps(None))
+@pytest.mark.parametrize(
+    ('left', 'variants', 'tried'),
+    [(fit(1.0, 1.01), True, False), (fit(1.2, 1.3), True, True), (fit(1.0, 1.1), True, True), (fit(1.2, 1.3), False, False)],
+)
+def test_variants_are_tried_where_effects_leave_more_than_noise(monkeypatch, left, variants, tried):
+    base, calls = fit(5.0, 5.0, cost=12500.0), []
+
+    def screen(problem, z, candidates, pool, seed):
+        calls.append([one.name for one in candidates])
+        return (screened('natural_convection@wire_1', 20000.0),)
+
+    def step_with(of, results, chosen, context, below):
+        assert below == pytest.approx(1.05 * left.cost / base.cost)
+        return SelectionStep(of, results, (candidate('natural_convection@wire_1', 1.0, 50.0),), None)
+
+    monkeypatch.setattr(forward_selection, 'screen', screen)
+    monkeypatch.setattr(forward_selection, 'step_with', step_with)
+    effect = replace(candidate('gravity', left.prediction_error), fit=left)
+    first = SelectionStep(base, (), (effect,), effect)
+    context = SearchContext(None, Event(), variants=variants)
+    step = with_further_candidates(first, candidates_for(Config()), context)
+    assert bool(calls) is tried
+    assert step.accepted.name == ('natural_convection@wire_1' if tried else 'gravity')
+    assert len(step.candidate_fits) == (2 if tried else 1)
+
+
+def test_no_variant_stands_beside_its_effect():
+    both = SimpleNamespace(problem=SimpleNamespace(config=read_config(effects=['beam_creep@rotation', 'gravity'])))
+    assert other_effects(both, 'gravity') == {'beam_creep'}
+    assert other_effects(both, 'beam_creep@rotation') == {'gravity'}
 
 
 @pytest.mark.slow
@@ -119,7 +138,7 @@ def test_an_effect_in_one_wire_is_found(tmp_path):
     found = with_scopes(find_effects(), [name])[name]
     runs = dataset(with_effect(config(), found, {'J_d': 0.15}), [1, 2, 3], noise=1.0, rate=5.0, channels=('alpha', 'U_y'))
     options = FitOptions(free=('beam.E', 'wire.lambda'), starts=1, intervals=False)
-    result = diagnose(runs, config(), request=DiagnosisRequest('hybrid', options=options, equation=False, variants=True))
+    result = diagnose(runs, config(), request=DiagnosisRequest('hybrid', options=options, equation=False))
     data = as_data(result)
     assert data['verdict'] == 'missing_effect' and data['effects'] == ['driver_deadband']
     assert data['variants'] == {'driver_deadband': 'in wire 2 only'}

@@ -37,8 +37,6 @@ from sma_sim.model.given import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 
-TRY_VARIANTS = 'With --variants, known effects are also tried in one wire or one coordinate only, and shared by the wires.'
-
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
@@ -52,8 +50,8 @@ def add_parser(verbs: Any) -> None:
         '--no-equation', action='store_true', help='do not search for an equation where no known effect explains the error'
     )
     parser.add_argument(
-        '--variants', action='store_true',
-        help='where effects leave more than noise, try them in one wire, coordinate or channel only, or shared by the wires',
+        '--no-variants', action='store_true',
+        help='do not try effects in one wire, coordinate or channel only, or shared by the wires, where they leave much',
     )  # fmt: skip
     add_config_options(parser)
     parser.set_defaults(run=run)
@@ -67,14 +65,12 @@ def run(arguments: argparse.Namespace) -> int:
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
     request = DiagnosisRequest(
-        arguments.model, folders, arguments.seed, equation=not arguments.no_equation, variants=arguments.variants
+        arguments.model, folders, arguments.seed, equation=not arguments.no_equation, variants=not arguments.no_variants
     )
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        if found.verdict == 'unknown_effect' and not arguments.variants:
-            print(TRY_VARIANTS)
         written = write_outputs(arguments, found, *hold_out_last(training, held_out))
     print_written(arguments.out, written, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0

@@ -33,7 +33,6 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import select_forward
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
-from sma_sim.evidence.model_selection.variant_selection import select_with_variants
 from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
 from sma_sim.model.config import Config
 
@@ -196,7 +195,7 @@ def diagnose(
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
     with stoppable() as stop, executor_or_threads(executor) as pool:
-        context = SearchContext(pool, stop, on_progress, request.folders, request.seed)
+        context = SearchContext(pool, stop, on_progress, request.folders, request.seed, variants=request.variants)
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
@@ -205,7 +204,7 @@ def diagnose(
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open."""
     nominal = nominal_fit(data.training, config, request, context)
-    steps = (select_with_variants if request.variants else select_forward)(nominal, context)
+    steps = select_forward(nominal, context)
     path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)
     ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}

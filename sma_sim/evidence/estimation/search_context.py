@@ -34,7 +34,8 @@ def silent_iteration(label: str, iteration: int, cost: float) -> None:
 class SearchContext:
     """Shared by all steps of a search.
 
-    `pool`: runs the simulations; `stop`: set by Ctrl-C; `folders`: the user's own effects; `seed`: of bootstrap and draws.
+    `pool`: runs the simulations; `stop`: set by Ctrl-C; `folders`: the user's own effects; `seed`: of bootstrap and draws;
+    `variants`: whether effects are tried in a part of their places too.
     """
 
     pool: Executor
@@ -43,3 +44,4 @@ class SearchContext:
     folders: tuple[Path, ...] = ()
     seed: int = 0
     on_iteration: OnIteration = silent_iteration
+    variants: bool = True

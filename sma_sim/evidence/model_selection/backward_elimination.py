@@ -73,7 +73,8 @@ def elimination_step(
     for rival in first.candidate_fits:
         fit: FitResult | None = last
         if rival.name != effect:
-            fit = None if rival.name in last.effects else refitted_rival(*with_rival(last, effect, rival), last, context)
+            there = rival.found.effect.plain_name in other_effects(last, effect)
+            fit = None if there else refitted_rival(*with_rival(last, effect, rival), last, context)
         if fit is not None:
             fits.append(candidate_fit(fewer, rival.found, fit, rival.family_p, context))
     ordered = ordered_by_error(with_realistic_values(fewer, fits, context))
@@ -81,6 +82,12 @@ def elimination_step(
     if best.name != effect:
         context.on_progress(f'{best.name} replaces {effect}: error over noise {best.fit.error:.2f} fitted')
     return EliminationStep(fewer, (), ordered, best, best.fit, effect=effect)
+
+
+def other_effects(fit: FitResult, effect: str) -> set[str]:
+    """The effects of a model beside one of them, in whatever scope: no effect acts in two scopes at once."""
+    found = [active.found.effect for active in fit.problem.config.effects]
+    return {other.plain_name for other in found if other.name != effect}
 
 
 def best_replacement(effect: str, fits: Sequence[CandidateFit]) -> CandidateFit:
@@ -92,7 +99,7 @@ def best_replacement(effect: str, fits: Sequence[CandidateFit]) -> CandidateFit:
 
 def refitted_rival(problem: Problem, z: Vector, last: FitResult, context: SearchContext) -> FitResult | None:
     """A rival refitted, and cross-validated if that could bring it near the last model."""
-    found = refit(problem, z, context)
+    found = refit(problem, z, context, target=(1.0 + CRITERIA.same_error) * last.cost)
     near = found is not None and found.error <= (1.0 + CRITERIA.same_error) * last.prediction_error
     return cross_validated(found, context) if found is not None and near else found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from math import isnan, log
+from math import inf, isnan, log
 
 import numpy as np
 
@@ -44,6 +44,11 @@ class CandidateFit:
     def name(self) -> str:
         """Name of the effect."""
         return self.found.effect.name
+
+    @property
+    def is_variant(self) -> bool:
+        """Whether it acts in a part of the places of its effect."""
+        return bool(self.found.effect.scope.name)
 
     @property
     def not_cross_validated(self) -> bool:
@@ -150,7 +155,8 @@ def indistinguishable(candidate: CandidateFit, fits: Sequence[CandidateFit]) -> 
 def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
     """The acceptable candidate with the least error; among equally good ones no variant, and the fewest parameters.
 
-    Where one leaves only noise in all fitted runs, what leaves clearly more there is out.
+    Where one leaves only noise in all fitted runs, what leaves clearly more there is out. A variant must fit better than
+    every effect by more than chance, too.
     """
     good = [candidate for candidate in fits if candidate.acceptable]
     if not good:
@@ -158,6 +164,9 @@ def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
     least = min(good, key=lambda candidate: candidate.fit.error)
     if least.fit.error <= CRITERIA.noise_only:
         good = [candidate for candidate in good if not is_dominated(candidate, least)]
+    cost_of_effects = min((candidate.fit.cost for candidate in good if not candidate.is_variant), default=inf)
+    limit = cost_of_effects - CRITERIA.variant_log_odds
+    good = [candidate for candidate in good if not candidate.is_variant or candidate.fit.cost <= limit]
     best = min(candidate.fit.prediction_error for candidate in good)
     close = [candidate for candidate in good if candidate.fit.prediction_error <= (1.0 + CRITERIA.same_error) * best]
     return min(close, key=simplicity)
@@ -165,8 +174,7 @@ def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
 
 def simplicity(candidate: CandidateFit) -> tuple[bool, int, float]:
     """The order in which candidates that predict equally well are taken."""
-    is_variant = bool(candidate.found.effect.scope.name)
-    return is_variant, len(candidate.fit.problem.free), candidate.fit.prediction_error
+    return candidate.is_variant, len(candidate.fit.problem.free), candidate.fit.prediction_error
 
 
 def is_dominated(candidate: CandidateFit, best: CandidateFit) -> bool:

@@ -45,15 +45,13 @@ class SelectionCriteria:
     # Which candidates are refitted and cross-validated
     sketched_candidates: int = 12
     """Most candidates whose refits are sketched, which costs a twentieth of refitting them."""
+    sketch_cost_ratio: float = 1.05
+    """Ratio to an accepted effect's cost up to which a sketch may lead below it: it ends some per cent above its optimum."""
     refitted_candidates: int = 5
     """Most candidates that are refitted: one more than are cross-validated, as sketches seldom order neighbours wrongly."""
     min_relative_gain: float = 0.1
     """Fraction of the best candidate's gain below which a candidate is not tried: a refit would have to gain ten times
     what the score test predicts to catch up."""
-    refitted_variants: int = 4
-    """Most variants that are refitted: they come after the effects, whose best fit lets hopeless refits end early."""
-    cross_validated_variants: int = 2
-    """Most refitted variants that are cross-validated, which takes as long again."""
     variants_above: float = 1.02
     """Cross-validated error up to which no variant is tried: it is what runs differ by."""
     min_explained_by_screening: float = 0.02
@@ -80,6 +78,9 @@ class SelectionCriteria:
     """Fraction of the cross-validated error and of the fitted squares that needs no score test: chance does not do both."""
     min_explained_by_full_fit: float = 0.4
     """Fraction of the fitted squares that a fit which leaves only noise must explain: its error came from 1.3 or more."""
+    variant_log_odds: float = 10.0
+    """Half the squares by which a variant must fit better than every acceptable effect: chance does not do that where both
+    leave only noise."""
     max_effects: int = 4
     """Most effects of a model: it bounds the time of a search, and recordings of few runs seldom tell more."""
 

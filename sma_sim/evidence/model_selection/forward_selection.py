@@ -19,12 +19,13 @@ from sma_sim.evidence.model_selection.candidate_fit import (
     candidate_fit,
     ordered_by_error,
 )
-from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
-from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, leading_sketches, refit
+from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.effects.discovery import FoundEffect
 
 
@@ -33,7 +34,6 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
     base, steps = nominal, list[SelectionStep]()
     while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
         step = selection_step(base, context)
-        step = retry_from_finite_step(step, context) if steps else step
         full = len(steps) + 2 > CRITERIA.max_effects
         steps += [step] if step.accepted is not None or full else pair_steps(step, context)
         accepted = steps[-1].accepted
@@ -54,10 +54,15 @@ def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
     if context.stop.is_set():
         return SelectionStep(base, screened, (), None, stopped=True)
     promising = most_promising(screened)
-    needed = CRITERIA.min_explained_by_screening * max(base.squares, base.problem.samples)
-    if not promising or promising[0].gain < needed:
-        return SelectionStep(base, screened, (), None)
-    return step_with(base, screened, promising, context)
+    step = SelectionStep(base, screened, (), None)
+    if promising and promising[0].gain >= least_gain(base):
+        step = step_with(base, screened, promising, context)
+    return with_further_candidates(step, candidates, context)
+
+
+def least_gain(base: FitResult) -> float:
+    """What a candidate must promise to take away from the squares for a refit to be worth its time."""
+    return CRITERIA.min_explained_by_screening * max(base.squares, base.problem.samples)
 
 
 def most_promising(screened: Sequence[ScreeningResult]) -> list[ScreeningResult]:
@@ -67,11 +72,15 @@ def most_promising(screened: Sequence[ScreeningResult]) -> list[ScreeningResult]
 
 
 def step_with(
-    base: FitResult, screened: tuple[ScreeningResult, ...], chosen: Sequence[ScreeningResult], context: SearchContext
-) -> SelectionStep:
-    """The step that refits some candidates and accepts the best of them, or none."""
+    base: FitResult, screened: tuple[ScreeningResult, ...], chosen: Sequence[ScreeningResult], context: SearchContext,
+    below: float = math.inf,
+) -> SelectionStep:  # fmt: skip
+    """The step that refits some candidates and accepts the best of them, or none.
+
+    `below`: fraction of the cost without them that their sketches must not exceed.
+    """
     context.on_progress(f'refitting with {", ".join(result.candidate.name for result in chosen)}')
-    refits = best_refits(base, chosen, context, CRITERIA.cross_validated_candidates)
+    refits = best_refits(base, chosen, context, CRITERIA.cross_validated_candidates, below)
     pairs = [(result, fit) for result, fit in zip(chosen, refits, strict=True) if fit is not None]
     fits = judged_fits(base, pairs, CRITERIA.cross_validated_candidates, context)
     if context.stop.is_set():
@@ -92,27 +101,53 @@ def judged_fits(
     return with_realistic_values(base, in_better_kinetics(base, fits, context), context)
 
 
-def retry_from_finite_step(first: SelectionStep, context: SearchContext) -> SelectionStep:
-    """A step that accepts nothing and leaves much, with the best of those too that the score test passed over.
+def with_further_candidates(first: SelectionStep, candidates: Sequence[Candidate], context: SearchContext) -> SelectionStep:
+    """A step that leaves more than noise, with variants of the effects, and with what the score test passed over if the
+    step accepts nothing.
 
     A biased model may lie such that the right effect gains nothing to first order, and yet leads downhill at a finite step.
-    Not asked of the nominal model, where minimisations are long and the score test has missed next to nothing.
-    """
-    if first.accepted is not None or first.stopped or first.base.error <= CRITERIA.unexplained:
+    """  # fmt: skip
+    base, accepted = first.base, first.accepted
+    if first.stopped or context.stop.is_set() or not leaves_something(base if accepted is None else accepted.fit):
         return first
-    screened = {result.candidate.name: result for result in first.screened}
-    refitted = {result.candidate.name for result in most_promising(first.screened)} if first.candidate_fits else set()
-    others = [c for c in candidates_for(first.base.problem.config, context.folders) if c.name not in refitted]
-    context.on_progress(f'retrying {len(others)} effects from a finite step')
-    starts = [at_finite_step(candidate, screened.get(candidate.name)) for candidate in others]
-    leading = leading_sketches(first.base, starts, CRITERIA.strong_error_reduction, context)[: CRITERIA.pair_candidates]
+    screened, trials = first.screened, list[ScreeningResult]()
+    variants = variants_of(candidates, {name for run in base.problem.runs for name in run.channels})
+    if context.variants and base.problem.config.system == 'module' and variants:
+        context.on_progress(f'screening {len(variants)} variants of effects')
+        screened = screen(base.problem, base.z, [*candidates, *variants], context.pool, context.seed)
+        trials += promising_variants(screened, least_gain(base))
+    if accepted is None and base.error > CRITERIA.unexplained:
+        trials += passed_over(first, candidates)
+    if not trials:
+        return first
+    enough = (1.0 - CRITERIA.strong_error_reduction) * base.cost
+    limit = enough if accepted is None else CRITERIA.sketch_cost_ratio * accepted.fit.cost
+    again = step_with(base, screened, trials, context, limit / base.cost)
     if context.stop.is_set():
-        return replace(first, stopped=True)
-    again = step_with(first.base, first.screened, leading, context) if leading else first
-    if again.stopped or again.accepted is None:
-        return replace(first, stopped=again.stopped)
-    ordered = ordered_by_error([*again.candidate_fits, *first.candidate_fits])
-    return replace(again, candidate_fits=ordered, accepted=best_acceptable(ordered))
+        return replace(first, stopped=accepted is None)
+    ordered = ordered_by_error([*first.candidate_fits, *again.candidate_fits])
+    return SelectionStep(base, screened, ordered, best_acceptable(ordered))
+
+
+def leaves_something(fit: FitResult) -> bool:
+    """Whether a model leaves anything that another could be seen to explain better."""
+    return fit.error > CRITERIA.other_kinetics_above or fit.prediction_error > CRITERIA.variants_above
+
+
+def promising_variants(screened: Sequence[ScreeningResult], least: float) -> list[ScreeningResult]:
+    """The variants to try, of those that gain more than their effects do and at least so much."""
+    gains = {result.candidate.name: result.gain for result in screened}
+    variants = (result for result in screened if result.candidate.found.effect.scope.name)
+    better = [one for one in variants if one.gain > gains.get(one.candidate.found.effect.plain_name, 0.0)]
+    least = max(least, CRITERIA.min_relative_gain * max(gains.values(), default=0.0))
+    return [result for result in better if result.gain >= least][: CRITERIA.sketched_candidates]
+
+
+def passed_over(first: SelectionStep, candidates: Sequence[Candidate]) -> list[ScreeningResult]:
+    """The candidates that a step has not tried, at a finite step from neutral."""
+    screened = {result.candidate.name: result for result in first.screened}
+    tried = {result.candidate.name for result in most_promising(first.screened)} if first.candidate_fits else set()
+    return [at_finite_step(one, screened.get(one.name)) for one in candidates if one.name not in tried]
 
 
 def cross_validated_candidate(
@@ -142,7 +177,7 @@ def in_better_kinetics(base: FitResult, fits: Sequence[CandidateFit], context: S
     for candidate in fits:
         fit = other if candidate is chosen else candidate.fit
         if candidate is not chosen and not candidate.not_cross_validated:
-            fit = better_kinetics(candidate.fit, context)
+            fit = better_kinetics(candidate.fit, context, other.cost)
         unchanged = fit is candidate.fit
         found.append(candidate if unchanged else candidate_fit(base, candidate.found, fit, candidate.family_p, context))
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,12 @@ from sma_sim.evidence.model_selection.refit import refit
 Vector = NDArray[np.float64]
 
 
-def better_kinetics(fit: FitResult, context: SearchContext) -> FitResult:
-    """The same effects with the other kinetics, if they predict better."""
+def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf) -> FitResult:
+    """The same effects with the other kinetics, if they predict better; given up where the cost cannot reach `target`."""
     if fit.error < CRITERIA.other_kinetics_above or context.stop.is_set():
         return fit
     problem, z = with_other_kinetics(fit)
-    other = refit(problem, z, context, FROM_PRIORS)
+    other = refit(problem, z, context, FROM_PRIORS, target)
     if other is None or other.error > (1.0 + CRITERIA.same_error) * fit.error:
         return fit
     other = cross_validated(other, context)

@@ -29,7 +29,7 @@ class DiagnosisRequest:
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
     equation: bool = True
-    variants: bool = False
+    variants: bool = True
 
 
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:

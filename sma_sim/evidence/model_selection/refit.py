@@ -61,9 +61,10 @@ def on_all_runs(
 
 
 def best_refits(
-    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext, most: int | None = None
-) -> list[FitResult | None]:
-    """By candidate, its refit; None for those whose sketches lie too far behind the best.
+    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext, most: int | None = None,
+    below: float = math.inf,
+) -> list[FitResult | None]:  # fmt: skip
+    """By candidate, its refit; None for those whose sketches lie too far behind the best, or not `below` a part of the cost.
 
     The best by their sketches are refitted from where those end, and given up if they cannot come down to the best so far.
     As long as none leaves only noise, those near the best are also refitted from the middle of all priors with weak
@@ -72,9 +73,10 @@ def best_refits(
     subset = run_subset(base.problem)
     if len(subset.runs) < len(base.problem.runs):
         few = replace(base, problem=subset, z=to_subset(base.problem, base.z))
-        return on_all_runs(base, candidates, best_refits(few, candidates, context), most, context)
+        return on_all_runs(base, candidates, best_refits(few, candidates, context, below=below), most, context)
     sketches = [fits[0] if fits else None for fits in sketched(base, candidates, context)]
-    ahead = [k for k, fit in sorted_by_cost(sketches)][: CRITERIA.refitted_candidates]
+    limit = below * cost_at(base.problem, base.z, context.pool)
+    ahead = [k for k, fit in sorted_by_cost(sketches) if fit.cost <= limit][: CRITERIA.refitted_candidates]
     first = CRITERIA.first_refits
     middle = [with_candidate(at_prior_means(base), screened) for screened in candidates]
     best: list[FitResult | None] = [None] * len(candidates)
@@ -110,18 +112,6 @@ def at_finite_step(candidate: Candidate, screened: ScreeningResult | None) -> Sc
             values[probe.parameter] = probe.neutral + probe.step
     family_p = screened.family_p if screened else 1.0
     return ScreeningResult(candidate, screened.gain if screened else 0.0, values, family_p)
-
-
-def leading_sketches(
-    base: FitResult, candidates: Sequence[ScreeningResult], reduction: float, context: SearchContext
-) -> list[ScreeningResult]:
-    """The candidates whose sketches take this fraction of the cost away (of a subset of many runs), best first."""
-    few = replace(base, problem=run_subset(base.problem), z=to_subset(base.problem, base.z))
-    target = (1.0 - reduction) * cost_at(few.problem, few.z, context.pool)
-    best = sorted_by_cost([fits[0] if fits else None for fits in sketched(few, candidates, context)])
-    return [
-        replace(candidates[k], values=fit.values_of(candidates[k].candidate.name)) for k, fit in best if fit.cost <= target
-    ]  # fmt: skip
 
 
 def least_plausible_cost(fits: Sequence[FitResult | None], candidates: Sequence[ScreeningResult]) -> float:

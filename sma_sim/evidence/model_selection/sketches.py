@@ -25,7 +25,7 @@ from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-SKETCH_DECREASE = 1e-3  # predicted decrease at which a sketch ends, as a fraction of the cost without the candidate
+SKETCH_DECREASE = 1e-3  # predicted decrease at which a sketch ends, as a fraction of the cost or of the samples
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
@@ -103,7 +103,8 @@ def sketch(
             row[:] = 0.0 if there is None else (there - here) / (at[k] - z[k])
         jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
         joint.append(LinearizedRun(indices, here, jacobian))
-    return secant_minimum(problem, z, joint, (damping, SKETCH_DECREASE * start.cost), context)
+    least = SKETCH_DECREASE * min(start.cost, float(problem.samples))
+    return secant_minimum(problem, z, joint, (damping, least), context)
 
 
 def moved_along(problem: Problem, z: Vector, k: int) -> Vector:
