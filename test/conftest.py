@@ -12,12 +12,13 @@ import signal
 import pytest
 from prewarm import prewarm
 
-# Files that compute for half a minute and more, in turns with those that mostly wait: with a worker more than there are
-# processors, one waits while the others compute.
+# Files that take ten seconds and more of a processor, the longest first; those that compute in turns with those that mostly
+# wait: with a worker more than there are processors, one waits while the others compute.
 FIRST = (
-    'test_diagnose', 'test_model_check', 'test_latent', 'test_equations', 'test_recorder', 'test_calibrate', 'test_clock',
-    'test_two_effects', 'test_diagnose_stop', 'test_docs', 'test_controller', 'test_next', 'test_uncertainty', 'test_node',
-    'test_challenge', 'test_effects', 'test_diagnose_data', 'test_node_control', 'test_inseparable', 'test_end_to_end',
+    'test_next', 'test_docs', 'test_model_check', 'test_equations', 'test_controller', 'test_diagnose', 'test_latent',
+    'test_recorder', 'test_diagnose_stop', 'test_node', 'test_calibrate', 'test_launch', 'test_fit_command', 'test_clock',
+    'test_inseparable', 'test_node_control', 'test_diagnose_data', 'test_challenge', 'test_trajectory', 'test_two_effects',
+    'test_report_html', 'test_wrong_use', 'test_compare', 'test_optional_packages', 'test_install', 'test_interpreted',
 )  # fmt: skip
 
 
