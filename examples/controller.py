@@ -9,6 +9,7 @@ ros2_control's topic-based hardware sends. Time is that of the stamps of `joint_
 real-time factor. The heating goes off when joint_states stop, and at the end.
 """
 
+import atexit
 import math
 import signal
 import sys
@@ -158,6 +159,7 @@ def run(kind):
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
         signal.signal(number, lambda *_: stop.set())
+        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = kind()
     try:

@@ -5,6 +5,7 @@
 Parameters: amplitude [rad], period [s] of the node's clock, rate [Hz].
 """
 
+import atexit
 import math
 import signal
 import sys
@@ -41,6 +42,7 @@ def main():
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = SineTarget()
     while not stop.is_set():

@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,17 @@ def test_last_word_is_heating_off(number):
         loop.control.send_signal(number)
         loop.until(lambda: loop.last('J_eq') == 0.0 and loop.last('J_eq_applied') == 0.0)
         assert loop.control.wait(20) == 0
+
+
+def test_ctrl_c_that_is_repeated_kills_nothing_that_is_ending():
+    """As `ros2 launch` sends it to its processes, after the terminal."""
+    with Loop('-p', 'alpha_target:=0.05') as loop:
+        loop.until(lambda: loop.last('J_eq_applied') > 1.0)
+        for process in (loop.control, loop.process):
+            while process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                time.sleep(0.001)
+        assert (loop.control.returncode, loop.process.returncode) == (0, 0)
 
 
 def test_heating_off_after_the_controller_was_killed():

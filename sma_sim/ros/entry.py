@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shlex
 import signal
@@ -118,6 +119,7 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
+        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
     try:
         compile_first(name)
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
