@@ -283,7 +283,7 @@ def test_mistakes_that_need_the_fit(rivals):
     with pytest.raises(UserError, match='beam.E'):
         parameter_combinations(plan.hypotheses[0], DesignRequest((), ('beam.X',), **SHORT))
     with pytest.raises(UserError, match='--max-temperature'):
-        designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **SHORT))
+        designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **(SHORT | {'length': 4.0})))
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
 
