@@ -58,7 +58,7 @@ class Robot:
         `source` begins at 0; the robot rests without power before. Raises BrokenRobot.
         """
         rest = source.values[:1] * (0.0, 1.0)
-        whole = Input(np.r_[-REST_DURATION, source.times], np.vstack([rest, source.values]), source.linear)
+        whole = Input(np.r_[-REST_DURATION, source.times], np.vstack([rest, source.values]), source.linear, source.names)
         before, after = round(REST_DURATION * rate), int(np.ceil(source.times[-1] * rate - 1e-9))
         time = np.arange(-before, after) / rate
         run = simulate(self.model, whole, time, max_step=MAX_STEP)

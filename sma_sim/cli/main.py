@@ -13,7 +13,7 @@ from sma_sim.model.optional import missing
 
 VERBS = (
     'tour', 'init', 'simulate', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'play', 'plot', 'bag', 'effects',
-    'challenge', 'paper', 'compile',
+    'systems', 'challenge', 'paper', 'compile',
 )  # fmt: skip
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 

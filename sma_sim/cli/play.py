@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.input_files import read_module_input
+from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import ProgressLine, add_namespace_option
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.entry import NO_ROS
 
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the command and send it."""
     if not 0.0 < arguments.speed <= 1000.0:
         raise UserError(f'--speed {arguments.speed:g}: expected more than 0 and at most 1000')
-    source = read_module_input(arguments.file, DEFAULTS['environment.T_E'].default, False, arguments.namespace)
+    source = read_input_file(arguments.file, Config(), False, arguments.namespace)
     times, J_eq = source.times, source.values[:, 0]
     last = np.append(np.flatnonzero(np.diff(J_eq)) + 1, len(times) - 1)
     keep = np.unique(np.append(0, last))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.input_files import read_module_input, read_wire_input
+from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
@@ -28,14 +28,17 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'simulate', 'simulate the response of the model to an input file')
     parser.add_argument(
-        '--input', type=Path, required=True, help='CSV file with time_s and J_eq_W (module) or strain (wire), or a bag'
+        '--input',
+        type=Path,
+        required=True,
+        help='CSV file with time_s and the input of the system (such as J_eq_W), or a bag',
     )
     parser.add_argument(
         '--out', type=Path, required=True, help='CSV file to write, or an mcap file where the name ends in .mcap'
     )
     parser.add_argument('--rate', type=float, default=100.0, help='samples per second (default 100)')
     parser.add_argument('--model', choices=('hybrid', 'mas'))
-    parser.add_argument('--system', choices=('module', 'wire'))
+    parser.add_argument('--system', metavar='NAME', help='structure to simulate; sma-sim systems lists them')
     parser.add_argument(
         '--interpolation',
         choices=('hold', 'linear'),
@@ -55,11 +58,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and write the samples."""
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
     config = config_for_replay(arguments, arguments.input, *chosen)
-    check_rates(arguments, config.system)
+    check_rates(arguments, config)
     check_writable(arguments.out)
     if arguments.jumps:
         check_writable(arguments.jumps)
-    source = read_input(arguments, config)
+    source = read_input_file(arguments.input, config, arguments.interpolation == 'linear', arguments.namespace)
     announce_first_compilation()
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
@@ -80,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def check_rates(arguments: argparse.Namespace, system: str) -> None:
+def check_rates(arguments: argparse.Namespace, config: Config) -> None:
     """Raise UserError for rates that make no sense, alone or together."""
     rate, steps = arguments.rate, arguments.integration_rate
     if not 0.0 < rate <= 1e6:
@@ -89,8 +92,11 @@ def check_rates(arguments: argparse.Namespace, system: str) -> None:
         return
     if not 1.0 <= steps <= 1e5:
         raise UserError(f'--integration-rate {steps:g}: expected 1 to 1e5 steps per second')
-    if arguments.interpolation == 'linear' or system == 'wire':
-        raise UserError('--integration-rate needs --interpolation hold and the module: the node holds its command')
+    if arguments.interpolation == 'linear' or config.structure.structure.drives:
+        raise UserError(
+            '--integration-rate needs --interpolation hold, and a structure on which nothing is imposed beside heating: the '
+            'node holds its command'
+        )
     steps_per_sample(steps, rate)
 
 
@@ -115,11 +121,3 @@ def sample_times(source: Input, rate: float) -> Vector:
             f'expected at most {MAX_RUN_SAMPLES:.0e}: lower --rate'
         )
     return regular_times(source, rate)
-
-
-def read_input(arguments: argparse.Namespace, config: Config) -> Input:
-    """The input of the system that is simulated."""
-    T_E, linear = config.parameters['environment.T_E'], arguments.interpolation == 'linear'
-    if config.system == 'wire':
-        return read_wire_input(arguments.input, T_E, linear)
-    return read_module_input(arguments.input, T_E, linear, arguments.namespace)

@@ -54,6 +54,11 @@ def given_values(path: Path | None, words: Iterable[str]) -> dict[str, Given]:
     return given
 
 
+def structure_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
+    """The folders of the user's structures that a YAML file or ``structures.paths=...`` names. Raises ConfigError."""
+    return named_folders('structures.paths', given_values(path, words).get('structures.paths', Given([], '')))
+
+
 def effect_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
     """The folders of the user's effects that a YAML file or ``effects.paths=...`` names. Raises ConfigError."""
     return named_folders('effects.paths', given_values(path, words).get('effects.paths', Given([], '')))

@@ -26,11 +26,14 @@ class Input:
         Module: J_eq [W], T_E [K]. Wire: strain [-], J [W], T_E [K].
     linear : tuple of bool
         By column: linear to the next value, or held until the next time.
+    names : tuple of str
+        Columns of the file contract; without them those of the module (2 columns) or of a wire (3).
     """
 
     times: Vector
     values: NDArray[np.float64]
     linear: tuple[bool, ...]
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         times, values = np.asarray(self.times, float), np.asarray(self.values, float)
@@ -122,14 +125,14 @@ def wire_input(
 def input_between(source: Input, first: float, last: float) -> Input:
     """The rows of an input from time `first` to `last` [s], which are times of rows."""
     rows = (source.times >= first) & (source.times <= last)
-    return Input(source.times[rows], source.values[rows], source.linear)
+    return Input(source.times[rows], source.values[rows], source.linear, source.names)
 
 
 def inputs_at(source: Input, times: Vector) -> dict[str, Vector]:
     """The times (k,) [s] and the input in force at each, by the names of the file contract, (k,) each."""
     held = np.searchsorted(source.times, times, side='right') - 1
     columns = {'time_s': times}
-    for k, name in enumerate(INPUT_NAMES[len(source.linear)]):
+    for k, name in enumerate(source.names or INPUT_NAMES[len(source.linear)]):
         values = source.values[:, k]
         columns[name] = np.interp(times, source.times, values) if source.linear[k] else values[held]
     return columns

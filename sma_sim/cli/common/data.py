@@ -33,7 +33,7 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
         help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
     )  # fmt: skip
-    parser.add_argument('--system', choices=('module', 'wire'), help='what was measured (default: the system of --config)')
+    parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(
         '--noise', action='append', default=[], metavar='CHANNEL=STD',

@@ -9,28 +9,37 @@ import numpy as np
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, read_columns
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 
-
-def read_module_input(path: Path, T_E: float, linear: bool, namespace: str | None = None) -> Input:
-    """Command (and ambient temperature, if given) of a module, from a CSV file or a bag."""
-    columns = read_bag(path, namespace) if is_bag(path) else read_columns(path, ('time_s', 'J_eq_W'), ('T_E_K',))
-    ambient = ambient_of(path, columns, T_E)
-    return Input(increasing(path, columns['time_s']), np.column_stack([columns['J_eq_W'], ambient]), (linear, False))
+LARGEST_STRAIN = 0.5  # beyond it the column is in percent
 
 
-def read_wire_input(path: Path, T_E: float, linear: bool) -> Input:
-    """Strain, heating and ambient temperature of a wire."""
-    columns = read_columns(path, ('time_s', 'strain'), ('J_W', 'T_E_K'))
+def read_input_file(path: Path, config: Config, linear: bool, namespace: str | None = None) -> Input:
+    """What is imposed, heating and ambient temperature, from a CSV file or a bag; `linear`: heating between rows."""
+    structure = config.structure.structure
+    needed, names = structure.needed_columns, structure.input_columns
+    others = tuple(name for name in names if name not in needed)
+    columns = read_bag(path, namespace) if is_bag(path) else read_columns(path, ('time_s', *needed), others)
+    missing = [name for name in needed if name not in columns]
+    if missing:
+        raise UserError(f'{path} has no {", ".join(missing)}: expected the input of system {structure.name}')
     time = increasing(path, columns['time_s'])
-    heating = columns.get('J_W', np.zeros(len(time)))
-    if (heating < 0.0).any():
-        raise UserError(f'{path}, column J_W: heating cannot be negative, got {heating.min():g} W')
-    strain = columns['strain']
-    if np.abs(strain).max() > 0.5:
-        raise UserError(f'{path}, column strain: expected a fraction such as 0.05, got {strain[np.abs(strain).argmax()]:g}')
-    return Input(time, np.column_stack([strain, heating, ambient_of(path, columns, T_E)]), (True, linear, False))
+    imposed = names[: len(structure.drives)]
+    values = [columns[name] for name in imposed]
+    for name, column in zip(imposed, values, strict=True):
+        top = column[np.abs(column).argmax()]
+        if name == 'strain' and abs(top) > LARGEST_STRAIN:
+            raise UserError(f'{path}, column strain: expected a fraction such as 0.05, got {top:g}')
+    for name in names[len(imposed) : -1]:
+        heating = columns.get(name, np.zeros(len(time)))
+        if not structure.antagonistic and (heating < 0.0).any():
+            raise UserError(f'{path}, column {name}: heating cannot be negative, got {heating.min():g} W')
+        values.append(heating)
+    values.append(ambient_of(path, columns, config.parameters['environment.T_E']))
+    kinds = [True] * len(imposed) + [linear] * (len(names) - len(imposed) - 1) + [False]
+    return Input(time, np.column_stack(values), tuple(kinds), names)
 
 
 def ambient_of(path: Path, columns: dict[str, Vector], T_E: float) -> Vector:

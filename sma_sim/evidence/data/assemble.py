@@ -22,9 +22,10 @@ from sma_sim.evidence.data.sessions import (
 )
 from sma_sim.evidence.data.units import check_duration, check_unit, slow_sampling
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
-COMMAND_COLUMN = {'module': 'J_eq_W', 'wire': 'J_W'}
 LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
 MIN_SESSION_SAMPLES = 2  # fewer span no time
@@ -46,6 +47,21 @@ class SourceFile:
     T_E: float
     stamped: bool = False
     namespace: str | None = None
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of the system."""
+        return known_structures()[self.system]
+
+    @property
+    def imposed(self) -> tuple[str, ...]:
+        """Columns of what is imposed beside heating."""
+        return self.structure.input_columns[: len(self.structure.drives)]
+
+    @property
+    def heating(self) -> tuple[str, ...]:
+        """Columns of the heating commands."""
+        return self.structure.input_columns[len(self.structure.drives) : -1]
 
 
 def recordings_from_columns(
@@ -121,7 +137,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     notes = list(notes)
     fill_inputs(file, columns, notes)
     sampled = sampled_rows(file.system, columns)
-    command = columns[COMMAND_COLUMN[file.system]]
+    command = commanded(file, columns)
     changes, is_exact = command_changes(columns['time_s'], command, sampled)
     exact = file.stamped or bool(is_exact.all())
     if not exact:
@@ -141,10 +157,19 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
         raise UserError(
             f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows after the first command, got {len(time)}'
         )
-    if file.system == 'module':
+    if file.structure.coordinates:
         notes += slow_sampling(time)
     known = () if exact else tuple(changes[is_exact].tolist())
     return Recording(name, file.system, time, channels, source, exact, tuple(notes), known)
+
+
+def commanded(file: SourceFile, columns: Mapping[str, Vector]) -> Vector:
+    """The heating command (k,); of several a number that changes where any of them does."""
+    commands = [columns[name] for name in file.heating]
+    if len(commands) == 1:
+        return commands[0]
+    _, which = np.unique(np.column_stack(commands), axis=0, return_inverse=True)
+    return np.asarray(which, float).reshape(-1)
 
 
 def sampled_command_note(is_exact: NDArray[np.bool_]) -> str:
@@ -158,21 +183,22 @@ def sampled_command_note(is_exact: NDArray[np.bool_]) -> str:
 def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> None:
     """Inputs without gaps: commands are held, strain is interpolated, and a note says what was not recorded."""
     rows = len(columns['time_s'])
-    if 'J_W' in INPUT_COLUMNS[file.system] and 'J_W' not in columns:
-        notes.append('J_W is not recorded: taken as 0')
-        columns['J_W'] = np.zeros(rows)
+    for name in file.heating:
+        if name not in columns:
+            notes.append(f'{name} is not recorded: taken as 0')
+            columns[name] = np.zeros(rows)
     if 'T_E_K' not in columns or not np.isfinite(columns['T_E_K']).any():
         notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
         columns['T_E_K'] = np.full(rows, file.T_E)
     first = 0
     for name in INPUT_COLUMNS[file.system][1:]:
         values = columns[name]
-        how = 'interpolated' if name == 'strain' else 'the value before holds'
+        how = 'interpolated' if name in file.imposed else 'the value before holds'
         empty = int(np.isnan(values).sum())
-        if name in ('strain', 'T_E_K'):
+        if name in (*file.imposed, 'T_E_K'):
             discard_outliers(name, columns['time_s'], values, how, notes)
         columns[name], unknown = forward_filled(values)
-        if name == 'strain':
+        if name in file.imposed:
             columns[name] = gaps_interpolated(columns['time_s'], values)
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
@@ -182,9 +208,10 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
     drop_rows_before_input(file, columns, first, notes)
     for name in INPUT_COLUMNS[file.system][1:]:
         check_unit(file.path, name, columns[name])
-    if 'J_W' in columns and (columns['J_W'] < 0.0).any():
-        notes.append(f'J_W: slightly negative values, {columns["J_W"].min():.3g} W at the least: taken as 0')
-        columns['J_W'] = np.maximum(columns['J_W'], 0.0)
+    for name in file.heating:
+        if not file.structure.antagonistic and (columns[name] < 0.0).any():
+            notes.append(f'{name}: slightly negative values, {columns[name].min():.3g} W at the least: taken as 0')
+            columns[name] = np.maximum(columns[name], 0.0)
 
 
 def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
@@ -231,13 +258,13 @@ def merge_equal_times(columns: dict[str, Vector], notes: list[str]) -> None:
 
 
 def input_from_columns(file: SourceFile, columns: Mapping[str, Vector]) -> Input:
-    """The input: all rows of a wire, whose strain is linear between rows; of a module those at which something changed."""
+    """The input: all rows where something is imposed, which is linear between rows; else those at which one changed."""
     names = INPUT_COLUMNS[file.system][1:]
     keep: NDArray[np.bool_] | slice = slice(None)
-    if file.system == 'module':
+    if not file.imposed:
         keep = rows_with_changes([columns[name] for name in names])
     values = np.column_stack([columns[name][keep] for name in names])
-    return Input(columns['time_s'][keep], values, tuple(name == 'strain' for name in names))
+    return Input(columns['time_s'][keep], values, tuple(name in file.imposed for name in names), names)
 
 
 def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> tuple[Vector, dict[str, Vector]]:

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 
 ZERO_CELSIUS = 273.15  # [K]
 
-# By channel: the unit, and what an SI value is multiplied by.
-DISPLAY_UNITS: Mapping[str, tuple[str, float]] = {
-    'U_x': ('um', 1e6), 'U_y': ('mm', 1e3), 'alpha': ('deg', 180.0 / math.pi), 'F_1': ('N', 1.0), 'F_2': ('N', 1.0),
-    'T_1': ('K', 1.0), 'T_2': ('K', 1.0), 'stress': ('MPa', 1e-6), 'T': ('K', 1.0),
+BY_SUFFIX = {  # of a column: the unit, and what an SI value is multiplied by
+    'm': ('mm', 1e3), 'rad': ('deg', 180.0 / math.pi), 'N': ('N', 1.0), 'K': ('K', 1.0), 'Pa': ('MPa', 1e-6),
 }  # fmt: skip
+
+
+class DisplayUnits(dict[str, tuple[str, float]]):
+    """Units by channel; those of a structure's coordinates by the unit of their column."""
+
+    def __missing__(self, channel: str) -> tuple[str, float]:
+        column = CHANNEL_COLUMNS[channel]
+        suffix = column.removeprefix(channel).removeprefix('_')
+        self[channel] = BY_SUFFIX.get(suffix, (suffix, 1.0)) if suffix else ('%', 100.0)
+        return self[channel]
+
+
+# By channel: the unit, and what an SI value is multiplied by.
+DISPLAY_UNITS = DisplayUnits({'U_x': ('um', 1e6)})
 
 
 def in_display_unit(channel: str, value: float) -> str:

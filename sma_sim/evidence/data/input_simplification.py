@@ -35,7 +35,7 @@ def simplified_input(recording: Recording, noise_std: Mapping[str, float]) -> In
     width = min(JITTER_WIDTH * jitter.std, STRESS_WIDTH * noise_std.get('stress', np.inf) / MAX_STIFFNESS)
     keep = corners(times, strain, width)
     keep[1:] |= (np.diff(others, axis=0) != 0.0).any(axis=1)
-    return Input(times[keep], values[keep], source.linear)
+    return Input(times[keep], values[keep], source.linear, source.names)
 
 
 def corners(times: Vector, values: Vector, width: float) -> NDArray[np.bool_]:

@@ -2,31 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_structures
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
 Vector = NDArray[np.float64]
+FIRST = ('module', 'wire')  # their channels come first wherever channels of several systems are listed
 
-# Columns of the file contract that hold measured channels.
-CHANNEL_COLUMNS: Mapping[str, str] = {
-    'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N', 'T_1': 'T_1_K', 'T_2': 'T_2_K',
-    'stress': 'stress_Pa', 'T': 'T_K',
-}  # fmt: skip
-assert tuple(CHANNEL_COLUMNS) == CHANNELS
+
+class OfSystems(Mapping[str, tuple[str, ...]]):
+    """Names by system, of all structures that are known by now."""
+
+    def __init__(self, names_of: Callable[[Structure], tuple[str, ...]]) -> None:
+        self._names_of = names_of
+
+    def __getitem__(self, system: str) -> tuple[str, ...]:
+        return self._names_of(known_structures()[system])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(known_structures(), key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name)))
+
+    def __len__(self) -> int:
+        return len(known_structures())
+
+
+@lru_cache(1)  # every run of a fit asks
+def columns_of_channels(_: tuple[FoundStructure, ...]) -> dict[str, str]:
+    """The columns of the channels of all structures, of which those of the user's folders are given."""
+    columns: dict[str, str] = {}
+    for system in CHANNELS_OF:
+        structure = known_structures()[system]
+        columns |= dict(zip(structure.channels, structure.channel_columns, strict=True))
+    return columns
+
+
+class ColumnsOfChannels(Mapping[str, str]):
+    """The column of the file contract that holds a measured channel, of all structures that are known by now."""
+
+    def _columns(self) -> dict[str, str]:
+        return columns_of_channels(tuple(KNOWN.values()))
+
+    def __getitem__(self, channel: str) -> str:
+        return self._columns()[channel]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns())
+
+    def __len__(self) -> int:
+        return len(self._columns())
+
 
 # Columns of the file contract that are read, by system: inputs first, then what is measured there.
-INPUT_COLUMNS: Mapping[str, tuple[str, ...]] = {
-    'module': ('time_s', 'J_eq_W', 'T_E_K'),
-    'wire': ('time_s', 'strain', 'J_W', 'T_E_K'),
-}
-NEEDED_COLUMNS: Mapping[str, tuple[str, ...]] = {'module': ('time_s', 'J_eq_W'), 'wire': ('time_s', 'strain')}
-CHANNELS_OF: Mapping[str, tuple[str, ...]] = {'module': CHANNELS[:7], 'wire': CHANNELS[7:]}
+INPUT_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.input_columns))
+NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
+CHANNELS_OF = OfSystems(lambda structure: structure.channels)
+CHANNEL_COLUMNS = ColumnsOfChannels()
 HIDDEN_COLUMNS = ('x_M_1', 'x_M_2', 'mode_1', 'mode_2', 'x_M', 'mode')  # no sensor shows them: not compared
 
 

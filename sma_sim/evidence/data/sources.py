@@ -10,18 +10,14 @@ from typing import Any
 
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
 from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, HIDDEN_COLUMNS, INPUT_COLUMNS, NEEDED_COLUMNS
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, HIDDEN_COLUMNS, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import read_header
-from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 
 META_FILE = 'meta.json'
-COLUMNS_BY_SYSTEM = {
-    system: (*INPUT_COLUMNS[system], *(CHANNEL_COLUMNS[channel] for channel in channels))
-    for system, channels in CHANNELS_OF.items()
-}
+COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
 Columns = dict[str, Vector]
 
 
@@ -136,11 +132,11 @@ def read_noise_file(folder: Path) -> dict[str, float]:
 
 def checked_noise(given: Iterable[tuple[str, Any]], where: str) -> dict[str, float]:
     """Noise by channel; the case of the names does not matter. Raises UserError."""
-    names = {channel.lower(): channel for channel in CHANNELS}
+    names = {channel.lower(): channel for channel in CHANNEL_COLUMNS}
     checked = {}
     for name, value in given:
         if str(name).lower() not in names:
-            raise UserError(f'{where}: unknown channel {name}; expected some of {", ".join(CHANNELS)}')
+            raise UserError(f'{where}: unknown channel {name}; expected some of {", ".join(CHANNEL_COLUMNS)}')
         good = isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < float('inf')
         if not good:
             raise UserError(f'{where}, {name}: expected a positive standard deviation in SI units, got {value!r}')

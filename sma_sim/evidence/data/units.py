@@ -101,12 +101,16 @@ CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
 }
 
 
+BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch}
+
+
 def check_unit(path: Path, name: str, values: Vector) -> None:
     """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with."""
     known = values[np.isfinite(values)]
-    if name not in CHECKS or len(known) == 0:
+    check = CHECKS.get(name) or next((one for suffix, one in BY_SUFFIX.items() if name.endswith(suffix)), None)
+    if check is None or len(known) == 0:
         return
-    mismatch = CHECKS[name](known)
+    mismatch = check(known)
     if mismatch:
         raise UserError(
             f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}, which looks like '

@@ -17,7 +17,6 @@ NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0':
 MATERIAL_NAMES = (
     'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
 )  # fmt: skip
-STRUCTURE_NAMES = ('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha')
 KINETICS_NAMES = ('wire.V_L', 'wire.omega_x')
 STRESS_SCALE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
 
@@ -79,7 +78,7 @@ def why_unidentifiable(name: str, config: Config) -> str:
     """Why a parameter has no effect on any channel of this system and model, or an empty string."""
     if name in KINETICS_NAMES and config.model == 'hybrid':
         return 'the hybrid model has no kinetics'
-    if config.system == 'wire' and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
+    if not config.structure.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
         return 'one wire on a test bench has no structure'
     return ''
 
@@ -87,13 +86,13 @@ def why_unidentifiable(name: str, config: Config) -> str:
 def default_names(config: Config) -> tuple[str, ...]:
     """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths."""
     kinetics = ('wire.V_L',) if config.model == 'mas' else ()
-    return MATERIAL_NAMES + kinetics + (STRUCTURE_NAMES if config.system == 'module' else ())
+    return MATERIAL_NAMES + kinetics + config.structure.structure.fitted
 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:
     """The declarations of all parameters that a fit could change, by full name."""
-    groups = ('wire.', 'beam.', 'plate.')
-    found = {name: parameter for name, parameter in DEFAULTS.items() if name.startswith(groups)}
+    found = {name: parameter for name, parameter in DEFAULTS.items() if name.startswith(('wire.', 'beam.', 'plate.'))}
+    found |= config.structure.structure.declared
     for active in config.effects:
         effect = active.found.effect
         found |= {f'effects.{effect.name}.{parameter.name}': parameter for parameter in effect.parameters}

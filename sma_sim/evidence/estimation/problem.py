@@ -43,7 +43,7 @@ class Problem:
     @property
     def wires(self) -> int:
         """Wires whose start is unknown."""
-        return 2 if self.config.system == 'module' else 1
+        return self.config.structure.structure.wires
 
     @property
     def shared(self) -> tuple[FreeParameter, ...]:

@@ -12,6 +12,8 @@ from sma_sim.evidence.data.input_simplification import simplified_input
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
@@ -21,9 +23,6 @@ from sma_sim.solver.stepper import Work
 Vector = NDArray[np.float64]
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
-CHANNEL_SIZES = {
-    'U_x': 1e-4, 'U_y': 1e-3, 'alpha': 0.15, 'F_1': 10.0, 'F_2': 10.0, 'T_1': 30.0, 'T_2': 30.0, 'stress': 1e8, 'T': 30.0,
-}  # fmt: skip
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
 # which a model that was chosen, and may ring, gets
 MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 6_000, 50, 50
@@ -99,8 +98,10 @@ def fit_data(
     for name in channels:
         if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
+    structure = known_structures()[recording.system]
+    sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
-    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * CHANNEL_SIZES[name]) or 1e-12 for name in channels]
+    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * sizes[name]) or 1e-12 for name in channels]
     present = np.isfinite(measured)
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES
@@ -118,7 +119,7 @@ def without_repeats(source: Input) -> Input:
     keep = np.ones(len(values), dtype=bool)
     if not any(source.linear):
         keep[1:-1] = (np.diff(values[:-1], axis=0) != 0.0).any(axis=1)
-    return Input(np.asarray(source.times, float)[keep], values[keep], source.linear)
+    return Input(np.asarray(source.times, float)[keep], values[keep], source.linear, source.names)
 
 
 def sampled_changes(recording: Recording) -> tuple[Vector, Vector]:
@@ -153,14 +154,14 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
     for k in np.flatnonzero(source.linear):
         values[:, k] = np.interp(times, source.times, source.values[:, k])
     values[:, command_column(source)] = level[np.searchsorted(moved, times, side='right')]
-    return without_repeats(Input(times, values, source.linear))
+    return without_repeats(Input(times, values, source.linear, source.names))
 
 
 def held_until(source: Input, last: float) -> Input:
     """The input, its last values held up to `last` [s]."""
     if last <= source.times[-1]:
         return source
-    return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear)
+    return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear, source.names)
 
 
 def most_steps(source: Input, step_limited: bool) -> int:

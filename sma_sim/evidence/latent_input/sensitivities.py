@@ -91,7 +91,7 @@ def with_rows_at_knots(source: Input, knots: Vector) -> Input:
     for k in np.flatnonzero(source.linear):
         values[:, k] = np.interp(times, source.times, source.values[:, k])
     values[:, -1] += AMBIENT_MARK * (np.arange(len(times)) % 2)
-    return Input(times, values, source.linear)
+    return Input(times, values, source.linear, source.names)
 
 
 def initialized(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Config, FitData, Nuisance]:

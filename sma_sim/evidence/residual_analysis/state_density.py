@@ -52,7 +52,8 @@ def changing_states(comparison: Comparison) -> Sequence[tuple[str, Vector]]:
             (f'temperature of {wire} [K]', f'T{suffix}_K', 1.0), (f'strain of {wire} [%]', f'strain{suffix}', 100.0),
             (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0),
         ]  # fmt: skip
-    columns.append(('J_eq [W]', 'J_eq_W', 1.0) if comparison.config.system == 'module' else ('power J [W]', 'J_W', 1.0))
+    for name in comparison.config.structure.structure.commands:
+        columns.append(('power J [W]' if name == 'J' else f'{name} [W]', f'{name}_W', 1.0))
     joined = [
         (label, factor * np.concatenate([run.states[name] for run in comparison.runs])) for label, name, factor in columns
     ]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate_of_change, wires_of
+from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
 Classes = NDArray[np.int64]
@@ -57,7 +58,11 @@ def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
     """All ways to sort the samples of a comparison that have more than one class."""
     runs = comparison.runs
     found = [way for suffix, wire in wires_of(comparison.config).items() for way in wire_dimensions(runs, suffix, wire)]
-    found += module_dimensions(runs) if comparison.config.system == 'module' else bench_dimensions(runs)
+    structure = comparison.config.structure.structure
+    if comparison.config.system == 'module':
+        found += module_dimensions(runs)
+    else:
+        found += structure_dimensions(runs, structure) if structure.coordinates else bench_dimensions(runs)
     found += [
         band_dimension('ambient temperature', [run.states['T_E_K'] for run in runs], 'the ambient temperature is {}', 'K'),
         quarter_dimension(runs), run_dimension(runs),
@@ -93,6 +98,21 @@ def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
                ('alpha falls', 'alpha stands still', 'alpha rises'), '{}'),
         band_dimension('amplitude', [np.abs(angle) for angle in angles], '|alpha| is {}', 'deg'),
     ]  # fmt: skip
+
+
+def structure_dimensions(runs: Sequence[ComparedRun], structure: Structure) -> list[Dimension]:
+    """By command and by the motion of every coordinate."""
+    found = [
+        sign_dimension(f'command {name}', [run.states[f'{name}_W'] for run in runs], 0.0,
+               (f'{name} is negative', f'{name} is 0', f'{name} is positive'), '{}')
+        for name in structure.commands
+    ]  # fmt: skip
+    for coordinate in structure.coordinates:
+        rates = [rate_of_change(run.time, run.states[coordinate.column]) for run in runs]
+        labels = (f'{coordinate.name} falls', f'{coordinate.name} stands still', f'{coordinate.name} rises')
+        still = STILL_FRACTION * robust_maximum(rates)
+        found.append(sign_dimension(f'direction of {coordinate.name}', rates, still, labels, '{}'))
+    return found
 
 
 def bench_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:

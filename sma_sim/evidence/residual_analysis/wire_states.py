@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.config import Config
-from sma_sim.model.parameters import beam_constants
-from sma_sim.model.structures.beam import wire_length
+from sma_sim.model.structures.structure import numbers, record
 
 Vector = NDArray[np.float64]
 REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/explanation/physics.md) ...
@@ -20,15 +19,18 @@ RESTING = 0  # the number of the class beside modes 1 to 5
 
 def wires_of(config: Config) -> dict[str, str]:
     """The wires by the suffix of their columns."""
-    return {'_1': 'wire 1', '_2': 'wire 2'} if config.system == 'module' else {'': 'the wire'}
+    structure = config.structure.structure
+    if not structure.coordinates:
+        return {'': 'the wire'}
+    return {f'_{i}': f'wire {i}' for i in range(1, structure.wires + 1)}
 
 
 def with_derived_states(config: Config, time: Vector, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     """The columns (k,), and for each wire (suffix s): ``strain{s}`` [-], ``dT{s}`` [K/s], ``deps{s}`` [1/s], and
     ``class{s}``: its mode, or RESTING where nothing of it moves."""  # fmt: skip
     found = dict(columns)
-    if config.system == 'module':
-        found |= module_strains(config, columns)
+    if config.structure.structure.coordinates:
+        found |= strains_from_pose(config, columns)
     for suffix in wires_of(config):
         dT, deps = rate_of_change(time, columns[f'T{suffix}_K']), rate_of_change(time, found[f'strain{suffix}'])
         dx = rate_of_change(time, columns[f'x_M{suffix}'])
@@ -38,12 +40,14 @@ def with_derived_states(config: Config, time: Vector, columns: Mapping[str, Vect
     return found
 
 
-def module_strains(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
-    """Strains of the module's wires from the pose (EB-B2a), (k,) each."""
-    beam, l0 = beam_constants(config.parameters), config.parameters['wire.l0']
-    poses = np.column_stack([columns['U_x_m'], columns['U_y_m'], columns['alpha_rad']]).tolist()
-    lengths = {f'_{i + 1}': [wire_length(x, y, a, 2.0 * i - 1.0, beam)[0] for x, y, a in poses] for i in range(2)}
-    return {f'strain{suffix}': np.array(values) / l0 - 1.0 for suffix, values in lengths.items()}
+def strains_from_pose(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
+    """Strains of a structure's wires from its pose (of the module EB-B2a), (k,) each."""
+    structure, l0 = config.structure.structure, config.parameters['wire.l0']
+    assert structure.lengths is not None
+    constants, pose = structure.constants_of(config.parameters), record('Pose', structure.coordinate_names)
+    rows = np.column_stack([columns[coordinate.column] for coordinate in structure.coordinates]).tolist()
+    lengths = np.array([numbers(structure.lengths(pose(*row), constants)) for row in rows])
+    return {f'strain_{i + 1}': lengths[:, i] / l0 - 1.0 for i in range(structure.wires)}
 
 
 def rate_of_change(time: Vector, values: Vector) -> Vector:

@@ -73,7 +73,7 @@ def locations_for(system: str, channels: tuple[str, ...]) -> tuple[Location, ...
         location_of(port) for port in PORTS
         if system in port.systems and (port.hook != 'sensing' or CHANNELS[port.component] in channels)
     ]  # fmt: skip
-    if system == 'wire':
+    if system != 'module':
         return tuple(singles)
     both = []
     for group, description in BOTH_WIRES_DESCRIPTIONS.items():

@@ -17,6 +17,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.model.user_files import user_modules
 
 ENTRY_POINTS = 'sma_sim.structures'
+KNOWN: dict[str, FoundStructure] = {}  # of the user's folders that were named in this process
 
 
 class StructureError(UserError):
@@ -87,5 +88,23 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
                 raise StructureError(f'{file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}')
             if structure.name in found:
                 raise StructureError(f'{file}: a structure named {structure.name!r} exists already; choose another name')
-            found[structure.name] = FoundStructure(structure, own.files, own.packages)
+            check_channels(structure, found.values(), file)
+            found[structure.name] = KNOWN[structure.name] = FoundStructure(structure, own.files, own.packages)
     return found
+
+
+def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path) -> None:
+    """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell."""
+    for other in others:
+        columns = dict(zip(other.structure.channels, other.structure.channel_columns, strict=True))
+        for channel, column in zip(structure.channels, structure.channel_columns, strict=True):
+            if columns.get(channel, column) != column:
+                raise StructureError(
+                    f'{file}: the coordinate {channel} would be the column {column}, which is {columns[channel]} of the '
+                    f'structure {other.structure.name}; choose another name'
+                )
+
+
+def known_structures() -> dict[str, Structure]:
+    """The structures of the package and of all folders that were named in this process, by name."""
+    return {name: found.structure for name, found in (package_structures() | KNOWN).items()}

@@ -36,8 +36,8 @@ STRUCTURE = Structure(
     inertia=lambda p: p.m,
     parameters=(
         Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the wire at position 0', SOURCE),
-        Parameter('k', 200.0, 'N/m', (0.0, 1e7), 'stiffness of the spring', SOURCE),
-        Parameter('x_0', 0.02, 'm', (-10.0, 10.0), 'extension of the spring at position 0', SOURCE),
+        Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring', SOURCE),
+        Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0', SOURCE),
         Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass', SOURCE),
         Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping', SOURCE),
         Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),

@@ -183,6 +183,12 @@ class Structure:
         return (*(drive.column for drive in self.drives), *(f'{name}_W' for name in self.commands), 'T_E_K')
 
     @property
+    def needed_columns(self) -> tuple[str, ...]:
+        """Columns of the input that every recording has: what is imposed; without that, the heating."""
+        columns = self.input_columns
+        return columns[: len(self.drives) or len(self.commands)]
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """What sensors can show: the coordinates, the force and the temperature of every wire."""
         if not self.coordinates:

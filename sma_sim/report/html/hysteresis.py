@@ -6,6 +6,7 @@ import numpy as np
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.model.structures.structure import Structure
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
@@ -23,7 +24,7 @@ def hysteresis_section(comparison: Comparison) -> Section:
     plots = [
         Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
         for run in comparison.runs[:MOST_LOOP_RUNS]
-        for loop in LOOPS[comparison.config.system]
+        for loop in LOOPS.get(comparison.config.system, loops_of(comparison.config.structure.structure))
         if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
     ]
     if not plots:
@@ -32,6 +33,12 @@ def hysteresis_section(comparison: Comparison) -> Section:
     if len(comparison.runs) > MOST_LOOP_RUNS:
         words += f' The first {MOST_LOOP_RUNS} of {len(comparison.runs)} runs.'
     return Section('Hysteresis', [Paragraph(words), Grid(plots)])
+
+
+def loops_of(structure: Structure) -> tuple[tuple[str, str, float, str, float], ...]:
+    """The loops of a structure: every coordinate over the first command."""
+    command = structure.commands[0]
+    return tuple((c.name, f'{command}_W', 1.0, f'{command} [W]', 0.0) for c in structure.coordinates)
 
 
 def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> object:

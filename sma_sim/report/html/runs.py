@@ -19,10 +19,6 @@ BYTES = 500_000  # of the curves of all runs: a page stays below 3 MB
 MOST_TABS = 30  # in the page
 PER_POINT = 11  # bytes of one point: time, measured, model and residual, packed
 MOST_RUN_POINTS, LEAST_RUN_POINTS = 1600, 300  # per channel and run
-INPUT_CURVES = {
-    'module': (('J_eq_W', 'J_eq', 1.0, 'W'),),
-    'wire': (('strain', 'strain', 100.0, '%'), ('J_W', 'J', 1.0, 'W')),
-}
 VALUE_ROW, RESIDUAL_ROW, INPUT_ROW, MODE_ROW = 105, 58, 62, 26  # heights [px]
 
 
@@ -51,10 +47,20 @@ def runs_to_show(summary: Summary) -> list[ComparedRun]:
     return [run for run in runs if summary.run_error(run.name) >= least]
 
 
+def input_curves(comparison: Comparison) -> list[tuple[str, str, float, str]]:
+    """Column, label, factor and unit of what is imposed and of every heating command."""
+    structure = comparison.config.structure.structure
+    imposed = [(drive.column, drive.name, 1.0, drive.unit) for drive in structure.drives]
+    imposed = [
+        (column, name, 100.0, '%') if unit == '-' else (column, name, factor, unit) for column, name, factor, unit in imposed
+    ]
+    return [*imposed, *((f'{name}_W', name, 1.0, 'W') for name in structure.commands)]
+
+
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     """One run."""
     channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
-    commands = [column for column in INPUT_CURVES[comparison.config.system] if np.ptp(run.states[column[0]]) > 0.0]
+    commands = [column for column in input_curves(comparison) if np.ptp(run.states[column[0]]) > 0.0]
     wires = wires_of(comparison.config)
     heights = [VALUE_ROW, RESIDUAL_ROW] * len(channels) + [INPUT_ROW] * len(commands) + [MODE_ROW * len(wires)]
     total = sum(heights)

@@ -1,0 +1,279 @@
+"""Structures as parts: every one keeps its energy, moves as its equations say, and joins without an edit of the package."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sma_sim import Config, Input, Model, UserError, find_effects, find_structures, read_config, simulate
+from sma_sim.cli.main import main
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.layout import O_DL, O_EPS, O_F, O_J, O_STRAIN, O_V, O_X, InputPoint, SystemState
+from sma_sim.model.material import internal_energy
+from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
+from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.model.system import flow
+from sma_sim.solver.effect_table import acts_on
+from sma_sim.solver.fixed_rate import FixedRateRun
+from sma_sim.solver.model import new_findings
+from sma_sim.solver.structure_kernels import native_structure
+
+EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
+ROCKER = find_structures([EXAMPLE])['rocker']
+MOVING = {name: found for name, found in package_structures().items() if found.structure.coordinates} | {'rocker': ROCKER}
+HEATING = {'module': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2}
+
+
+def model_of(name, kind='hybrid', effects=(), **parameters):
+    """A model of a structure at its defaults, some parameters changed (``slider__k=...``)."""
+    changed = {key.replace('__', '.'): value for key, value in parameters.items()}
+    own = ROCKER if name == 'rocker' else None
+    values = MOVING[name].structure.default_values | changed
+    return Model(Config(values, name, kind, tuple(effects), own_structure=own))
+
+
+def command_of(name, duration=30.0):
+    """Heating on and off again, of an antagonistic pair on both sides."""
+    structure, J = MOVING[name].structure, HEATING[name]
+    levels = [0.0, J, -0.8 * J, 0.0] if structure.antagonistic else [0.0, J, 0.5 * J, 0.0]
+    times = np.array([0.0, 0.1, 0.4, 0.7, 1.0]) * duration
+    columns = np.column_stack([[*levels, 0.0]] * len(structure.commands) + [np.full(5, 298.0)])
+    return Input(times, columns, (False,) * columns.shape[1], structure.input_columns)
+
+
+def states(model, seed, count=20):
+    """Random states in mode 3, in which the wires are strained as at work."""
+    random, p = np.random.default_rng(seed), model.compiled
+    scales = np.array([c.size(model.constants) for c in model.structure.coordinates])
+    for _ in range(count):
+        y = np.zeros(len(model.scales))
+        y[: p.coordinates] = random.uniform(-1.0, 1.0, p.coordinates) * scales
+        y[p.coordinates : 2 * p.coordinates] = random.uniform(-1.0, 1.0, p.coordinates) * scales
+        y[p.first_T : p.first_T + p.wires] = random.uniform(300.0, 360.0, p.wires)
+        x = random.uniform(0.2, 0.8, p.wires)
+        if p.mas:
+            y[p.first_x : p.first_x + p.wires] = x
+        yield y, x
+
+
+def evaluated(model, y, x, u):
+    """dy/dt and what the flow finds on its way."""
+    p = model.compiled
+    dy, obs = np.zeros(len(y)), new_findings(p)
+    flow(0.0, SystemState(y, np.full(p.wires, 3), x), InputPoint(u, np.zeros_like(u)), p, dy, obs)
+    return dy, obs
+
+
+def energy_of(model, y, x, u):
+    """Energy of the wires and of the structure [J]."""
+    p, structure = model.compiled, model.structure
+    _, obs = evaluated(model, y, x, u)
+    pose = record('Pose', structure.coordinate_names)
+    n = p.coordinates
+    wires = sum(
+        internal_energy(obs[i, O_EPS] - obs[i, O_STRAIN] - p.wire.eps_T * obs[i, O_X], y[p.first_T + i], obs[i, O_X], p.wire)
+        for i in range(p.wires)
+    )
+    return p.wire.n * wires + structure.energy(pose(*y[:n]), pose(*y[n : 2 * n]), model.constants)
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+@pytest.mark.parametrize('name', sorted(name for name, found in MOVING.items() if found.structure.energy))
+def test_first_law(name, kind):
+    """What is stored changes by heating, heat lost to the air, and friction alone."""
+    model = model_of(name, kind)
+    p, structure, w = model.compiled, model.structure, model.compiled.wire
+    pose = record('Pose', structure.coordinate_names)
+    n, u = p.coordinates, np.zeros(len(structure.input_columns))
+    u[-1] = 298.0
+    for y, x in states(model, 1):
+        dy, obs = evaluated(model, y, x, u)
+        h = 3e-5 / max(1e-3, np.abs(dy / model.scales).max())
+        stored = (energy_of(model, y + h * dy, x, u) - energy_of(model, y - h * dy, x, u)) / (2.0 * h)
+        T = y[p.first_T : p.first_T + p.wires]
+        heat = w.n * sum(obs[:, O_J] - w.lambda_ * w.area * (T - 298.0))
+        q, v, rest = pose(*y[:n]), pose(*y[n : 2 * n]), pose(*np.zeros(n))
+        friction = [
+            a - b for a, b in zip(*(numbers(structure.forces(q, s, model.constants)) for s in (v, rest)), strict=True)
+        ]
+        size = abs(heat) + abs(obs[:, O_F] @ obs[:, O_V]) + abs(np.dot(friction, v)) + 1e-6
+        assert stored == pytest.approx(heat + np.dot(friction, v), abs=1e-6 * size)
+
+
+@pytest.mark.parametrize('name', sorted(MOVING))
+def test_wires_pull_along_the_gradient_of_their_lengths(name):
+    model = model_of(name)
+    structure, n = model.structure, model.compiled.coordinates
+    pose = record('Pose', structure.coordinate_names)
+    for y, x in states(model, 2, 5):
+        _, obs = evaluated(model, y, x, np.full(len(structure.input_columns), 298.0))
+        for j, coordinate in enumerate(structure.coordinates):
+            h = 1e-4 * coordinate.size(model.constants)
+            ends = [y[:n] + s * h * (np.arange(n) == j) for s in (1.0, -1.0)]
+            up, down = (np.array(numbers(structure.lengths(pose(*end), model.constants))) for end in ends)
+            assert obs[:, O_DL + j] == pytest.approx((up - down) / (2.0 * h), rel=1e-6, abs=1e-9)
+
+
+def slider_rates(t, y, J, c):
+    """dy/dt of a slider with MAS kinetics, y = (position, speed, T, x_M): written from the paper's equations."""
+    position, speed, T, x = y
+    section, volume = math.pi * c['r0'] ** 2, math.pi * c['r0'] ** 2 * c['l0']
+    eps = (c['L'] - position) / c['l0'] - 1.0
+    d = 1.0 / c['E_M'] - 1.0 / c['E_A']
+    sigma = (eps - c['eps_T'] * x) / (x / c['E_M'] + (1.0 - x) / c['E_A'])
+    middle = c['sigma_MW0'] + c['sigma_T'] * (T - c['T0'])
+    s_A, s_M = middle + 0.5 * c['dsigma'], middle - 0.5 * c['dsigma']
+    concave = (c['eps_T'] + s_M / c['E_M'] - s_A / c['E_A']) / (s_A - s_M)
+    thermal = c['V_L'] / (1.380649e-23 * T)
+    to_M = c['omega_x'] * math.exp(-thermal * 0.5 * max(s_A - sigma, 0.0) ** 2 * (1.0 / c['E_A'] + concave))
+    to_A = c['omega_x'] * math.exp(-thermal * 0.5 * max(sigma - s_M, 0.0) ** 2 * (1.0 / c['E_M'] + concave))
+    dx = to_M * (1.0 - x) - to_A * x
+    latent = T * (d * middle + c['eps_T']) * c['sigma_T'] + 0.5 * d * (sigma**2 - middle**2) + c['eps_T'] * (sigma - middle)
+    capacity = c['rho'] * c['c_V'] + T * d * c['sigma_T'] ** 2 * (1.0 - x)
+    loss = c['lambda'] * 2.0 * math.pi * c['r0'] * c['l0'] * (T - 298.0)
+    pull = section * sigma - c['k'] * (position + c['x_0']) - c['b'] * speed - c['m'] * c['g'] * math.sin(c['incline'])
+    return [speed, pull / c['m'], (J - loss + volume * latent * dx) / (volume * capacity), dx]
+
+
+def test_slider_against_an_independent_solution():
+    """SciPy's Radau on the equations above, from the same start: the position agrees to 1e-6 m."""
+    model = model_of('slider', 'mas', solver__rtol=1e-8)
+    command, times = command_of('slider', 6.0), np.linspace(0.0, 6.0, 61)
+    run = simulate(model, command, times)
+    assert run.completed and np.ptp(run['position_m']) > 5e-4
+    constants = {name.rpartition('.')[2]: value for name, value in model.config.parameters.items()
+                 if name.startswith(('wire.', 'slider.'))}  # fmt: skip
+    first = simulate(model, command, times[:1])
+    y, found = [first['position_m'][0], 0.0, 298.0, first['x_M_1'][0]], []
+    for start, end, J in zip(command.times[:-1], command.times[1:], command.values[:-1, 0], strict=True):
+        asked = np.append(times[(times >= start) & (times < end)], end)
+        part = solve_ivp(slider_rates, (start, end), y, 'Radau', asked, rtol=1e-9, atol=1e-12, args=(J, constants))
+        y, found = part.y[:, -1], found + part.y[0, :-1].tolist()
+    assert run['position_m'][:-1] == pytest.approx(np.array(found), abs=1e-6)
+
+
+@pytest.mark.parametrize('name', sorted(set(MOVING) - {'module'}))
+def test_runs_do_not_depend_on_how_they_are_made(name):
+    """Fixed steps and adaptive ones agree; each kind of kinetics comes to its end and moves."""
+    command = command_of(name)
+    for kind in ('hybrid', 'mas'):
+        model = model_of(name, kind)
+        run = simulate(model, command, 10.0)
+        assert run.completed and not run.notes
+        column, scale = model.structure.coordinates[0].column, model.scales[0]
+        assert np.ptp(run[column]) > 0.5 * scale
+        fixed = FixedRateRun(model, 1000.0, command.values[0])
+        for t in range(1000):
+            fixed.step(command.values[np.searchsorted(command.times, t / 1000.0 + 1e-9, 'right') - 1])
+        assert fixed.sample[0] == pytest.approx(run[column][10], abs=1e-3 * scale)
+
+
+def test_random_parameters_of_every_structure():
+    """No parameters within a quarter of the defaults make a run fail."""
+    random = np.random.default_rng(4)
+    for name, found in sorted(MOVING.items()):
+        for turn in range(12):
+            values = {
+                key: value * (1.0 + random.uniform(-0.25, 0.25))
+                for key, value in found.structure.default_values.items()
+                if key in found.structure.declared and key.rpartition('.')[2] not in ('L', 'h', 'a', 'W')
+            }
+            changed = {key.replace('.', '__'): value for key, value in values.items()}
+            run = simulate(model_of(name, 'mas' if turn % 2 else 'hybrid', **changed), command_of(name), 5.0)
+            assert run.completed, (name, values, run.reason)
+
+
+def test_every_effect_on_every_structure_where_it_has_a_meaning():
+    """At its neutral values it changes nothing; at its defaults it runs."""
+    for name, found in sorted(MOVING.items()):
+        if name == 'module':
+            continue
+        command = command_of(name, 3.0)
+        bare = simulate(model_of(name), command, 20.0)
+        acting = [each for each in find_effects().values() if acts_on(each.effect, found.structure)]
+        assert len(acting) > 12
+        for each in acting:
+            parameters = each.effect.parameters
+            neutral = ActiveEffect(each, tuple(p.default if p.neutral is None else p.neutral for p in parameters))
+            run = simulate(model_of(name, effects=[neutral]), command, 20.0)
+            column, scale = found.structure.coordinates[0].column, model_of(name).scales[0]
+            assert run[column] == pytest.approx(bare[column], abs=2e-3 * scale), (name, each.effect.name)
+            active = ActiveEffect(each, tuple(p.default for p in parameters))
+            assert simulate(model_of(name, effects=[active]), command, 20.0).completed, (name, each.effect.name)
+
+
+def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):
+    lines = (EXAMPLE / 'rocker.py').read_text().splitlines()
+    assert len([line for line in lines if line.strip()]) <= 40
+    (tmp_path / 'c.csv').write_text('time_s,J_eq_W\n0,0\n2,1.2\n10,0\n12,0\n')
+    out = tmp_path / 'out.csv'
+    words = ['--config', str(EXAMPLE / 'robot.yaml')]
+    assert main(['simulate', '--input', str(tmp_path / 'c.csv'), '--out', str(out), *words]) == 0
+    header = out.read_text().splitlines()[0]
+    assert header == 'time_s,J_eq_W,T_E_K,angle_rad,F_1_N,F_2_N,T_1_K,T_2_K,x_M_1,x_M_2,mode_1,mode_2'
+    capsys.readouterr()
+    assert main(['systems', 'rocker', '--json', *words]) == 0
+    found = json.loads(capsys.readouterr().out)[0]
+    assert found['inputs'] == ['time_s', 'J_eq_W', 'T_E_K'] and found['coordinates'][0]['name'] == 'angle'
+    assert main(['compare', str(out), *words, '--noise', 'angle=1e-4']) == 0
+    assert 'angle' in capsys.readouterr().out
+
+
+def test_systems_are_listed(capsys):
+    assert main(['systems']) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in package_structures()) and 'slider.k' in text
+    assert main(['systems', 'slidr']) == 2
+    assert 'did you mean slider' in capsys.readouterr().err
+
+
+def changed(**fields):
+    """The slider with some fields changed, as a file of the user's would have it."""
+    structure = package_structures()['slider'].structure
+    return Structure(**{name: getattr(structure, name) for name in structure.__dataclass_fields__} | fields)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'gradients': lambda q, p: 1.0}, 'its gradients give 1 for wire 1 in position, differences of its lengths -1'),
+        ({'forces': lambda q, v, p: (0.0, 0.0)}, r'its forces returns 2 number\(s\); expected 1'),
+        ({'lengths': lambda q, p: p.nothing}, "its lengths fails: AttributeError: .*'nothing'"),
+        ({'lengths': lambda q, p: sorted([p.L - q.position])[0]}, 'cannot be compiled'),
+    ],
+)
+def test_wrong_structures_are_told(fields, words):
+    with pytest.raises(StructureError, match=words):
+        native_structure(FoundStructure(changed(name=f'wrong_{len(words)}', **fields), (), ('sma_sim.', __name__)))
+
+
+def test_structures_that_cannot_be_declared():
+    for fields in ({'forces': None}, {'antagonistic': True}, {'wires': 0}):
+        with pytest.raises(ValueError, match='structure'):
+            changed(**fields)
+
+
+def test_files_of_structures_that_cannot_be_used(tmp_path):
+    with pytest.raises(StructureError, match=r'structures\.paths: .* is not a folder'):
+        find_structures([tmp_path / 'nowhere'])
+    text = (EXAMPLE / 'rocker.py').read_text()
+    for content, words in (
+        (text.replace("name='rocker'", "name='lever'"), "a structure named 'lever' exists already"),
+        (text.replace("'angle', 'rad'", "'angle', 'deg'"), 'the coordinate angle would be the column angle_deg'),
+        ('STRUCTURE = 1', 'STRUCTURE must be an sma_sim.Structure'),
+    ):
+        (tmp_path / 'own.py').write_text(content)
+        with pytest.raises(StructureError, match=words):
+            find_structures([tmp_path])
+
+
+def test_data_do_not_say_which_structure_files_are_run(tmp_path):
+    (tmp_path / 'rocker2.py').write_text((EXAMPLE / 'rocker.py').read_text().replace("name='rocker'", "name='rocker2'"))
+    recorded = {'system': 'rocker2', 'structures.paths': [str(tmp_path)]}
+    with pytest.raises(UserError, match=r'the structure rocker2 is needed, but only data name its folder'):
+        read_config(recorded=recorded)
+    named = read_config(words=[f'structures.paths={tmp_path}'], recorded={'system': 'rocker2'})
+    assert named.system == 'rocker2' and named.parameters['rocker2.k'] == 50.0
