@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from sma_sim import Config, Input, Model, default_parameters, find_effects, simulate
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.solver.effect_table import acts_on
 
 Vector = NDArray[np.float64]
 

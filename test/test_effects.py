@@ -10,13 +10,13 @@ from flows import MODES, Point, active, admitted, make_model, neutral
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.material import stress
 from sma_sim.model.parameters import DEFAULTS, BeamConstants, WireConstants, beam_constants, wire_constants
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.transformation import offsets
-from sma_sim.solver.effect_table import acts_on
 from sma_sim.solver.kernels import native_effect
 
 NAMES = sorted(find_effects())

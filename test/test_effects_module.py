@@ -5,9 +5,9 @@ import pytest
 from systems import active, make_model, random_state
 
 from sma_sim import Input, find_effects, simulate
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.effects.ports import State
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.solver.effect_table import acts_on
 
 MODULE, WIRE = (package_structures()[name].structure for name in ('module', 'wire'))
 COMMAND = Input(

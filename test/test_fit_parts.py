@@ -21,7 +21,6 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
 )
 from sma_sim.evidence.estimation.problem import HUBER_CORNER, START, LinearizedRun
 from sma_sim.evidence.estimation.residuals import (
-    CHANNEL_SIZES,
     SOLVER_NOISE,
     error_over_noise,
     fit_data,
@@ -88,7 +87,7 @@ def test_weights_of_samples():
     """One over noise, the solver's own error added in quadrature; nothing for a missing sample."""
     run = fit_data(recording(), {'alpha': 0.02})
     assert run.weight.tolist() == [pytest.approx([50.0, 50.0, 0.0, 50.0, 50.0])] and run.samples == 4
-    floor = 0.02 / (SOLVER_NOISE * CHANNEL_SIZES['alpha'])
+    floor = 0.02 / (SOLVER_NOISE * 0.15)
     assert fit_data(recording(), {'alpha': 0.02}, floor=floor).weight[0, 0] == pytest.approx(50.0 / np.sqrt(2.0))
     assert error_over_noise(np.array([[3.0, -3.0, 0.0, 3.0, 3.0]]), run) == {'alpha': pytest.approx(3.0)}
 

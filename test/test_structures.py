@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from sma_sim import Config, Input, Model, UserError, find_effects, find_structures, read_config, simulate
 from sma_sim.cli.main import main
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DL, O_EPS, O_F, O_J, O_STRAIN, O_V, O_X, InputPoint, SystemState
 from sma_sim.model.material import internal_energy
 from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
 from sma_sim.model.structures.structure import Structure, numbers, record
 from sma_sim.model.system import flow
-from sma_sim.solver.effect_table import acts_on
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import new_findings
 from sma_sim.solver.structure_kernels import native_structure

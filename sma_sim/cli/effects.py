@@ -12,10 +12,10 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.model.config import suggestion
 from sma_sim.model.effects.discovery import find_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.solver.effect_table import acts_on
 
 TEXT_WIDTH = 100
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import POSE, acts_on, channel_slots
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.effects.scope import MASK_SIZE
 from sma_sim.model.layout import System
@@ -17,17 +18,10 @@ from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Constants, Structure
 from sma_sim.solver.fields_read import fields_read
-from sma_sim.solver.kernels import POSE, native_effect, own_kernels
+from sma_sim.solver.kernels import native_effect, own_kernels
 
 # Size of a change in a channel that is no coordinate, for the states of sensing effects.
 FORCE_SCALE, TEMPERATURE_SCALE, STRESS_SCALE = 10.0, 30.0, 1e8
-
-
-def acts_on(effect: Effect, structure: Structure) -> bool:
-    """Whether an effect has a meaning on a structure."""
-    if effect.systems and structure.name not in effect.systems or structure.wires < effect.wires:
-        return False
-    return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
 
 
 def channel_codes(structure: Structure) -> list[int]:
@@ -35,21 +29,6 @@ def channel_codes(structure: Structure) -> list[int]:
     return [
         CHANNELS.index(channel) if channel in CHANNELS else len(CHANNELS) + k for k, channel in enumerate(structure.channels)
     ]
-
-
-def channel_slots(effect: Effect, structure: Structure) -> list[int]:
-    """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
-
-    An effect on every coordinate of the module acts on every coordinate of other structures too.
-    """
-    slots, count = [], 0
-    of_pose = set(POSE) <= set(effect.channels) and not effect.scope.channel
-    for channel in structure.channels:
-        named = channel in effect.channels or of_pose and channel in structure.coordinate_names
-        acts = effect.port == PORT_NAMES[SENSING] and named
-        slots.append(count if acts else -1)
-        count += acts
-    return slots
 
 
 def channel_scales(structure: Structure) -> list[float]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import POSE
 from sma_sim.model.effects.ports import (
     PORT_MAY_RETURN_ONE,
     PORT_NAMES,
@@ -28,8 +29,6 @@ from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Structure, record
 from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
 from sma_sim.solver.fields_read import can_share, check_fields, check_scope, fields_read
-
-POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels take
 
 
 class NativeEffect(NamedTuple):

@@ -104,7 +104,7 @@ def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording,
 def column_map_for(system: str, path: Path | None) -> ColumnMap:
     """The map, if there is one, for the system. Raises UserError."""
     if system not in COLUMNS_BY_SYSTEM:
-        raise UserError(f'system: expected {" or ".join(COLUMNS_BY_SYSTEM)}, got {system!r}')
+        raise UserError(f'system: expected one of {", ".join(COLUMNS_BY_SYSTEM)}, got {system!r}')
     if path is None:
         return ColumnMap()
     mapping = read_column_map(path, COLUMNS_BY_SYSTEM)

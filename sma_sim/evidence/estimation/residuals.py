@@ -101,7 +101,7 @@ def fit_data(
     structure = known_structures()[recording.system]
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
-    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * sizes[name]) or 1e-12 for name in channels]
+    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * sizes.get(name, 0.0)) or 1e-12 for name in channels]
     present = np.isfinite(measured)
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES

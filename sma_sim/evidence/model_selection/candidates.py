@@ -12,8 +12,8 @@ from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.parameters import Parameter
-from sma_sim.solver.effect_table import acts_on
 
 
 @dataclass(frozen=True)

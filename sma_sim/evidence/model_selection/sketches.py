@@ -19,13 +19,12 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters, fre
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
 from sma_sim.evidence.estimation.problem import DEFAULT_STEP, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-SKETCH_DECREASE = 1e-3  # predicted decrease at which a sketch ends, as a fraction of the cost or of the samples
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:

@@ -1,0 +1,31 @@
+"""On which structures an effect has a meaning, and on which of their channels."""
+
+from __future__ import annotations
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import PORT_NAMES, SENSING
+from sma_sim.model.structures.structure import Structure
+
+POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels take
+
+
+def acts_on(effect: Effect, structure: Structure) -> bool:
+    """Whether an effect has a meaning on a structure."""
+    if effect.systems and structure.name not in effect.systems or structure.wires < effect.wires:
+        return False
+    return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
+
+
+def channel_slots(effect: Effect, structure: Structure) -> list[int]:
+    """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
+
+    An effect on every coordinate of the module acts on every coordinate of other structures too.
+    """
+    slots, count = [], 0
+    of_pose = set(POSE) <= set(effect.channels) and not effect.scope.channel
+    for channel in structure.channels:
+        named = channel in effect.channels or of_pose and channel in structure.coordinate_names
+        acts = effect.port == PORT_NAMES[SENSING] and named
+        slots.append(count if acts else -1)
+        count += acts
+    return slots
