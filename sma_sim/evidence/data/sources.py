@@ -104,9 +104,10 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     if not missing:
         return
     hint = ''
-    for other, names in NEEDED_COLUMNS.items():
-        if other != system and all(name in header for name in names):
-            hint = f' (it has {names[1]}: is it the recording of a {other}? say --system {other})'
+    others = [other for other, names in NEEDED_COLUMNS.items() if other != system and set(names) <= set(header)]
+    if others:
+        other = max(others, key=lambda name: len(set(COLUMNS_BY_SYSTEM[name]) & set(header)))
+        hint = f' (it has {NEEDED_COLUMNS[other][1]}: is it the recording of a {other}? say --system {other})'
     close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
     if close and not hint:
         hint = f' (rename {close[0]}, or name it in a map: {missing[0]}: {{column: {close[0]}, scale: 1}})'
