@@ -64,7 +64,10 @@ def test_type_of_every_parameter_in_yaml(complaint, tmp_path, name, value):
         (['--set', 'nothing.like.it=1'], 'unknown parameter nothing.like.it (on the command line)'),
         (['--set', 'wire.E_A'], '--set wire.E_A: expected name=value'),
         (['--set', 'model=mass'], "model = 'mass' (on the command line): expected one of hybrid, mas"),
-        (['--set', 'system=robot'], "system = 'robot' (on the command line): expected one of lever, module, slider, wire"),
+        (
+            ['--set', 'system=robot'],
+            "system = 'robot' (on the command line): expected one of lever, module, slider, spatial, wire",
+        ),
         (['--effect', 'gravitation'], 'unknown effect gravitation (effects.active, on the command line); did you mean'),
         (['--effect', 'gravity:g_z=1'], 'unknown parameter effects.gravity.g_z'),
         (['--effect', 'gravity:g_y'], "expected name:parameter=value,..., got 'g_y'"),

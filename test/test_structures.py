@@ -14,6 +14,8 @@ from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DL, O_EPS, O_F, O_J, O_STRAIN, O_V, O_X, InputPoint, SystemState
 from sma_sim.model.material import internal_energy
+from sma_sim.model.parameters import BeamConstants
+from sma_sim.model.structures.beam import inclined_wire_length, stiffness_forces
 from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
 from sma_sim.model.structures.structure import Structure, numbers, record
 from sma_sim.model.system import flow
@@ -24,7 +26,7 @@ from sma_sim.solver.structure_kernels import native_structure
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
 MOVING = {name: found for name, found in package_structures().items() if found.structure.coordinates} | {'rocker': ROCKER}
-HEATING = {'module': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2}
+HEATING = {'spatial': 8.0, 'module': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2}
 
 
 def model_of(name, kind='hybrid', effects=(), **parameters):
@@ -91,8 +93,9 @@ def test_first_law(name, kind):
     u[-1] = 298.0
     for y, x in states(model, 1):
         dy, obs = evaluated(model, y, x, u)
-        h = 3e-5 / max(1e-3, np.abs(dy / model.scales).max())
-        stored = (energy_of(model, y + h * dy, x, u) - energy_of(model, y - h * dy, x, u)) / (2.0 * h)
+        h = 1e-4 / max(1e-3, np.abs(dy / model.scales).max())
+        ends = {k: energy_of(model, y + k * h * dy, x, u) for k in (-2, -1, 1, 2)}
+        stored = (8.0 * (ends[1] - ends[-1]) - (ends[2] - ends[-2])) / (12.0 * h)
         T = y[p.first_T : p.first_T + p.wires]
         heat = w.n * sum(obs[:, O_J] - w.lambda_ * w.area * (T - 298.0))
         q, v, rest = pose(*y[:n]), pose(*y[n : 2 * n]), pose(*np.zeros(n))
@@ -115,6 +118,62 @@ def test_wires_pull_along_the_gradient_of_their_lengths(name):
             ends = [y[:n] + s * h * (np.arange(n) == j) for s in (1.0, -1.0)]
             up, down = (np.array(numbers(structure.lengths(pose(*end), model.constants))) for end in ends)
             assert obs[:, O_DL + j] == pytest.approx((up - down) / (2.0 * h), rel=1e-6, abs=1e-9)
+
+
+def planar_beam():
+    """The planar beam with three bundles: one on the side of +y, two together half as far on the other."""
+    spatial = package_structures()['spatial'].structure
+    heights = (1.0, -0.5, -0.5)
+
+    def lengths(q, p):
+        sides = [inclined_wire_length(q.U_x, q.U_y, math.sin(q.alpha), math.cos(q.alpha), -h, p) for h in heights]
+        return tuple(side[0] for side in sides)
+
+    def forces(q, v, p):
+        F_x, F_y, M = stiffness_forces(q.U_x, q.U_y, q.alpha, p)
+        return -F_x - p.b_x * v.U_x, -F_y - p.b_y * v.U_y, -M - p.b_alpha * v.alpha
+
+    def constants(values):
+        p = spatial.constants_of(spatial.default_values)
+        shared = {name: getattr(p, name) for name in BeamConstants._fields if hasattr(p, name)}
+        return BeamConstants(W=2.0 * p.r, J_H=p.J_bend, **shared)
+
+    return Structure(
+        name='planar', title='beam', coordinates=tuple(spatial.coordinates[k] for k in (0, 1, 3)), wires=3, lengths=lengths,
+        forces=forces, inertia=lambda p: (p.m_H, p.m_H, p.J_H), constants=constants,
+    )  # fmt: skip
+
+
+def test_spatial_reduces_to_the_planar_beam():
+    """One bundle idle, the others mirrored: lengths and forces are the planar beam's, and nothing leaves the plane."""
+    spatial, planar = package_structures()['spatial'].structure, planar_beam()
+    p, b = spatial.default_constants, planar.default_constants
+    random = np.random.default_rng(6)
+    for _ in range(50):
+        q = random.uniform(-1.0, 1.0, 3) * [1e-4, 4e-3, 0.3]
+        v, F = random.uniform(-1.0, 1.0, 3) * [1e-3, 0.1, 2.0], random.uniform(0.0, 30.0, 2)[[0, 1, 1]]
+        whole, flat = record('Pose', spatial.coordinate_names), record('Pose', planar.coordinate_names)
+        poses = [[whole(s[0], s[1], 0.0, s[2], 0.0, 0.0), flat(*s)] for s in (q, v)]
+        slopes = np.array(spatial.gradients(poses[0][0], p)).reshape(3, 6)
+        found = np.array(spatial.forces(poses[0][0], poses[1][0], p)) - F @ slopes
+        h, forward = 1e-4 * np.array([1e-4, 4e-3, 0.3]), np.zeros((3, 3))
+        for j in range(3):
+            ends = [planar.lengths(flat(*(q + s * h[j] * (np.arange(3) == j))), b) for s in (1.0, -1.0)]
+            forward[:, j] = (np.array(ends[0]) - ends[1]) / (2.0 * h[j])
+        expected = np.array(planar.forces(poses[0][1], poses[1][1], b)) - F @ forward
+        assert found[[0, 1, 3]] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert np.abs(found[[2, 4, 5]]).max() < 1e-9
+        assert spatial.lengths(poses[0][0], p) == pytest.approx(planar.lengths(poses[0][1], b), abs=1e-15)
+
+
+def test_a_spatial_run_stays_in_its_plane_where_it_should():
+    model = model_of('spatial')
+    columns = np.column_stack([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 9.0, 0.0], [298.0] * 3])
+    command = Input(np.array([0.0, 1.0, 8.0]), columns, (False,) * 4, model.structure.input_columns)
+    run = simulate(model, command, 20.0)
+    assert run.completed and run['alpha_rad'].max() - run['alpha_rad'].min() > 0.02
+    assert max(np.abs(run[name]).max() for name in ('U_z_m', 'beta_rad', 'gamma_rad')) < 1e-9
+    assert run['F_2_N'] == pytest.approx(run['F_3_N'], abs=1e-6)
 
 
 def slider_rates(t, y, J, c):
