@@ -3,48 +3,30 @@
 from __future__ import annotations
 
 import argparse
-import json
 import textwrap
-from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.commands import add_command
-from sma_sim.model.config import suggestion
+from sma_sim.cli.common.listing import TEXT_WIDTH, Listed, add_listing, chosen_names, print_list
 from sma_sim.model.effects.discovery import find_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import acts_on
-from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.model.structures.discovery import package_structures
 
-TEXT_WIDTH = 100
-
+EFFECTS = Listed('effect', 'effects', 'effects.paths')
 LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'effects', 'list the physical effects that can be switched on')
-    parser.add_argument(
-        'names', nargs='*', metavar='NAME', help='effects to show with their equations (default: a list of all)'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON, for programs')
-    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML file that names the folders of your own effects')
-    parser.add_argument('--set', action='append', default=[], metavar='effects.paths=FOLDER', dest='words')
-    parser.set_defaults(run=run)
+    add_listing(verbs, 'effects', 'list the physical effects that can be switched on', EFFECTS).set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print all effects, or those that are named."""
     found = with_scopes(find_effects(effect_folders_of(arguments.config, arguments.words)), arguments.names)
-    for name in arguments.names:
-        if name not in found:
-            raise UserError(f'unknown effect {name}{suggestion(name, found)}; known are {", ".join(sorted(found))}')
-    effects = [found[name].effect for name in sorted(arguments.names or found)]
-    if arguments.json:
-        print(json.dumps([effect_data(effect) for effect in effects], indent=2))
-    else:
-        print('\n\n'.join(effect_text(effect) for effect in effects))
+    effects = [found[name].effect for name in chosen_names(arguments.names, found, EFFECTS)]
+    print_list(effects, arguments.json, effect_data, effect_text)
     return 0
 
 

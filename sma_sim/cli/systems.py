@@ -3,42 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import json
 import textwrap
-from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.commands import add_command
-from sma_sim.model.config import suggestion
-from sma_sim.model.errors import UserError
+from sma_sim.cli.common.listing import TEXT_WIDTH, Listed, add_listing, chosen_names, print_list
 from sma_sim.model.given import structure_folders_of
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.model.structures.structure import Structure
 
-TEXT_WIDTH = 100
+SYSTEMS = Listed('system', 'structures', 'structures.paths')
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'systems', 'list the structures that can be simulated, fitted and diagnosed')
-    parser.add_argument('names', nargs='*', metavar='NAME', help='structures to show with their parameters (default: all)')
-    parser.add_argument('--json', action='store_true', help='print JSON, for programs')
-    parser.add_argument('--config', type=Path, metavar='FILE', help='YAML file that names folders of your own structures')
-    parser.add_argument('--set', action='append', default=[], metavar='structures.paths=FOLDER', dest='words')
+    parser = add_listing(verbs, 'systems', 'list the structures that can be simulated, fitted and diagnosed', SYSTEMS)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print all structures, or those that are named."""
     found = find_structures(structure_folders_of(arguments.config, arguments.words))
-    for name in arguments.names:
-        if name not in found:
-            raise UserError(f'unknown system {name}{suggestion(name, found)}; known are {", ".join(sorted(found))}')
-    structures = [found[name].structure for name in sorted(arguments.names or found)]
-    if arguments.json:
-        print(json.dumps([structure_data(structure) for structure in structures], indent=2))
-    else:
-        print('\n\n'.join(structure_text(structure) for structure in structures))
+    structures = [found[name].structure for name in chosen_names(arguments.names, found, SYSTEMS)]
+    print_list(structures, arguments.json, structure_data, structure_text)
     return 0
 
 

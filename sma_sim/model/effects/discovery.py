@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import sma_sim.model.effects.library as package
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
-from sma_sim.model.user_files import user_modules
+from sma_sim.model.plugins import package_plugins, user_plugins
 
 ENTRY_POINTS = 'sma_sim.effects'
 
@@ -53,17 +49,8 @@ class ActiveEffect:
 @cache
 def package_effects() -> dict[str, FoundEffect]:
     """The effects of the package and of installed packages that declare an entry point, by name."""
-    found = {}
-    for module in pkgutil.iter_modules(package.__path__):
-        member = importlib.import_module(f'{package.__name__}.{module.name}')
-        if hasattr(member, 'EFFECT'):
-            found[member.EFFECT.name] = FoundEffect(member.EFFECT, (), ('sma_sim.',))
-    for point in entry_points(group=ENTRY_POINTS):
-        effect = point.load()
-        home = sys.modules[point.module]
-        files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()
-        found[effect.name] = FoundEffect(effect, files, ('sma_sim.', point.module.split('.')[0]))
-    return found
+    plugins = package_plugins(package, 'EFFECT', ENTRY_POINTS)
+    return {plugin.value.name: FoundEffect(plugin.value, plugin.files, plugin.packages) for plugin in plugins}
 
 
 def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
@@ -92,16 +79,13 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
     """
     found = dict(package_effects())
     for folder in folders:
-        own = user_modules(folder, 'effects.paths', EffectError)
-        for file, module in own.modules:
-            effect = getattr(module, 'EFFECT', None)
-            if effect is None:
-                continue
+        for plugin in user_plugins(folder, 'effects.paths', 'EFFECT', EffectError):
+            effect = plugin.value
             if not isinstance(effect, Effect):
-                raise EffectError(f'{file}: EFFECT must be an sma_sim.Effect, got {type(effect).__name__}')
+                raise EffectError(f'{plugin.file}: EFFECT must be an sma_sim.Effect, got {type(effect).__name__}')
             if effect.name in found:
-                raise EffectError(f'{file}: an effect named {effect.name!r} exists already; choose another name')
-            found[effect.name] = FoundEffect(effect, own.files, own.packages)
+                raise EffectError(f'{plugin.file}: an effect named {effect.name!r} exists already; choose another name')
+            found[effect.name] = FoundEffect(effect, plugin.files, plugin.packages)
     return found
 
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import sma_sim.model.structures as package
 from sma_sim.model.errors import UserError
+from sma_sim.model.plugins import package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
-from sma_sim.model.user_files import user_modules
 
 ENTRY_POINTS = 'sma_sim.structures'
 KNOWN: dict[str, FoundStructure] = {}  # of the user's folders that were named in this process
@@ -40,17 +36,8 @@ class FoundStructure:
 @cache
 def package_structures() -> dict[str, FoundStructure]:
     """The structures of the package and of installed packages that declare an entry point, by name."""
-    found = {}
-    for module in pkgutil.iter_modules(package.__path__):
-        member = importlib.import_module(f'{package.__name__}.{module.name}')
-        if hasattr(member, 'STRUCTURE'):
-            found[member.STRUCTURE.name] = FoundStructure(member.STRUCTURE, (), ('sma_sim.',))
-    for point in entry_points(group=ENTRY_POINTS):
-        structure = point.load()
-        home = sys.modules[point.module]
-        files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()
-        found[structure.name] = FoundStructure(structure, files, ('sma_sim.', point.module.split('.')[0]))
-    return found
+    plugins = package_plugins(package, 'STRUCTURE', ENTRY_POINTS)
+    return {plugin.value.name: FoundStructure(plugin.value, plugin.files, plugin.packages) for plugin in plugins}
 
 
 def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
@@ -79,21 +66,22 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
     """
     found = dict(package_structures())
     for folder in folders:
-        own = user_modules(folder, 'structures.paths', StructureError)
-        for file, module in own.modules:
-            structure = getattr(module, 'STRUCTURE', None)
-            if structure is None:
-                continue
+        for plugin in user_plugins(folder, 'structures.paths', 'STRUCTURE', StructureError):
+            structure = plugin.value
             if not isinstance(structure, Structure):
-                raise StructureError(f'{file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}')
+                raise StructureError(
+                    f'{plugin.file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}'
+                )
             if structure.name in found:
-                raise StructureError(f'{file}: a structure named {structure.name!r} exists already; choose another name')
-            check_channels(structure, found.values(), file)
-            found[structure.name] = KNOWN[structure.name] = FoundStructure(structure, own.files, own.packages)
+                raise StructureError(
+                    f'{plugin.file}: a structure named {structure.name!r} exists already; choose another name'
+                )
+            check_channels(structure, found.values(), plugin.file)
+            found[structure.name] = KNOWN[structure.name] = FoundStructure(structure, plugin.files, plugin.packages)
     return found
 
 
-def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path) -> None:
+def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path | None) -> None:
     """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell."""
     for other in others:
         columns = dict(zip(other.structure.channels, other.structure.channel_columns, strict=True))

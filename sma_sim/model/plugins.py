@@ -1,32 +1,57 @@
-"""Python files in folders of the user's own: effects and structures."""
+"""Files that join the model: those of the package, of installed packages, and in folders of the user's own."""
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import importlib.util
+import pkgutil
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from sma_sim.model.errors import UserError
 
 USER_PACKAGE = 'sma_sim_user_files'
+OWN = ('sma_sim.',)  # its modules are compiled with all kernels
 SEARCHED: set[Path] = set()  # folders whose helper modules may have been imported in this process
 
 
 @dataclass(frozen=True)
-class UserModules:
-    """The files directly in a folder, imported; all its files, which their native code depends on, and their packages."""
+class Plugin:
+    """What a module declares; the files that its native code depends on, beside the package's own; who compiles with it.
 
-    modules: tuple[tuple[Path, ModuleType], ...]
+    `packages` are prefixes of the modules whose functions are compiled with the kernels; `file` is where the user wrote it.
+    """
+
+    value: Any
     files: tuple[Path, ...]
-    packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
+    packages: tuple[str, ...]
+    file: Path | None = None
 
 
-def user_modules(folder: Path, parameter: str, error: type[UserError]) -> UserModules:
-    """Import the files in a folder that a parameter names, which runs them. Raises `error` with what is wrong."""
+def package_plugins(package: ModuleType, attribute: str, group: str) -> Iterator[Plugin]:
+    """What the modules of a package declare as `attribute`, and installed packages as entry points of a `group`."""
+    for module in pkgutil.iter_modules(package.__path__):
+        member = importlib.import_module(f'{package.__name__}.{module.name}')
+        if hasattr(member, attribute):
+            yield Plugin(getattr(member, attribute), (), OWN)
+    for point in entry_points(group=group):
+        value = point.load()
+        home = sys.modules[point.module]
+        files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()
+        yield Plugin(value, files, (*OWN, point.module.split('.')[0]))
+
+
+def user_plugins(folder: Path, parameter: str, attribute: str, error: type[UserError]) -> Iterator[Plugin]:
+    """What the files in a folder that a `parameter` names declare as `attribute`. Importing the files runs them.
+
+    Raises `error` with what is wrong.
+    """
     if not folder.is_dir():
         raise error(f'{parameter}: {folder} is not a folder')
     files = tuple(sorted(folder.rglob('*.py')))
@@ -36,8 +61,10 @@ def user_modules(folder: Path, parameter: str, error: type[UserError]) -> UserMo
     for stem in stems:  # helper modules that a file imports: edited since, or another folder's of the same name
         if is_below_one(SEARCHED, sys.modules.get(stem)):
             del sys.modules[stem]
-    modules = tuple((file, load_file(file, package, error)) for file in sorted(folder.glob('*.py')))
-    return UserModules(modules, files, ('sma_sim.', USER_PACKAGE, *stems))
+    for file in sorted(folder.glob('*.py')):
+        value = getattr(load_file(file, package, error), attribute, None)
+        if value is not None:
+            yield Plugin(value, files, (*OWN, USER_PACKAGE, *stems), file)
 
 
 def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:
