@@ -336,3 +336,24 @@ def test_data_do_not_say_which_structure_files_are_run(tmp_path):
         read_config(recorded=recorded)
     named = read_config(words=[f'structures.paths={tmp_path}'], recorded={'system': 'rocker2'})
     assert named.system == 'rocker2' and named.parameters['rocker2.k'] == 50.0
+
+
+OWN_EFFECT = """
+from sma_sim import Effect, Parameter
+EFFECT = Effect(
+    name='oil', port='structure_force', equation='F = -c v', source='a test', systems=('slider',),
+    parameters=(Parameter('c', 3.0, 'N s/m', (0.0, 100.0), 'more damping', '', 0.0, (0.1, 10.0)),),
+    kernel=lambda s, b, p: -p.c * s.dposition * b.m / b.m,
+)
+"""
+
+
+def test_an_effect_on_a_structure_reads_its_coordinates_and_constants(tmp_path):
+    """A damper as an effect of one's own moves the slider as its own damping does."""
+    (tmp_path / 'oil.py').write_text(OWN_EFFECT)
+    effect = read_config(words=[f'effects.paths={tmp_path}', 'system=slider'], effects=['oil']).effects
+    command = command_of('slider', 6.0)
+    with_effect = simulate(model_of('slider', effects=effect, slider__b=1.0), command, 20.0)
+    damped = simulate(model_of('slider', slider__b=4.0), command, 20.0)
+    assert with_effect['position_m'] == pytest.approx(damped['position_m'], abs=1e-8)
+    assert not acts_on(effect[0].found.effect, MOVING['module'].structure)
