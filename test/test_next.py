@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from simulated_data import NOISE, config, dataset, scaled
 
-from sma_sim import UserError, find_effects
+from sma_sim import Config, UserError, find_effects
 from sma_sim.cli import diagnose, next
-from sma_sim.cli.common.input_files import read_module_input
+from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.tables import write_columns
@@ -247,7 +247,7 @@ def test_the_command_knows_parameters_better(tmp_path, capsys):
     assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
     shown = capsys.readouterr().out
     assert 'wire.lambda' in shown and 'time above limits: none' in shown and 'temperature of wire 1 (T_1)' in shown
-    source = read_module_input(out, 298.0, False, None)
+    source = read_input_file(out, Config(), False)
     assert source.times[-1] == 20.0 and source.values[-1, 0] == 0.0
     data = json.loads(told.read_text())
     assert data['kind'] == 'parameters' and data['information_nat']['designed'] > data['information_nat']['default'] > 0.0

@@ -49,6 +49,7 @@ def test_overrides_reach_the_graph_the_bag_and_the_parameters(tmp_path):
         assert (joints.reliability, joints.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
         assert (wires.reliability, wires.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
         assert (plain.reliability, plain.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+        one.until(lambda: one.node.get_subscriptions_info_by_topic('/left/J_eq'))
         command = one.node.get_subscriptions_info_by_topic('/left/J_eq')[0].qos_profile
         assert command.durability == DurabilityPolicy.TRANSIENT_LOCAL
         late = []

@@ -13,9 +13,10 @@ import numpy as np
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.noise import noise_by_channel
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, Vector
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
+from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
@@ -73,7 +74,8 @@ def read_dataset(
     ('run1', 100, {'alpha': 0.00035})
     """
     columns = column_map_for(system, mapping)
-    given = checked_noise((noise_std or {}).items(), 'noise_std')
+    channels = tuple(dict.fromkeys((*CHANNELS_OF[system], *CHANNELS)))
+    given = checked_noise((noise_std or {}).items(), 'noise_std', channels)
     notes: list[str] = []
     files = unique_files(paths, notes)
     found = [
@@ -84,7 +86,7 @@ def read_dataset(
     if not found:
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
     recordings = with_distinct_names(found)
-    noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], notes) | given, notes)
+    noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], channels, notes) | given, notes)
     return Dataset(recordings, noise, tuple(notes))
 
 
@@ -159,11 +161,11 @@ def with_distinct_names(found: Sequence[tuple[Path, Recording]]) -> tuple[Record
     )
 
 
-def noise_from_folders(files: Sequence[Path], notes: list[str]) -> dict[str, float]:
+def noise_from_folders(files: Sequence[Path], channels: Sequence[str], notes: list[str]) -> dict[str, float]:
     """Noise that the meta.json beside the files states; the root mean square where folders differ."""
     stated: dict[str, list[float]] = {}
     for folder in dict.fromkeys(file.parent for file in files):
-        for name, value in read_noise_file(folder).items():
+        for name, value in read_noise_file(folder, channels).items():
             stated.setdefault(name, []).append(value)
     differing = [name for name, values in stated.items() if max(values) > 1.001 * min(values)]
     if differing:

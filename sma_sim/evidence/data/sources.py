@@ -10,7 +10,7 @@ from typing import Any
 
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
 from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, HIDDEN_COLUMNS, NEEDED_COLUMNS, OfSystems
+from sma_sim.evidence.data.recording import HIDDEN_COLUMNS, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import read_header
@@ -114,7 +114,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
 
 
-def read_noise_file(folder: Path) -> dict[str, float]:
+def read_noise_file(folder: Path, channels: Sequence[str]) -> dict[str, float]:
     """`noise_std` of the folder's meta.json by channel, empty where there is none. Raises UserError."""
     path = folder / META_FILE
     if not path.is_file():
@@ -128,16 +128,16 @@ def read_noise_file(folder: Path) -> dict[str, float]:
     given = meta.get('noise_std', {}) if isinstance(meta, dict) else None
     if not isinstance(given, dict):
         raise UserError(f'{path}: expected {{"noise_std": {{"alpha": 0.0003}}}}')
-    return checked_noise(given.items(), f'{path}, noise_std')
+    return checked_noise(given.items(), f'{path}, noise_std', channels)
 
 
-def checked_noise(given: Iterable[tuple[str, Any]], where: str) -> dict[str, float]:
+def checked_noise(given: Iterable[tuple[str, Any]], where: str, channels: Sequence[str]) -> dict[str, float]:
     """Noise by channel; the case of the names does not matter. Raises UserError."""
-    names = {channel.lower(): channel for channel in CHANNEL_COLUMNS}
+    names = {channel.lower(): channel for channel in channels}
     checked = {}
     for name, value in given:
         if str(name).lower() not in names:
-            raise UserError(f'{where}: unknown channel {name}; expected some of {", ".join(CHANNEL_COLUMNS)}')
+            raise UserError(f'{where}: unknown channel {name}; expected some of {", ".join(channels)}')
         good = isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < float('inf')
         if not good:
             raise UserError(f'{where}, {name}: expected a positive standard deviation in SI units, got {value!r}')
