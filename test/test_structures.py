@@ -311,6 +311,21 @@ def test_systems_are_listed(capsys):
     assert 'did you mean slider' in capsys.readouterr().err
 
 
+def test_init_writes_the_file_of_a_structure(tmp_path, capsys):
+    out = tmp_path / 'slider.yaml'
+    words = ['init', '--system', 'slider', '--out', str(out), '--no-questions']
+    assert main([*words, '--set', 'slider.k=55']) == 0
+    config = read_config(out)
+    assert config.system == 'slider' and config.parameters['slider.k'] == 55.0 and config.parameters['wire.n'] == 1.0
+    assert 'beam:' not in out.read_text()
+    for flags, message in (
+        (['--beam-length', '100'], 'a slider has none; give its own with --set, which are slider.L'),
+        (['--set', 'slider.L=0.3', '--set', 'slider.k=1e6'], 'that the slider gives wire 1'),
+    ):
+        assert main([*words, '--overwrite', *flags]) == 2
+        assert message in capsys.readouterr().err
+
+
 def changed(**fields):
     """The slider with some fields changed, as a file of the user's would have it."""
     structure = package_structures()['slider'].structure

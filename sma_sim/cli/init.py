@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.cli.common.robot_check import at_rest, when_heated
 from sma_sim.cli.common.units import in_unit, to_si, typed_units
@@ -16,6 +18,8 @@ from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file, yaml_number
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import new_run, new_work
 
 
 class Question(NamedTuple):
@@ -58,6 +62,7 @@ QUESTIONS = (
     Question('power-limit', 'node.J_max', 'W', 'largest heating power of one bundle'),
 )
 NOTHING_WRITTEN = 'nothing was written'
+MODULE = 'module'  # whose dimensions are asked for
 
 
 def add_parser(verbs: Any) -> None:
@@ -73,6 +78,9 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument('--overwrite', action='store_true', help='replace FILE')
     parser.add_argument(
+        '--system', metavar='NAME', help='structure of the robot (default: module); sma-sim systems lists them'
+    )
+    parser.add_argument(
         '--no-questions', action='store_true', help='take all dimensions from the options, without questions'
     )
     for question in QUESTIONS:
@@ -85,9 +93,13 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Ask or take the flags, check that the robot can stand, write the file."""
     check_output_file(arguments.out, arguments.overwrite)
-    config = read_config(arguments.config, arguments.words, arguments.effects)
     values = values_of_flags(arguments)
     asking = sys.stdin.isatty() and not (values or arguments.words or arguments.effects or arguments.no_questions)
+    if arguments.system:
+        arguments.words = [f'system={arguments.system}', *arguments.words]
+    config = read_config(arguments.config, arguments.words, arguments.effects)
+    check_flags(values, config)
+    asking = asking and config.system == MODULE
     config = asked(arguments, config) if asking else config_with_values(arguments, values)
     if not asking:
         print_robot_check(config)
@@ -118,6 +130,15 @@ def values_of_flags(arguments: argparse.Namespace) -> dict[str, float]:
     return values
 
 
+def check_flags(values: Mapping[str, float], config: Config) -> None:
+    """Raise UserError for a dimension that the structure does not have."""
+    foreign = [question.flag for question in QUESTIONS if question.parameter in values and config.system != MODULE
+               and question.parameter.startswith(('beam.', 'plate.'))]  # fmt: skip
+    if foreign:
+        own = ', '.join(config.structure.structure.declared)
+        raise UserError(f'--{foreign[0]}: a {config.system} has none; give its own with --set, which are {own}')
+
+
 def config_with_values(arguments: argparse.Namespace, values: Mapping[str, float]) -> Config:
     """The configuration of the options with `values` over it; a value given twice is refused."""
     twice = [word for word in arguments.words if word.partition('=')[0].strip() in values]
@@ -130,9 +151,16 @@ def config_with_values(arguments: argparse.Namespace, values: Mapping[str, float
 
 def print_robot_check(config: Config) -> None:
     """Say how the robot rests and what heating does to it. Raises UserError when it cannot stand."""
-    if config.system == 'module':
-        announce_first_compilation()
+    structure = config.structure.structure
+    if not structure.coordinates:
+        return
+    announce_first_compilation()
+    if config.system == MODULE:
         print(at_rest(config), when_heated(config), sep='\n', file=sys.stderr)
+        return
+    model, still = Model(config), np.zeros(len(structure.input_columns))
+    still[-1] = config.parameters['environment.T_E']
+    new_run(model, still, new_work(model))
 
 
 def asked(arguments: argparse.Namespace, config: Config) -> Config:

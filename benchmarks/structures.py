@@ -1,0 +1,79 @@
+"""Every structure under random commands: time of a 100 s run against the module's, and runs that fail.
+
+python benchmarks/structures.py [--runs 1000] [--json FILE]
+
+The parameters of the structures vary by a quarter about their defaults, but for lengths; commands reach levels that bring
+wires to their working temperature.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from common import DURATION, STEPS, median_time, report
+
+from sma_sim import Config, Input, Model, simulate
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.structures.structure import Structure
+
+LEVEL = 1.2  # [W] for each wire of a bundle
+SPREAD = 0.25
+LENGTHS = ('L', 'W', 'h', 'a', 'r')  # a wire of another length than its structure asks for is a user's mistake
+TIMED = 7  # runs of which the time is taken
+
+
+def random_input(structure: Structure, wires: float, random: np.random.Generator) -> Input:
+    """Commands that change at random times to random levels; `wires` in each bundle."""
+    times = np.concatenate([[0.0], np.sort(random.uniform(0.0, DURATION, STEPS - 1)), [DURATION]])
+    low = -1.0 if structure.antagonistic else 0.0
+    levels = LEVEL * wires * random.uniform(low, 1.0, (STEPS + 1, len(structure.commands)))
+    values = np.column_stack([levels, np.full(STEPS + 1, 298.0)])
+    return Input(times, values, (False,) * values.shape[1], structure.input_columns)
+
+
+def varied(structure: Structure, random: np.random.Generator) -> dict[str, float]:
+    """Parameters of a structure about their defaults."""
+    values = structure.default_values
+    for name in structure.declared:
+        if name.rpartition('.')[2] not in LENGTHS:
+            values[name] *= 1.0 + SPREAD * random.uniform(-1.0, 1.0)
+    return values
+
+
+def runs_of(structure: Structure, kind: str, count: int) -> dict[str, Any]:
+    """Failures of `count` random runs, and the median time [ms] and steps of the first ones at the defaults."""
+    failures, times, steps = [], [], []
+    wires = structure.default_values['wire.n']
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        source = random_input(structure, wires, random)
+        run = simulate(Model(Config(varied(structure, random), structure.name, kind)), source, 5.0)
+        if not run.completed:
+            failures.append(f'{kind}, seed {seed}: {run.reason}')
+        if seed < TIMED:
+            model = Model(Config(system=structure.name, model=kind))
+            times.append(1e3 * median_time(lambda model=model, source=source: simulate(model, source, 5.0)))
+            steps.append(simulate(model, source, 5.0).steps)
+    return {'milliseconds': float(np.median(times)), 'steps': float(np.median(steps)), 'failures': failures}
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """A row for each structure and kind of kinetics."""
+    structures = [found.structure for found in package_structures().values() if found.structure.coordinates]
+    result: dict[str, Any] = {}
+    for kind in ('hybrid', 'mas'):
+        found = {structure.name: runs_of(structure, kind, arguments.runs) for structure in structures}
+        for name, one in found.items():
+            ratio = one['milliseconds'] / found['module']['milliseconds']
+            result[f'{name}, {kind}'] = {
+                'milliseconds': one['milliseconds'], 'times_the_module': ratio, 'steps': one['steps'],
+                'failures': len(one['failures']),
+            }  # fmt: skip
+            print(*one['failures'][:3], sep='\n', end='\n' if one['failures'] else '')
+    return result
+
+
+if __name__ == '__main__':
+    report(__doc__, measure, runs=1000)
