@@ -301,6 +301,9 @@ def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):
     assert found['inputs'] == ['time_s', 'J_eq_W', 'T_E_K'] and found['coordinates'][0]['name'] == 'angle'
     assert main(['compare', str(out), *words, '--noise', 'angle=1e-4']) == 0
     assert 'angle' in capsys.readouterr().out
+    for verb in ('latent', 'next'):  # which know the module and a wire only
+        assert main([verb, str(out), *words, '--noise', 'angle=1e-4']) == 2
+        assert verb in capsys.readouterr().err
 
 
 def test_systems_are_listed(capsys):

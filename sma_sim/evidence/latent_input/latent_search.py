@@ -51,6 +51,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nomin
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -135,6 +136,8 @@ def estimate_latent_inputs(
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
     training, _ = hold_out_last(dataset, held_out)
+    if not ports_of(config.system, tuple(name for run in dataset.recordings for name in run.channels)):
+        raise UserError(f'latent estimates inputs of a module or of a wire; system {config.system} has none that it knows')
     check(training, config, request.options)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, stop, on_progress, (), request.seed)
