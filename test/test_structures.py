@@ -323,7 +323,7 @@ def test_init_writes_the_file_of_a_structure(tmp_path, capsys):
     assert 'beam:' not in out.read_text()
     for flags, message in (
         (['--beam-length', '100'], 'a slider has none; give its own with --set, which are slider.L'),
-        (['--set', 'slider.L=0.3', '--set', 'slider.k=1e6'], 'that the slider gives wire 1'),
+        (['--set', 'slider.L=0.3', '--set', 'slider.k=1e6'], 'against slider.L = 0.3 m'),
     ):
         assert main([*words, '--overwrite', *flags]) == 2
         assert message in capsys.readouterr().err
@@ -350,7 +350,7 @@ def test_wrong_structures_are_told(fields, words):
 
 
 def test_structures_that_cannot_be_declared():
-    for fields in ({'forces': None}, {'antagonistic': True}, {'wires': 0}):
+    for fields in ({'forces': None}, {'antagonistic': True}, {'wires': 0}, {'wires': 30}):
         with pytest.raises(ValueError, match='structure'):
             changed(**fields)
 

@@ -51,7 +51,6 @@ NOMINAL_FORCE = 4  # beside lengths and stress: only the force of a wire, on whi
 WIRE_1 = STRESS_1 | RATES_1
 EVERY_WIRE = (1 << 62) - STRESS_1
 EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
-MOST_WIRES = 29  # that these bits tell apart
 
 
 def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:

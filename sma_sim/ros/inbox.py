@@ -27,7 +27,7 @@ class TakenElsewhere(CallbackGroup):
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing was begun."""
+        """Nothing is executed, so nothing ends."""
 
 
 class Inbox:

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.config import Config
+from sma_sim.model.effects.ports import STRUCTURE_FORCE
+from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
@@ -61,6 +63,9 @@ class Model:
         first_T, wire = 2 * n, wire_constants(config.parameters)
         first_x = first_T + self.wires
         table, _ = effect_table(config.effects, config.structure, first_x + (self.wires if mas else 0), wire, self.constants)
+        acting = table.port_start[STRUCTURE_FORCE + 1] - table.port_start[STRUCTURE_FORCE]
+        if acting > MOST_EFFECTS:
+            raise UserError(f'{acting} effects act on the {structure.title}: expected at most {MOST_EFFECTS}')
         scales = [coordinate.size(self.constants) for coordinate in structure.coordinates]
         numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
         at = StructureTable(

@@ -181,10 +181,10 @@ def check_start(model: Model, found: Any) -> None:
     """Raise SimulationError when the wires are far too long or too short for the structure; `found` as `new_findings`."""
     worst = int(np.argmax(np.abs(found[:, O_EPS])))
     if not SENSIBLE_STRAINS[0] < found[worst, O_EPS] < SENSIBLE_STRAINS[1]:
-        l0, structure = model.config.parameters['wire.l0'], model.structure
-        given = f'beam.L = {model.constants.L:g} m' if structure.name == 'module' else (
-            f'the {found[worst, O_LENGTH]:g} m that the {structure.title} gives wire {worst + 1}'
-        )  # fmt: skip
+        l0, structure, length = model.config.parameters['wire.l0'], model.structure, found[worst, O_LENGTH]
+        given = f'the {length:g} m that the {structure.title} gives wire {worst + 1}'
+        if structure.size_parameter:
+            given = f'{structure.size_parameter} = {model.config.parameters[structure.size_parameter]:g} m'
         raise SimulationError(
             f'a wire is strained by {100.0 * found[worst, O_EPS]:.0f} % at rest: check wire.l0 = {l0:g} m against {given}'
         )

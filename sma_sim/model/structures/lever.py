@@ -45,6 +45,7 @@ STRUCTURE = Structure(
         Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),
         Parameter('vertical', 0.0, 'rad', (-math.pi, math.pi), 'angle at which the lever hangs straight down', SOURCE),
     ),
+    size_parameter='lever.L',
     fitted=('lever.k', 'lever.b'),
     defaults={'wire.n': 1.0},
     energy=lambda q, v, p: 0.5 * p.J * v.angle**2 + 0.5 * p.k * q.angle**2

@@ -62,6 +62,7 @@ STRUCTURE = Structure(
     inertia=lambda b: (b.m_H, b.m_H, b.J_H),
     parameters=(*in_group('beam', BEAM_PARAMETERS), *in_group('plate', PLATE_PARAMETERS)),
     constants=beam_constants,
+    size_parameter='beam.L',
     fitted=('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha'),
     links=beam_links,
     energy=energy,

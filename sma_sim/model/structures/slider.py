@@ -44,6 +44,7 @@ STRUCTURE = Structure(
         Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
                   'of the rail; positive: the wire lifts the slider', SOURCE),
     ),
+    size_parameter='slider.L',
     fitted=('slider.k', 'slider.x_0', 'slider.b'),
     defaults={'wire.n': 1.0},
     energy=lambda q, v, p: 0.5 * p.m * v.position**2 + 0.5 * p.k * (q.position + p.x_0) ** 2

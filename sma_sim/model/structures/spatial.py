@@ -136,6 +136,7 @@ STRUCTURE = Structure(
         Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate, a disc of radius r', PAPER),
     ),
     constants=constants,
+    size_parameter='spatial.L',
     fitted=('wire.l0', 'spatial.E', 'spatial.b_y', 'spatial.b_alpha'),
     energy=energy,
     description='three bundles with a command each; it bends towards what is heated',

@@ -18,6 +18,7 @@ from sma_sim.model.structures.links import LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
+MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,8 @@ class Structure:
         One command J_eq for two wires: positive heats wire 1, negative wire 2. Else one command for each wire.
     drives : tuple of Drive
         What is imposed beside heating.
+    size_parameter : str
+        Full name of the parameter that `wire.l0` has to fit, named where wires are far too long or too short.
     fitted : tuple of str
         Full names of what a fit changes beside the material when nothing else is asked for.
     defaults : mapping
@@ -127,6 +130,7 @@ class Structure:
     constants: Callable[[Mapping[str, float]], Constants] | None = None
     antagonistic: bool = False
     drives: tuple[Drive, ...] = ()
+    size_parameter: str = ''
     fitted: tuple[str, ...] = ()
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     links: Callable[[Mapping[str, float]], LinkTree] | None = None
@@ -139,8 +143,8 @@ class Structure:
             raise ValueError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
         if self.antagonistic and self.wires != 2:
             raise ValueError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
-        if self.wires < 1:
-            raise ValueError(f'structure {self.name!r}: expected one wire or more, got {self.wires}')
+        if not 1 <= self.wires <= MOST_WIRES:
+            raise ValueError(f'structure {self.name!r}: expected 1 to {MOST_WIRES} wires, got {self.wires}')
 
     @cached_property
     def declared(self) -> dict[str, Parameter]:
