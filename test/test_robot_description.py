@@ -20,7 +20,8 @@ ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', 
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from sma_sim.evidence.data.rosbag.reader import prefix_of, read_bag  # noqa: E402
+from sma_sim.evidence.data.rosbag.interface import prefix_of  # noqa: E402
+from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.ros.messages import JOINT_NAMES  # noqa: E402
 from sma_sim.ros.publishers import SAMPLE_TOPICS  # noqa: E402
 from sma_sim.ros.urdf import TopicControl, urdf_of  # noqa: E402

@@ -10,9 +10,9 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.cli.common.recorded_parameters import recorded_parameters
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
-from sma_sim.evidence.data.rosbag.reader import COLUMN_ORDER, read_bag
-from sma_sim.evidence.data.rosbag.run_writer import write_mcap
-from sma_sim.evidence.data.tables import check_writable, read_columns, read_header, write_columns
+from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns, write_mcap
+from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header, write_columns
 from sma_sim.model.errors import UserError
 
 
@@ -30,7 +30,7 @@ def add_parser(verbs: Any) -> None:
     repairing.add_argument('--out', type=Path, metavar='NEW', help='folder of the new bag (default: BAG_repaired)')
     repairing.set_defaults(run=repair_bag)
     convert = add_command(own, 'convert', 'convert a bag to CSV, or a CSV file to mcap')
-    convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV file of a module')
+    convert.add_argument('source', type=Path, metavar='FROM', help='bag, or CSV file of a run')
     convert.add_argument('target', type=Path, metavar='TO', help='file to write; its name ends in .csv or .mcap')
     add_namespace_option(convert)
     convert.set_defaults(run=convert_bag)
@@ -66,6 +66,15 @@ def repair_bag(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def read_run(source: Path) -> dict[str, Vector]:
+    """The columns of a CSV file that a bag can hold. Raises UserError."""
+    header = read_header(source)
+    of = interface_of_columns(header)
+    needed = ('time_s', *(of.drives.values() or of.heating_columns))
+    others = [name for name in of.columns if name in header and name not in (*needed, 'T_E_K')]
+    return read_columns(source, needed, ('T_E_K',), others)
+
+
 def convert_bag(arguments: argparse.Namespace) -> int:
     """Write a run in another format."""
     source, target = arguments.source, arguments.target
@@ -73,9 +82,7 @@ def convert_bag(arguments: argparse.Namespace) -> int:
     if target.suffix == '.csv':
         write_columns(target, read_bag(source, arguments.namespace))
     elif target.suffix == '.mcap':
-        header = read_header(source)
-        others = [name for name in COLUMN_ORDER if name in header and name not in ('time_s', 'J_eq_W', 'T_E_K')]
-        write_mcap(target, read_columns(source, ('time_s', 'J_eq_W'), ('T_E_K',), others))
+        write_mcap(target, read_run(source))
     else:
         raise UserError(f'{target}: expected a name that ends in .csv or .mcap')
     print(target)

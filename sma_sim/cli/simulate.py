@@ -67,8 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
-    write = write_mcap if arguments.out.suffix == '.mcap' else write_columns
-    write(arguments.out, inputs_at(source, trajectory.time) | trajectory.columns)
+    columns = inputs_at(source, trajectory.time) | trajectory.columns
+    if arguments.out.suffix == '.mcap':
+        write_mcap(arguments.out, columns, config.structure.structure)
+    else:
+        write_columns(arguments.out, columns)
     if arguments.jumps:
         rows = [(repr(jump.t), jump.j, jump.wire, jump.guard, jump.source, jump.target) for jump in trajectory.jumps]
         write_rows(arguments.jumps, JUMP_COLUMNS, rows)

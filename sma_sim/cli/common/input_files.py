@@ -21,7 +21,7 @@ def read_input_file(path: Path, config: Config, linear: bool, namespace: str | N
     structure = config.structure.structure
     needed, names = structure.needed_columns, structure.input_columns
     others = tuple(name for name in names if name not in needed)
-    columns = read_bag(path, namespace) if is_bag(path) else read_columns(path, ('time_s', *needed), others)
+    columns = read_bag(path, namespace, structure) if is_bag(path) else read_columns(path, ('time_s', *needed), others)
     missing = [name for name in needed if name not in columns]
     if missing:
         raise UserError(f'{path} has no {", ".join(missing)}: expected the input of system {structure.name}')

@@ -15,6 +15,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import read_header
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
 
 META_FILE = 'meta.json'
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
@@ -43,7 +44,7 @@ def read_source(path: Path, system: str, mapping: ColumnMap, namespace: str | No
 
 def read_bag_source(path: Path, system: str, mapping: ColumnMap, namespace: str | None) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    found = read_bag(path, namespace)
+    found = read_bag(path, namespace, known_structures()[system])
     rows = len(found['time_s'])
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
     notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']

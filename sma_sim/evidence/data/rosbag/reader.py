@@ -1,4 +1,4 @@
-"""Runs of a module from bags: the topics of a module as the columns of the file contract.
+"""Runs of any structure from bags: the topics of a node as the columns of the file contract.
 
 A bag that the node wrote has simulated time as its log time. In any other bag stamped messages count by their stamps; the
 rest (commands, forces) by log time, shifted to the clock of the stamps.
@@ -6,96 +6,38 @@ rest (commands, forces) by log time, shifted to the clock of the stamps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.evidence.data.rosbag.interface import (
+    APPLIED,
+    JOINT_STATE,
+    PAIR_COMMAND,
+    WIRE_COMMAND,
+    Decode,
+    Interface,
+    command_decoders,
+    interface_from,
+    interface_of,
+    measured_decoders,
+    prefix_of,
+)
 from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
 SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
-JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
-FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
-UINT8_ARRAY = 'std_msgs/msg/UInt8MultiArray'
-POSE_COLUMNS = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}
-WIRE_NAMES = ('wire_1', 'wire_2')
-
-Decode = Callable[[Any], Mapping[str, float]]
-
-
-def joints_decoder(columns: Mapping[str, str], values: str) -> Decode:
-    """Values of a JointState by the names in it, which may all have one prefix (node.joint_prefix)."""
-
-    @cache
-    def prefixed(names: tuple[str, ...]) -> dict[str, str]:
-        prefix = prefix_of(names, tuple(columns))
-        return {prefix + name: column for name, column in columns.items()}
-
-    def decode(message: Any) -> dict[str, float]:
-        by_name = prefixed(tuple(message.name))
-        read = zip(message.name, getattr(message, values), strict=False)
-        return {by_name[name]: float(value) for name, value in read if name in by_name}
-
-    return decode
-
-
-def prefix_of(names: Collection[str], expected: Sequence[str]) -> str:
-    """What stands before all expected names in `names`; nothing where some have none, or where it could be several."""
-    if set(expected) & set(names):
-        return ''
-    found = {name.removesuffix(expected[0]) for name in names if name.endswith(expected[0])}
-    whole = [prefix for prefix in found if all(prefix + name in names for name in expected)]
-    return whole[0] if len(whole) == 1 else ''
-
-
-def pair_decoder(*columns: str) -> Decode:
-    """Two numbers, one per wire."""
-
-    def decode(message: Any) -> dict[str, float]:
-        return dict(zip(columns, map(float, message.data), strict=False))
-
-    return decode
-
-
-def number_decoder(column: str) -> Decode:
-    """One number."""
-    return lambda message: {column: float(message.data)}
-
-
-def temperature_decoder(column: str) -> Decode:
-    """A temperature, in deg C in the message (REP 103)."""
-    return lambda message: {column: float(message.temperature) + ZERO_CELSIUS}
-
-
-# Topic: message type, and decoder. Where two topics give the same column the first that was recorded counts.
-COMMAND_TOPICS: Mapping[str, tuple[str, Decode]] = {
-    'J_eq_applied': (FLOAT64, number_decoder('J_eq_W')),
-    'J_eq': (FLOAT64, number_decoder('J_eq_W')),
-    'T_E_applied': (FLOAT64, number_decoder('T_E_K')),
-    'ambient_temperature': (TEMPERATURE, temperature_decoder('T_E_K')),
-}
-MEASURED_TOPICS: Mapping[str, tuple[str, Decode]] = {
-    'joint_states': (JOINT_STATE, joints_decoder(POSE_COLUMNS, 'position')),
-    'wire_forces': (FLOAT64_ARRAY, pair_decoder('F_1_N', 'F_2_N')),
-    'wire_states': (JOINT_STATE, joints_decoder({wire: f'F_{i}_N' for i, wire in enumerate(WIRE_NAMES, 1)}, 'effort')),
-    'wire_1/temperature': (TEMPERATURE, temperature_decoder('T_1_K')),
-    'wire_2/temperature': (TEMPERATURE, temperature_decoder('T_2_K')),
-    'phase_fractions': (FLOAT64_ARRAY, pair_decoder('x_M_1', 'x_M_2')),
-    'wire_modes': (UINT8_ARRAY, pair_decoder('mode_1', 'mode_2')),
-}
 MODE_TOPICS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
-COLUMN_ORDER = (
-    'time_s', 'J_eq_W', 'T_E_K', *POSE_COLUMNS.values(), 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K', 'x_M_1', 'x_M_2',
-    'mode_1', 'mode_2',
-)  # fmt: skip
+INTERFACE = 'interface'  # in what a bag says of itself
+COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for suffix in ('', APPLIED))
 
 
 @dataclass
@@ -108,30 +50,70 @@ class TopicSeries:
 
 
 def namespaces(bag: Bag) -> list[str]:
-    """Namespaces of the modules in a bag ('' is the root)."""
+    """Namespaces of the robots in a bag ('' is the root)."""
     found = set()
     for topic in bag.topics():
-        for name in ('joint_states', 'J_eq', 'J_eq_applied'):
+        for name in ('joint_states', *COMMANDS):
             if topic == name or topic.endswith(f'/{name}'):
                 found.add(topic.removesuffix(name).strip('/'))
     return sorted(found)
 
 
-def read_bag(path: Path, namespace: str | None = None) -> dict[str, Vector]:
-    """Columns of the file contract, (k,) each, from a bag of a module; NaN where a topic had no message at that time.
+def read_bag(path: Path, namespace: str | None = None, structure: Structure | None = None) -> dict[str, Vector]:
+    """Columns of the file contract, (k,) each, from a bag of a robot; NaN where a topic had no message at that time.
 
-    The command and the ambient temperature are held from message to message. Raises UserError when there is no bag, no
-    command in it, or several modules and no `namespace`.
+    What is imposed and the ambient temperature are held from message to message. `structure` says what the robot is, where
+    the bag itself does not; without it, topics and joints tell. Raises UserError when there is no bag, no command in it, or
+    several robots and no `namespace`.
     """
     bag = open_bag(path)
     prefix = topic_prefix(bag, namespace)
-    wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**COMMAND_TOPICS, **MEASURED_TOPICS}.items()}
+    interface = interface_of_bag(bag, prefix, structure)
+    commands, measured = command_decoders(interface), measured_decoders(interface)
+    wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**commands, **measured}.items()}
     series = read_series(bag, wanted)
-    if not any(name in series for name in ('J_eq', 'J_eq_applied')):
-        raise UserError(f'{path} has no command: expected messages on {prefix}J_eq or {prefix}J_eq_applied')
-    times = message_times(series, 'epoch' in bag.about)
+    topics = (interface.heating_topic, *interface.drives)
+    if not any(name in series for topic in topics for name in (topic, f'{topic}{APPLIED}')):
+        expected = ' or '.join(f'{prefix}{name}' for name in (topics[0], f'{topics[0]}{APPLIED}'))
+        raise UserError(f'{path} has no command: expected messages on {expected}')
+    times = message_times(series, 'epoch' in bag.about, measured)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
-    return columns_from_series(series, times, zero)
+    return columns_from_series(series, times, zero, interface)
+
+
+def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) -> Interface:
+    """What the topics of a bag are about: as the bag says, as `structure` says, or as topics and joints show."""
+    if INTERFACE in bag.about:
+        return interface_from(bag.about[INTERFACE], str(bag.path))
+    if structure is not None:
+        return interface_of(structure)
+    heating = PAIR_COMMAND
+    if {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'} & set(bag.topics()):
+        heating = WIRE_COMMAND
+    names = joints_in(bag, f'{prefix}joint_states')
+    known = [interface_of(each) for each in known_structures().values()]
+    fitting = [one for one in known if one.heating_topic == heating and has_joints(names, tuple(one.joints))]
+    if fitting:
+        return max(fitting, key=lambda one: len(one.joints))
+    return interface_of(known_structures()['module' if heating == PAIR_COMMAND else 'wire'])
+
+
+def has_joints(names: Sequence[str], expected: Sequence[str]) -> bool:
+    """Whether all expected joints are among the names, which may have a prefix."""
+    return bool(expected) and (set(expected) <= set(names) or prefix_of(names, expected) != '')
+
+
+def joints_in(bag: Bag, topic: str) -> list[str]:
+    """The names in the first message with joints of a topic that can be read."""
+    for message in bag.messages({topic}):
+        try:
+            decoded: Any = typestore().deserialize_cdr(message.cdr, JOINT_STATE)
+            names = list(decoded.name)
+        except Exception:  # whatever the parsing of a broken message stumbles over; the reader tells of it
+            return []
+        if names:
+            return names
+    return []
 
 
 def topic_prefix(bag: Bag, namespace: str | None) -> str:
@@ -139,7 +121,7 @@ def topic_prefix(bag: Bag, namespace: str | None) -> str:
     found = namespaces(bag)
     if not found:
         topics = ', '.join(sorted(bag.topics())) or 'none'
-        raise UserError(f'{bag.path} holds no module: expected a topic joint_states, J_eq or J_eq_applied, got {topics}')
+        raise UserError(f'{bag.path} holds no module: expected a topic joint_states, {", ".join(COMMANDS)}, got {topics}')
     if namespace is None:
         if len(found) > 1:
             named = ', '.join(f'/{name}' for name in found)
@@ -175,8 +157,8 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
     return found
 
 
-def message_times(series: Mapping[str, TopicSeries], ours: bool) -> dict[str, NDArray[np.int64]]:
-    """When each message counts [ns]."""
+def message_times(series: Mapping[str, TopicSeries], ours: bool, measured: Collection[str]) -> dict[str, NDArray[np.int64]]:
+    """When each message counts [ns]; unstamped ones of `measured` topics belong to the stamp next to them."""
     logs = {name: np.array(topic.log, dtype=np.int64) for name, topic in series.items()}
     if ours:
         return logs
@@ -188,7 +170,7 @@ def message_times(series: Mapping[str, TopicSeries], ours: bool) -> dict[str, ND
     period = float(np.median(np.diff(np.sort(stamps[pace])))) if len(stamps[pace]) > 1 else 0.0
     shifted = {name: log + shift for name, log in logs.items() if name not in stamps}
     for name in shifted:
-        if name in MEASURED_TOPICS:
+        if name in measured:
             shifted[name] = snapped(shifted[name], np.sort(stamps[pace]), SNAP_FRACTION * period)
     return {**stamps, **shifted}
 
@@ -202,12 +184,13 @@ def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -
 
 
 def columns_from_series(
-    series: Mapping[str, TopicSeries], times: Mapping[str, NDArray[np.int64]], zero: int
+    series: Mapping[str, TopicSeries], times: Mapping[str, NDArray[np.int64]], zero: int, interface: Interface
 ) -> dict[str, Vector]:
     """All series on the union of their times, seconds after `zero`."""
     every = np.unique(np.concatenate([times[name] for name in series if name not in MODE_TOPICS]))
     columns: dict[str, Vector] = {}
-    for name in (*MEASURED_TOPICS, *COMMAND_TOPICS):
+    commands = command_decoders(interface)
+    for name in (*measured_decoders(interface), *commands):
         if name not in series:
             continue
         for column, values in series[name].values.items():
@@ -216,15 +199,17 @@ def columns_from_series(
             filled = np.full(len(every), np.nan)
             at = np.searchsorted(every, times[name])
             known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name])
-            order = slice(None, None, 1 if name in COMMAND_TOPICS else -1)  # at one time: the last command, the first sample
+            order = slice(None, None, 1 if name in commands else -1)  # at one time: the last command, the first sample
             filled[at[known][order]] = np.array(values)[known][order]
             columns[column] = filled
-    columns['J_eq_W'] = hold_last_value(columns['J_eq_W'], 0.0)
+    for name in (*interface.drives.values(), *interface.heating_columns):
+        if name in columns:
+            columns[name] = hold_last_value(columns[name], 0.0)
     if 'T_E_K' in columns:
         given = columns['T_E_K'][~np.isnan(columns['T_E_K'])]
         columns['T_E_K'] = hold_last_value(columns['T_E_K'], given[0])
     columns['time_s'] = (every - zero) / 1e9
-    return {name: columns[name] for name in COLUMN_ORDER if name in columns}
+    return {name: columns[name] for name in interface.columns if name in columns}
 
 
 def hold_last_value(values: Vector, before: float) -> Vector:

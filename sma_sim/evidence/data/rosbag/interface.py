@@ -1,0 +1,179 @@
+"""The topics of a structure: what each of them carries, and the columns of the file contract that it fills."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
+
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.model.errors import UserError
+from sma_sim.model.structures.structure import MOST_WIRES, Structure
+
+JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
+FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
+UINT8_ARRAY = 'std_msgs/msg/UInt8MultiArray'
+APPLIED = '_applied'  # after the name of a command: what is in force
+PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagonistic pair, of every wire
+SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
+
+Decode = Callable[[Any], Mapping[str, float]]
+Decoders = Mapping[str, tuple[str, Decode]]  # message type and decoder by topic
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What the topics of a structure are about.
+
+    Attributes
+    ----------
+    system : str
+        The structure's name.
+    joints, drives, channels : mapping
+        Columns of the coordinates, of what is imposed, and of what a test bench measures of its wire, by name.
+    commands : tuple of str
+        Names of the heating commands.
+    wires : int
+        Bundles of wires.
+    """
+
+    system: str
+    joints: Mapping[str, str]
+    commands: tuple[str, ...]
+    wires: int
+    drives: Mapping[str, str]
+    channels: Mapping[str, str]
+
+    @property
+    def heating_topic(self) -> str:
+        """The topic of the heating."""
+        return PAIR_COMMAND if self.commands == (PAIR_COMMAND,) else WIRE_COMMAND
+
+    @property
+    def heating_columns(self) -> tuple[str, ...]:
+        """The columns of the heating [W]."""
+        return tuple(f'{name}_W' for name in self.commands)
+
+    def wire_columns(self, quantity: str, suffix: str = '') -> tuple[str, ...]:
+        """The columns of one quantity of every wire; without a number on a test bench."""
+        if self.joints:
+            return tuple(f'{quantity}_{i + 1}{suffix}' for i in range(self.wires))
+        return (f'{quantity}{suffix}',)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns, in the order of files."""
+        forces = self.wire_columns('F', '_N') if self.joints else tuple(self.channels.values())
+        measured = (*self.joints.values(), *forces, *self.wire_columns('T', '_K'))
+        hidden = (*self.wire_columns('x_M'), *self.wire_columns('mode'))
+        return ('time_s', *self.drives.values(), *self.heating_columns, 'T_E_K', *measured, *hidden)
+
+    def as_json(self) -> str:
+        """As a bag keeps it."""
+        return json.dumps(asdict(self))
+
+
+def interface_of(structure: Structure) -> Interface:
+    """The interface of a structure."""
+    channels = dict(zip(structure.channels, structure.channel_columns, strict=True))
+    return Interface(
+        structure.name,
+        {coordinate.name: coordinate.column for coordinate in structure.coordinates},
+        structure.commands,
+        structure.wires,
+        {drive.name: drive.column for drive in structure.drives},
+        {name: channels[name] for name in SINGLE_CHANNELS if name in channels and not structure.coordinates},
+    )
+
+
+def interface_from(text: str, where: str) -> Interface:
+    """The interface that a bag tells. Raises UserError."""
+    try:
+        told = json.loads(text)
+        names = (told['joints'], told['drives'], told['channels'])
+        wires, commands = told['wires'], tuple(told['commands'])
+        good = isinstance(wires, int) and 1 <= wires <= MOST_WIRES and all(isinstance(word, str) for word in commands)
+        good = good and all(isinstance(word, str) for mapping in names for pair in mapping.items() for word in pair)
+        if not good:
+            raise ValueError
+        return Interface(str(told['system']), names[0], commands, wires, names[1], names[2])
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise UserError(f'{where}: what is recorded there of its topics cannot be read') from error
+
+
+def command_decoders(of: Interface) -> Decoders:
+    """What is imposed. Where two topics give the same column the first that was recorded counts."""
+    topic = of.heating_topic
+    if topic == PAIR_COMMAND:
+        heating: tuple[str, Decode] = (FLOAT64, number_decoder(of.heating_columns[0]))
+    else:
+        heating = (FLOAT64_ARRAY, array_decoder(of.heating_columns))
+    found = {f'{topic}{APPLIED}': heating, topic: heating}
+    for name, column in of.drives.items():
+        found[f'{name}{APPLIED}'] = found[name] = (FLOAT64, number_decoder(column))
+    found['T_E_applied'] = (FLOAT64, number_decoder('T_E_K'))
+    found['ambient_temperature'] = (TEMPERATURE, temperature_decoder('T_E_K'))
+    return found
+
+
+def measured_decoders(of: Interface) -> Decoders:
+    """What is measured, and what the model shows of the wires."""
+    names = [f'wire_{i + 1}' for i in range(of.wires)]
+    found: dict[str, tuple[str, Decode]] = {'joint_states': (JOINT_STATE, joints_decoder(of.joints, 'position'))}
+    if of.joints:
+        forces = of.wire_columns('F', '_N')
+        found['wire_forces'] = (FLOAT64_ARRAY, array_decoder(forces))
+        found['wire_states'] = (JOINT_STATE, joints_decoder(dict(zip(names, forces, strict=True)), 'effort'))
+    for channel, column in of.channels.items():
+        found[SINGLE_CHANNELS[channel]] = (FLOAT64_ARRAY, array_decoder((column,)))
+    for name, column in zip(names, of.wire_columns('T', '_K'), strict=True):
+        found[f'{name}/temperature'] = (TEMPERATURE, temperature_decoder(column))
+    found['phase_fractions'] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('x_M')))
+    found['wire_modes'] = (UINT8_ARRAY, array_decoder(of.wire_columns('mode')))
+    return found
+
+
+def joints_decoder(columns: Mapping[str, str], values: str) -> Decode:
+    """Values of a JointState by the names in it, which may all have one prefix (node.joint_prefix)."""
+
+    @cache
+    def prefixed(names: tuple[str, ...]) -> dict[str, str]:
+        prefix = prefix_of(names, tuple(columns))
+        return {prefix + name: column for name, column in columns.items()}
+
+    def decode(message: Any) -> dict[str, float]:
+        by_name = prefixed(tuple(message.name))
+        read = zip(message.name, getattr(message, values), strict=False)
+        return {by_name[name]: float(value) for name, value in read if name in by_name}
+
+    return decode
+
+
+def prefix_of(names: Collection[str], expected: Sequence[str]) -> str:
+    """What stands before all expected names in `names`; nothing where some have none, or where it could be several."""
+    if not expected or set(expected) & set(names):
+        return ''
+    found = {name.removesuffix(expected[0]) for name in names if name.endswith(expected[0])}
+    whole = [prefix for prefix in found if all(prefix + name in names for name in expected)]
+    return whole[0] if len(whole) == 1 else ''
+
+
+def array_decoder(columns: Sequence[str]) -> Decode:
+    """Some numbers, one per wire."""
+
+    def decode(message: Any) -> dict[str, float]:
+        return dict(zip(columns, map(float, message.data), strict=False))
+
+    return decode
+
+
+def number_decoder(column: str) -> Decode:
+    """One number."""
+    return lambda message: {column: float(message.data)}
+
+
+def temperature_decoder(column: str) -> Decode:
+    """A temperature, in deg C in the message (REP 103)."""
+    return lambda message: {column: float(message.temperature) + ZERO_CELSIUS}
