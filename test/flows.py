@@ -1,16 +1,23 @@
 """The flow in plain Python at chosen states: what the equations say, without a solver."""
 
+from collections import namedtuple
+from types import SimpleNamespace
+
 import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
 from sma_sim.model.automaton import AUSTENITE, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.meaning import acting_coordinates
+from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.layout import O_X, InputPoint, SystemState
 from sma_sim.model.material import sigma_A, sigma_M
+from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.system import flow
 from sma_sim.solver.model import new_findings
 
 MODES = (1, 2, 3, 4, 5)
+Pose = namedtuple('Pose', MODULE.coordinate_names)
 
 
 def active(name, values=None, found=None):
@@ -87,4 +94,23 @@ def admitted(point):
     return not moving.any() or bool(((point.obs[:, O_X] > 0.02) & (point.obs[:, O_X] < 0.98)).all())
 
 
-__all__ = ['MODES', 'Point', 'active', 'admitted', 'make_model', 'neutral']
+def called(effect, role, s, constants, p, memory):
+    """What a kernel of an effect on the module returns; `memory` by name, of an effect on coordinates an array for each."""
+    kernel, with_memory = getattr(effect, role), bool(effect.states) and role != 'start'
+    if not effect.needs:
+        own = {'own': getattr(p, CHANNELS[int(s.channel)])} if effect.by_channel else {}
+        p = SimpleNamespace(**{**vars(p), **own})
+        return kernel(s, constants, p, *([SimpleNamespace(**memory)] if with_memory else []))
+    q, dq = Pose(s.U_x, s.U_y, s.alpha), Pose(s.dU_x, s.dU_y, s.dalpha)
+    functions = [name for name in ('stiffness', 'gravity') if name in effect.needs]
+    if role == 'kernel' and functions:
+        m = [SimpleNamespace(**{name: Pose(*values) for name, values in memory.items()})] if with_memory else []
+        return kernel(SimpleNamespace(q=q, dq=dq), constants, p, *m, *(getattr(MODULE, name) for name in functions))
+    values = np.zeros(3)
+    for j in acting_coordinates(effect.needs, MODULE):
+        m = [SimpleNamespace(**{name: values[j] for name, values in memory.items()})] if with_memory else []
+        values[j] = kernel(SimpleNamespace(q=q[j], dq=dq[j]), constants, p, *m)
+    return values
+
+
+__all__ = ['MODES', 'Point', 'active', 'admitted', 'called', 'make_model', 'neutral']

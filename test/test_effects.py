@@ -2,20 +2,22 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flows import MODES, Point, active, admitted, make_model, neutral
+from flows import MODES, Point, active, admitted, called, make_model, neutral
 
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import FoundEffect
-from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.effects.meaning import acting_coordinates, acts_on
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.material import stress
 from sma_sim.model.parameters import DEFAULTS, BeamConstants, WireConstants, beam_constants, wire_constants
 from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.transformation import offsets
 from sma_sim.solver.kernels import native_effect
 
@@ -154,26 +156,24 @@ def test_random_commands_at_both_ends_of_the_realistic_range(name, system, kind)
 def test_native_kernel_is_the_python_one(name):
     found = find_effects()[name]
     effect = found.effect
-    structure = effect.port == 'structure_force'
     parameters = make_model().config.parameters
-    constants = (beam_constants if structure else wire_constants)(parameters)
+    constants = (beam_constants if effect.port == 'structure_force' else wire_constants)(parameters)
     random = np.random.default_rng(5)
-    s = State(*random.uniform(0.1, 0.9, len(State._fields)))
-    p = type('P', (), {q.name: q.default for q in effect.parameters})
-    memory = random.uniform(0.1, 0.9, max(len(effect.states), 1))
-    m = type('M', (), dict(zip(effect.states, memory, strict=False)))
+    s = State(*random.uniform(0.1, 0.9, len(State._fields)))._replace(channel=1.0)
+    p = SimpleNamespace(**{q.name: q.default for q in effect.parameters})
+    places = len(acting_coordinates(effect.needs, MODULE)) if effect.needs else 1
+    memory = random.uniform(0.1, 0.9, (places, max(len(effect.states), 1)))
+    named = {name: memory[:, k] if effect.needs else memory[0, k] for k, name in enumerate(effect.states)}
     values = np.array([*(q.default for q in effect.parameters), *effect.scope.mask])
     arrays = [np.array(s), np.array(constants), values, memory, np.zeros(8)]
-    outputs = PORT_OUTPUTS[PORT_NAMES.index(effect.port)]
     native = native_effect(found)
-    kernels, counts = (effect.kernel, effect.rate, effect.start), (outputs, len(effect.states), len(effect.states))
-    for address, kernel, count in zip(native.addresses, kernels, counts, strict=True):
-        if kernel is None:
+    counts = (PORT_OUTPUTS[PORT_NAMES.index(effect.port)], memory.size, memory.size)
+    for address, role, count in zip(native.addresses, ('kernel', 'rate', 'start'), counts, strict=True):
+        if getattr(effect, role) is None:
             assert address == 0
             continue
         call_kernel(address, *(array.ctypes.data for array in arrays))
-        given = (s, constants, p, m) if effect.states and kernel is not effect.start else (s, constants, p)
-        expected = np.atleast_1d(kernel(*given))
+        expected = np.atleast_1d(called(effect, role, s, constants, p, named))
         assert arrays[-1][:count] == pytest.approx(np.pad(expected, (0, count - len(expected))), rel=1e-12)
 
 

@@ -11,7 +11,6 @@ from flows import Point, active, make_model
 from sma_sim import UserError, find_effects, read_config, simulate
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, with_scopes
-from sma_sim.model.effects.scope import SHARED
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.solver.inputs import module_input
 from sma_sim.solver.kernels import native_effect
@@ -111,9 +110,10 @@ def test_scopes_compile_nothing():
 
 def test_a_state_that_begins_in_the_wire_is_not_shared():
     found = find_effects()['latent_heat_scale']
-    assert SHARED not in found.effect.scopes
-    with pytest.raises(UserError, match='wires can share states that begin at zero'):
-        native_effect(FoundEffect(found.effect.in_scope(SHARED), (), found.packages, found))
+    assert all(not scope.shared for scope in found.effect.scopes)
+    (shared,) = [scope for scope in find_effects()['ambient_heating'].effect.scopes if scope.shared]
+    with pytest.raises(UserError, match='wires can share states of wire_heat that begin at zero'):
+        native_effect(FoundEffect(found.effect.in_scope(shared), (), found.packages, found))
 
 
 def test_a_scope_survives_its_parameter_file(tmp_path):

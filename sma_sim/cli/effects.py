@@ -7,11 +7,13 @@ import textwrap
 from typing import Any
 
 from sma_sim.cli.common.listing import TEXT_WIDTH, Listed, add_listing, chosen_names, print_list
-from sma_sim.model.effects.discovery import find_effects, with_scopes
+from sma_sim.cli.systems import SYSTEMS
+from sma_sim.model.effects.discovery import effects_on, find_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import acts_on
-from sma_sim.model.given import effect_folders_of
-from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.given import effect_folders_of, structure_folders_of
+from sma_sim.model.structures.discovery import find_structures, known_structures
+from sma_sim.model.structures.structure import Structure
 
 EFFECTS = Listed('effect', 'effects', 'effects.paths')
 LIST_FIELDS = ('confused_with', 'same_as', 'states')
@@ -19,15 +21,32 @@ LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    add_listing(verbs, 'effects', 'list the physical effects that can be switched on', EFFECTS).set_defaults(run=run)
+    parser = add_listing(verbs, 'effects', 'list the physical effects that can be switched on', EFFECTS)
+    parser.add_argument(
+        '--system', metavar='NAME', help='only those that act on this structure, with parameters in its units'
+    )
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print all effects, or those that are named."""
-    found = with_scopes(find_effects(effect_folders_of(arguments.config, arguments.words)), arguments.names)
+    found = find_effects(effect_folders_of(arguments.config, arguments.words))
+    if arguments.system:
+        structure = named_structure(arguments)
+        found = effects_on(found, arguments.names, structure)
+        arguments.names = arguments.names or [name for name, one in found.items() if acts_on(one.effect, structure)]
+    else:
+        found = with_scopes(found, arguments.names)
     effects = [found[name].effect for name in chosen_names(arguments.names, found, EFFECTS)]
     print_list(effects, arguments.json, effect_data, effect_text)
     return 0
+
+
+def named_structure(arguments: argparse.Namespace) -> Structure:
+    """The structure that ``--system`` names. Raises UserError."""
+    found = find_structures(structure_folders_of(arguments.config, arguments.words))
+    (name,) = chosen_names([arguments.system], found, SYSTEMS)
+    return found[name].structure
 
 
 def effect_data(effect: Effect) -> dict[str, Any]:
@@ -45,8 +64,8 @@ def effect_data(effect: Effect) -> dict[str, Any]:
 
 
 def systems_of(effect: Effect) -> list[str]:
-    """The package's systems in which an effect has a meaning."""
-    return [name for name, found in package_structures().items() if acts_on(effect, found.structure)]
+    """The structures on which an effect has a meaning."""
+    return [name for name, structure in known_structures().items() if acts_on(effect, structure)]
 
 
 def scope_names(effect: Effect) -> list[str]:
@@ -56,10 +75,9 @@ def scope_names(effect: Effect) -> list[str]:
 
 def effect_text(effect: Effect) -> str:
     """An effect as text."""
-    systems = systems_of(effect)
-    only = '' if len(systems) == len(package_structures()) else f', {" and ".join(systems)} only'
-    lines = [f'{effect.name}  ({effect.port}{only})', f'    {effect.equation}']
+    lines = [f'{effect.name}  ({effect.port})', f'    {effect.equation}']
     details = {
+        'acts on': ', '.join(systems_of(effect)),
         'signature': effect.signature,
         'confused with': ', '.join(effect.confused_with),
         'the same as': effect.same_as,

@@ -11,7 +11,7 @@ from shlex import quote
 from types import MappingProxyType
 from typing import Any
 
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects, with_scopes
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
 from sma_sim.model.given import LISTS, SWITCH_WORDS, ConfigError, Given, add_effect, given_values, named_folders, names_in
 from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
 from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures
@@ -164,7 +164,7 @@ def checked(given: Mapping[str, Given]) -> Config:
     found = find_effects([] if folders.recorded else named_folders('effects.paths', folders))
     if folders.recorded:
         check_effects_found(given, found, folders)
-    found = with_scopes(found, names_of_effects(given))
+    found = effects_on(found, names_of_effects(given), structure, numbers_within(given, defaults, ranges))
     declared = ranges | effect_parameters(found)
     model, settings = MODELS[0], default_settings()
     for name, one in given.items():
@@ -178,6 +178,18 @@ def checked(given: Mapping[str, Given]) -> Config:
     effects = tuple(active_effect(name, found, known, given) for name in active)
     values = {name: float(known[name].value) for name in defaults}
     return Config(values, structure.name, model, effects, settings, own if own.files else None)
+
+
+def numbers_within(
+    given: Mapping[str, Given], defaults: Mapping[str, float], ranges: Mapping[str, Parameter]
+) -> dict[str, float]:
+    """The values of all parameters of the model: what is given and within its bounds, else the defaults."""
+    numbers = dict(defaults)
+    for name, one in given.items():
+        low, high = ranges[name].bounds if name in defaults else (0.0, 0.0)
+        if name in defaults and isinstance(one.value, int | float) and low <= one.value <= high:
+            numbers[name] = float(one.value)
+    return numbers
 
 
 def checked_structure(given: Mapping[str, Given]) -> FoundStructure:

@@ -31,6 +31,10 @@ class Parameter:
         For the parameter of an effect: the value at which the effect vanishes.
     realistic : tuple of float or None
         The range met in practice, by which a diagnosis judges whether a value is plausible.
+    quantity : str
+        For the parameter of an effect on any coordinate, what of it it is: ``'force'``, ``'rate'``, ``'change'`` or
+        ``'1/change^2'``. The numbers are for the rotation of the paper's module; on another structure they are converted to
+        the size and the unit of its coordinate.
     """
 
     name: str
@@ -41,6 +45,7 @@ class Parameter:
     source: str = PAPER
     neutral: float | None = None
     realistic: tuple[float, float] | None = None
+    quantity: str = ''
 
 
 WIRE_PARAMETERS = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import add_rates, fill_kernel_phases, fill_kernel_state, true_channel
+from sma_sim.model.effects.calls import add_rates, fill_kernel_phases, fill_kernel_state, share_rates, true_channel
 from sma_sim.model.effects.ports import (
     ACTUATION,
     S_CHANNEL,
@@ -107,6 +107,8 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
             wire_rates(i, state, T_E, p, dy, obs)
         if any_effect:
             obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
+    if any_effect:
+        share_rates(y, p, dy)
     if p.coordinates > 0:
         motion(y, point.u, p, dy, obs)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:

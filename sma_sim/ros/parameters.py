@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sma_sim.model.config import MODELS, Config, checked, names_of_effects
-from sma_sim.model.effects.discovery import find_effects, with_scopes
+from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.given import LISTS, ConfigError, Given, belongs_to_ros, named_folders
 from sma_sim.model.parameters import DEFAULTS, SETTINGS
 from sma_sim.model.parameters import Parameter as NumberParameter
@@ -91,7 +91,7 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
         node.declare_parameter(name, value, words, ignore_override=True)
     values_by_name = {active.found.effect.name: active.values for active in config.effects}
     found = find_effects(named_folders('effects.paths', given.get('effects.paths', Given([], ''))))
-    found = with_scopes(found, names_of_effects(given))
+    found = effects_on(found, names_of_effects(given), config.structure.structure, config.parameters)
     for name, entry in found.items():
         values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))
         for parameter, value in zip(entry.effect.parameters, values, strict=True):

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sma_sim.model.effects.conversion import SHOWN
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.meaning import POSE, acts_on, channel_slots
+from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.effects.scope import MASK_SIZE
 from sma_sim.model.layout import System
@@ -36,7 +37,7 @@ def channel_scales(structure: Structure) -> list[float]:
     if not structure.coordinates:
         return [STRESS_SCALE, TEMPERATURE_SCALE]
     constants = structure.default_constants
-    own = [c.sensor_scale or c.size(constants) for c in structure.coordinates]
+    own = [c.sensor_size(constants) for c in structure.coordinates]
     return [*own, *[FORCE_SCALE] * structure.wires, *[TEMPERATURE_SCALE] * structure.wires]
 
 
@@ -46,7 +47,15 @@ def state_scales(effect: Effect, structure: Structure) -> list[float]:
         slots = channel_slots(effect, structure)
         acting = [size for size, slot in zip(channel_scales(structure), slots, strict=True) if slot >= 0]
         return [channel * scale for channel in acting for scale in effect.scale]
+    if effect.needs:
+        sizes = channel_scales(structure)
+        return [sizes[j] * scale for j in acting_coordinates(effect.needs, structure) for scale in effect.scale]
     return list(effect.scale) * (1 if effect.port == 'structure_force' else structure.wires)
+
+
+def states_together(effect: Effect, structure: Structure) -> int:
+    """How many extra states the kernels of an effect take at once: those of a wire, a channel, or the structure."""
+    return len(effect.states) * (len(acting_coordinates(effect.needs, structure)) if effect.needs else 1)
 
 
 class Layout(NamedTuple):
@@ -74,12 +83,13 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
         scales += state_scales(effect, structure)
     counts = [len(effect.parameters) + MASK_SIZE for effect in effects]
     fields = [fields_read(effect.kernel) for effect in effects]
+    states = [states_together(effect, structure) for effect in effects]
     return Layout(order, tuple(scales), {
         'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
         'value': addresses[0],
         'rate': addresses[1],
         'start': addresses[2],
-        'states': np.array([len(effect.states) for effect in effects], dtype=np.int64),
+        'states': np.array(states, dtype=np.int64),
         'state_start': np.array(state_start, dtype=np.int64),
         'scale': np.array(scales, dtype=float),
         'row': np.array([structure.wires - 1 if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
@@ -87,6 +97,7 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
             -1, len(structure.channels)
         ),
         'code': np.array(channel_codes(structure), dtype=np.int64),
+        'shared': np.array([effect.scope.shared for effect in effects], dtype=np.int64),
         'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
         'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
         'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
@@ -94,10 +105,27 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
     })  # fmt: skip
 
 
+def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
+    """An effect with the parameters that its kernels read on a structure: one for each channel, where it is by channel.
+
+    Of the effect as it is on the module, a coordinate takes the value of the channel in the same unit.
+    """
+    found = active.found
+    if not found.effect.by_channel or not structure.coordinates or found.effect.scope.name:
+        return active
+    own = found.on(structure)
+    if len(own.effect.parameters) == len(active.values):
+        return active
+    units = {p.unit: value for p, value in zip(found.effect.parameters, active.values, strict=True)}
+    units |= {structure_unit: active.values[k] for structure_unit, k in SHOWN.items()}
+    return ActiveEffect(own, tuple(units.get(c.unit, active.values[0]) for c in structure.coordinates))
+
+
 def effect_table(
     active: Sequence[ActiveEffect], on: FoundStructure, first_state: int, wire: WireConstants, constants: Constants
 ) -> tuple[EffectTable, tuple[float, ...]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
+    active = [as_on(one, on.structure) for one in active]
     plan = layout(tuple(one.found for one in active), on, first_state)
     of_wire, of_structure = np.array(wire, dtype=float), np.array(constants, dtype=float)
     structural = [active[k].found.effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
@@ -109,7 +137,7 @@ def effect_table(
         s=np.zeros((on.structure.wires, S_POSE + 2 * coordinates)),
         wire=of_wire,
         structure=of_structure,
-        out=np.zeros(max(16, len(on.structure.coordinates))),
+        out=np.zeros(max([16, len(on.structure.coordinates), *plan.fields['states']])),
     )
     return table, plan.scales
 

@@ -20,11 +20,9 @@ from numba.core.errors import NumbaError
 from sma_sim.model.effects.discovery import EffectError
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import PORT_NAMES, RATE_UNKNOWN, VALUE_UNKNOWN, State
-from sma_sim.model.effects.scope import SHARED
 
 frontend: Any = run_frontend  # its types are not declared
 EVERY_FIELD = frozenset(State._fields)
-OF_BOTH_WIRES = frozenset(('t', 'T_E', 'wire', 'T', 'x', 'T_other', 'x_other'))  # or the same for both
 Visited = set[tuple[Callable[..., Any], int]]
 
 
@@ -56,18 +54,14 @@ def check_fields(effect: Effect) -> None:
 
 
 def can_share(effect: Effect) -> bool:
-    """Whether wires can share the extra states of an effect: the rates are known of both at once, and both begin alike."""
-    outside = effect.port == 'wire_heat' and bool(effect.states) and effect.start is None
-    return outside and fields_read(effect.rate) <= OF_BOTH_WIRES
+    """Whether wires can share the extra states of an effect: they lie outside the wires, and all begin alike."""
+    return effect.port == 'wire_heat' and bool(effect.states) and effect.start is None
 
 
 def check_scope(effect: Effect) -> None:
     """Raise EffectError where an effect cannot act in its scope."""
-    if effect.scope == SHARED and not can_share(effect):
-        raise EffectError(
-            f'effect {effect.name!r}: wires can share states that begin at zero and whose rates read only '
-            f's.{", s.".join(sorted(OF_BOTH_WIRES))}; its rate reads s.{", s.".join(sorted(fields_read(effect.rate)))}'
-        )
+    if effect.scope.shared and not can_share(effect):
+        raise EffectError(f'effect {effect.name!r}: wires can share states of wire_heat that begin at zero')
 
 
 def _read_through(function: Any, position: int, visited: Visited) -> frozenset[str]:

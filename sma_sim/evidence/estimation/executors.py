@@ -6,14 +6,14 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
 from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config, folders_of
-from sma_sim.model.effects.discovery import ActiveEffect, find_effects, with_scopes
+from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import find_structures
 
@@ -41,11 +41,14 @@ def unpickled_config(
     folders: list[str],
 ) -> PickledConfig:
     """The configuration in the other process."""
-    found = with_scopes(find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]) if effects else {}
-    active = tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects)
     system, model, homes = kind
     own = find_structures([Path(home) for home in homes])[system] if homes else None
-    return PickledConfig(Config(parameters, system, model, active, own_structure=own))
+    config = Config(parameters, system, model, own_structure=own)
+    if effects:
+        found, names = find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]
+        found = effects_on(found, names, config.structure.structure, parameters)
+        config = replace(config, effects=tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects))
+    return PickledConfig(config)
 
 
 def workers_of(executor: Executor) -> int:

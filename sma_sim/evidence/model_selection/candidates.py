@@ -47,7 +47,8 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
     active = {effect.found.effect.plain_name for effect in config.effects}
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
     structure = config.structure.structure
-    candidates = (candidate_of(found) for found in missing if acts_on(found.effect, structure))
+    acting = (found.on(structure, config.parameters) for found in missing if acts_on(found.effect, structure))
+    candidates = (candidate_of(found) for found in acting)
     return tuple(candidate for candidate in candidates if candidate.families)
 
 

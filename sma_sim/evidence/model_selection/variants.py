@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 from sma_sim.evidence.model_selection.candidates import Candidate, candidate_of
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import POSE, acting_coordinates
 from sma_sim.model.effects.ports import State
-from sma_sim.model.effects.scope import COORDINATES, MASK_POSE, SHARED, WIRES, Scope
+from sma_sim.model.effects.scope import Scope
 from sma_sim.model.parameters import DEFAULTS, beam_constants
 from sma_sim.solver.fields_read import can_share, fields_read
 
-POSE, POSE_RATE = ('U_x', 'U_y', 'alpha'), ('dU_x', 'dU_y', 'dalpha')
+POSE_RATE = ('dU_x', 'dU_y', 'dalpha')
 
 
 def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tuple[Candidate, ...]:
-    """The variants of all candidates of a module, of which `channels` are measured."""
+    """The variants of all candidates on a structure, of which `channels` are measured."""
     measured = set(channels)
     return tuple(
         candidate_of(candidate.found.in_scope(scope))
@@ -45,18 +46,23 @@ def scopes_of(found: FoundEffect) -> tuple[Scope, ...]:
 def differs(effect: Effect, scope: Scope) -> bool:
     """Whether an effect in a scope is another one."""
     read = fields_read(effect.kernel)
-    if scope in WIRES:
-        return 'wire' not in read
-    if scope == SHARED:
-        return can_share(effect)
-    if scope in COORDINATES:
-        return is_of_several_coordinates(effect, COORDINATES.index(scope))
-    return 'channel' not in read and len(effect.channels) > 1
+    if scope.wire >= 0:
+        return 'wire' not in read and effect.structure.wires > 1
+    if scope.shared:
+        return can_share(effect) and effect.structure.wires > 1
+    if scope.coordinate >= 0:
+        return is_of_several_coordinates(effect, scope.coordinate)
+    return not effect.by_channel and 'channel' not in read and len(effect.channels) > 1
 
 
 def is_of_several_coordinates(effect: Effect, coordinate: int) -> bool:
     """Whether an effect acts in a coordinate when it sees that one alone, and what acts there acts in others too."""
-    alone = forces_by_parameter(effect, COORDINATES[coordinate].mask[MASK_POSE : MASK_POSE + len(POSE)])
+    if effect.needs:
+        acting = acting_coordinates(effect.needs, effect.structure)
+        return 'gravity' not in effect.needs and coordinate in acting and len(acting) > 1
+    if effect.structure.coordinate_names != POSE:
+        return False
+    alone = forces_by_parameter(effect, tuple(float(k == coordinate) for k in range(len(POSE))))
     if not any(moved[coordinate] for moved in alone.values()):
         return False
     everywhere = forces_by_parameter(effect, (1.0, 1.0, 1.0))

@@ -9,6 +9,7 @@ from sma_sim.model.effects.ports import (
     S_EPS,
     S_J,
     S_LENGTH,
+    S_OTHERS,
     S_POSE,
     S_SIGMA,
     S_STRAIN,
@@ -23,8 +24,10 @@ from sma_sim.model.effects.ports import (
     S_X_OTHER,
     SENSING,
     STRUCTURE_FORCE,
+    WIRE_HEAT,
     EffectTable,
     call_effect,
+    call_effect_in,
 )
 from sma_sim.model.layout import (
     O_DEPS,
@@ -46,7 +49,7 @@ def fill_kernel_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -
     """Fill the state that kernels read, a row per wire, with what is in `y` and `obs`."""
     for i in range(p.wires):
         s = p.effects.s[i]
-        s[S_TIME], s[S_T_E], s[S_WIRE] = t, T_E, i
+        s[S_TIME], s[S_T_E], s[S_WIRE], s[S_OTHERS] = t, T_E, i, p.wires - 1
         s[S_T], s[S_T_OTHER] = y[p.first_T + i], other_temperature(i, y, p)
         s[S_X], s[S_X_OTHER] = obs[i, O_X], other_fraction(i, p, obs)
         s[S_EPS], s[S_DEPS] = obs[i, O_EPS], obs[i, O_DEPS]
@@ -93,6 +96,21 @@ def add_rates(k: int, instance: int, y: Vector, e: EffectTable, dy: Vector) -> N
         first = e.state_start[k] + instance * e.states[k]
         for j in range(e.states[k]):
             dy[first + j] = e.out[j]
+
+
+def share_rates(y: Vector, p: System, dy: Vector) -> None:
+    """Rates of the extra states of heat that wires share: every copy changes by the mean of what each wire says."""
+    e = p.effects
+    for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
+        if e.shared[k] != 0:
+            for i in range(p.wires):
+                first = e.state_start[k] + i * e.states[k]
+                for j in range(e.states[k]):
+                    dy[first + j] = 0.0
+                for other in range(p.wires):
+                    call_effect_in(e.rate[k], k, other, i, y, e)
+                    for j in range(e.states[k]):
+                        dy[first + j] += e.out[j] / p.wires
 
 
 def start_states(y: Vector, p: System, obs: Vector) -> None:

@@ -8,10 +8,12 @@ from functools import cache
 from pathlib import Path
 
 import sma_sim.model.effects.library as package
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
 from sma_sim.model.plugins import package_plugins, user_plugins
+from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.effects'
 
@@ -27,11 +29,16 @@ class FoundEffect:
     effect: Effect
     files: tuple[Path, ...]
     packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
-    plain: FoundEffect | None = None  # of an effect in a scope: the effect itself, whose kernels it shares
+    plain: FoundEffect | None = None  # of one in a scope, or on a structure: the effect itself, whose kernels it shares
+
+    def on(self, structure: Structure, values: Mapping[str, float] | None = None) -> FoundEffect:
+        """The effect as it is on a structure with parameters `values` by full name (default: the structure's own)."""
+        effect = effect_on(self.effect, structure, values)
+        return self if effect is self.effect else replace(self, effect=effect, plain=self.plain or self)
 
     def in_scope(self, scope: Scope) -> FoundEffect:
         """The same effect in one of its scopes."""
-        return replace(self, effect=self.effect.in_scope(scope), plain=self)
+        return replace(self, effect=self.effect.in_scope(scope), plain=self.plain or self)
 
     def __hash__(self) -> int:
         """Of what tells effects apart nearly always: it is asked for with every model."""
@@ -87,6 +94,16 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
                 raise EffectError(f'{plugin.file}: an effect named {effect.name!r} exists already; choose another name')
             found[effect.name] = FoundEffect(effect, plugin.files, plugin.packages)
     return found
+
+
+def effects_on(
+    found: Mapping[str, FoundEffect], names: Iterable[str], structure: Structure, values: Mapping[str, float] | None = None
+) -> dict[str, FoundEffect]:
+    """The effects as they are on a structure with parameters `values`, and those of `names` that name one in a scope.
+
+    Raises EffectError for an unknown scope.
+    """
+    return with_scopes({name: one.on(structure, values) for name, one in found.items()}, names)
 
 
 def with_scopes(found: Mapping[str, FoundEffect], names: Iterable[str]) -> dict[str, FoundEffect]:

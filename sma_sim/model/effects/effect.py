@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.structures.module import STRUCTURE as MODULE
+from sma_sim.model.structures.structure import Structure
 
 CHAIN = {
     'actuation': ('gain', 'deadband', 'saturation', 'lag'),
     'wire_strain': ('', 'series'),
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
+NEEDS = ('coordinate', 'joint', 'spring', 'stiffness', 'gravity')
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,18 @@ class Effect:
         Position in the chain of the ports that have one (`CHAIN`).
     channels : tuple of str
         The channels that a sensing effect acts on.
+    needs : tuple of str
+        What of a structure an effect on structure_force needs (NEEDS), in place of naming coordinates; it acts on every
+        structure that has it. Kernels are then of one coordinate, ``s.q`` and its rate ``s.dq``, return one number, and
+        the extra states are there once for each: with 'coordinate' in all, with 'joint' in those that a joint or a rail
+        guides, with 'spring' in those of them that a spring of their own holds, its force and stiffness being ``s.f`` and
+        ``s.k``. With 'stiffness' or 'gravity' the kernel is of all coordinates at once: ``s.q``, ``s.dq`` and the extra
+        states have them by name, and the structure's function of that name is its last argument.
+    by_channel : bool
+        On sensing: one parameter for each channel, with its name, that the kernel sees as ``p.own``.
     systems : tuple of str
-        The systems in which the effect has a meaning, in others it is left out; none are all with enough `wires`.
+        The systems in which the effect has a meaning, in others it is left out; none are all with enough `wires` and with
+        what it `needs`.
     wires : int
         How many wires it needs.
     energy : str
@@ -53,10 +66,11 @@ class Effect:
         What leaves nearly the same trace: effects, parameters by their full names, or the 'delay' of the recording.
     same_as : str
         What is identical in the equations, so that no measurement distinguishes it, in words.
-    title : str
-        A short phrase that completes "the model lacks ..."; the default is the name.
-    scope : Scope
-        Not for effect files: where an effect that is named NAME@SCOPE acts.
+    title, general_title : str
+        A short phrase that completes "the model lacks ..."; the default is the name. The second is for structures that are
+        no beam.
+    scope, structure : Scope, Structure
+        Not for effect files: where an effect that is named NAME@SCOPE acts, and on what.
     """
 
     name: str
@@ -71,6 +85,8 @@ class Effect:
     start: Callable[..., Any] | None = None
     stage: str = ''
     channels: tuple[str, ...] = CHANNELS
+    needs: tuple[str, ...] = ()
+    by_channel: bool = False
     systems: tuple[str, ...] = ()
     wires: int = 1
     energy: str = ''
@@ -79,13 +95,21 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     same_as: str = ''
     title: str = ''
+    general_title: str = ''
     scope: Scope = EVERYWHERE
+    structure: Structure = field(default=MODULE, repr=False, hash=False)
 
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:
             raise ValueError(f'effect {self.name!r}: port {self.port!r}; expected one of {", ".join(PORT_NAMES)}')
         if self.states and (self.rate is None or len(self.scale) != len(self.states)):
             raise ValueError(f'effect {self.name!r}: states need a rate and one scale each')
+        unknown = [need for need in self.needs if need not in NEEDS or self.port != 'structure_force']
+        if unknown:
+            raise ValueError(
+                f'effect {self.name!r}: needs {unknown[0]!r} on {self.port}; expected some of {", ".join(NEEDS)}, on '
+                'structure_force only'
+            )
         stages = CHAIN.get(self.port)
         if stages and self.stage not in stages:
             raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')
@@ -98,7 +122,7 @@ class Effect:
     @property
     def scopes(self) -> tuple[Scope, ...]:
         """The parts of its places in which it can act alone."""
-        return scopes_at(self.port, self.channels, bool(self.states))
+        return scopes_at(self.port, self.channels, bool(self.states), self.structure)
 
     def in_scope(self, scope: Scope) -> Effect:
         """The same effect in one of its `scopes`."""

@@ -1,4 +1,4 @@
-"""On which structures an effect has a meaning, and on which of their channels."""
+"""On which structures an effect has a meaning, in which of their coordinates, and on which of their channels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,19 @@ def acts_on(effect: Effect, structure: Structure) -> bool:
     """Whether an effect has a meaning on a structure."""
     if effect.systems and structure.name not in effect.systems or structure.wires < effect.wires:
         return False
+    if 'stiffness' in effect.needs and not structure.stiffness or 'gravity' in effect.needs and not structure.gravity:
+        return False
+    if effect.needs and not acting_coordinates(effect.needs, structure):
+        return False
     return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
+
+
+def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[int, ...]:
+    """The coordinates in which an effect acts that `needs` something of a structure."""
+    every = range(len(structure.coordinates))
+    if 'spring' in needs:
+        return tuple(j for j in structure.sprung if structure.coordinates[j].joint)
+    return tuple(j for j in every if 'joint' not in needs or structure.coordinates[j].joint)
 
 
 def channel_slots(effect: Effect, structure: Structure) -> list[int]:

@@ -52,11 +52,11 @@ class State(NamedTuple):
 
     What a kernel reads is inferred from it (solver.fields_read).
 
-    Per wire: T, x, eps, deps (its rate), l, v, and the same of the other wire; J [W], the heating of one wire, on
-    its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of one wire, on its way to the
-    structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on its way through the
-    chain and its `channel`, an index into CHANNELS. `wire` is 0 or 1. `strain` is what the effects before it have
-    added on wire_strain.
+    Per wire: T, x, eps, deps (its rate), l, v, and of the other wire T_other and x_other (of `others` wires: their
+    mean); J [W], the heating of one wire, on its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of
+    one wire, on its way to the structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on
+    its way through the chain and its `channel`, an index into CHANNELS. `wire` counts from 0. `strain` is what the effects
+    before it have added on wire_strain.
 
     Order: strain and stress ports (there J is the command, before the actuation chain), actuation, wire_heat,
     wire_force, structure_force, sensing. Heat may depend on dx, in proportion to it for each sign.
@@ -77,6 +77,7 @@ class State(NamedTuple):
     F: float
     T_other: float
     x_other: float
+    others: float
     value: float
     channel: float
     strain: float
@@ -104,11 +105,12 @@ class State(NamedTuple):
     S_F,
     S_T_OTHER,
     S_X_OTHER,
+    S_OTHERS,
     S_VALUE,
     S_CHANNEL,
     S_STRAIN,
     S_POSE,
-) = range(19)  # the coordinates, then their rates
+) = range(20)  # the coordinates, then their rates
 
 
 class EffectTable(NamedTuple):
@@ -119,7 +121,8 @@ class EffectTable(NamedTuple):
     addresses of native kernels, 0 for none. After an effect's `parameters` stands the mask of its scope. `states` counts
     the extra states of one instance (one wire, one channel, or the structure); instance i of effect k has its states at
     ``state_start[k] + i states[k]`` in the state vector. `slot` gives the instance of a sensing effect on a channel, -1
-    where it does not act; `code` is what kernels see as its ``s.channel``. `s` (wires, S_POSE + twice the coordinates)
+    where it does not act; `code` is what kernels see as its ``s.channel``. `shared` is 1 where the wires have their extra
+    states in common: each keeps a copy, whose rate is the mean of what all say. `s` (wires, S_POSE + twice the coordinates)
     is the state that kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads,
     -1 for those on wires, which read their wire's. `constants` are the addresses of `wire` or `structure`. `out` takes
     what kernels return. What effects add on strain and stress ports depends on x and eps, and on wire_heat on dx, where
@@ -135,6 +138,7 @@ class EffectTable(NamedTuple):
     scale: NDArray[np.float64]
     slot: NDArray[np.int64]
     code: NDArray[np.int64]
+    shared: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
     depends_on_eps: NDArray[np.int64]
     depends_on_dx: NDArray[np.int64]
@@ -158,7 +162,11 @@ def call_kernel(address: int, s: int, w: int, p: int, m: int, out: int) -> None:
 
 def call_effect(address: int, k: int, instance: int, y: NDArray[np.float64], e: EffectTable) -> None:
     """Call one kernel of effect `k` on the state in ``e.s``; what it returns is then in ``e.out``."""
-    row = e.row[k] if e.row[k] >= 0 else instance
+    call_effect_in(address, k, e.row[k] if e.row[k] >= 0 else instance, instance, y, e)
+
+
+def call_effect_in(address: int, k: int, row: int, instance: int, y: NDArray[np.float64], e: EffectTable) -> None:
+    """As `call_effect`, on the state in a given row of ``e.s``."""
     call_kernel(
         address,
         e.s.ctypes.data + 8 * e.s.shape[1] * row,

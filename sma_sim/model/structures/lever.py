@@ -33,6 +33,7 @@ STRUCTURE = Structure(
     lengths=lengths,
     gradients=lambda q, p: (-p.r, p.r),
     forces=forces,
+    stiffness=lambda q, p, part: part * p.k * q.angle,
     inertia=lambda p: p.J,
     parameters=(
         Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at angle 0', SOURCE),

@@ -35,6 +35,16 @@ def forces(q: Any, v: Any, b: BeamConstants) -> tuple[float, float, float]:
     return -F_x - b.b_x * v.U_x, -F_y - b.b_y * v.U_y, -M - b.b_alpha * v.alpha
 
 
+def stiffness(q: Any, b: BeamConstants, part: float) -> tuple[float, float, float]:
+    """K q of a beam that has a part of its stiffness [N, N, N m]."""
+    return stiffness_forces(q.U_x, q.U_y, q.alpha, b, part)
+
+
+def gravity(q: Any, b: BeamConstants, g_x: float, g_y: float, g_z: float) -> tuple[float, float, float]:
+    """Weight of the plate [N, N, N m]; the beam's own mass is neglected, as in the paper, and it bends in x and y only."""
+    return b.m_H * g_x, b.m_H * g_y, 0.0
+
+
 def energy(q: Any, v: Any, b: BeamConstants) -> float:
     """Energy of the plate's motion and of the bent beam [J]."""
     F_x, F_y, M = stiffness_forces(q.U_x, q.U_y, q.alpha, b)
@@ -47,18 +57,20 @@ STRUCTURE = Structure(
     title='beam',
     coordinates=(
         Coordinate('U_x', 'm', lambda b: STRETCH * b.L, 'stretch of the beam',
-                   lambda b: STRETCH * b.L * math.sqrt(b.k_x / b.m_H), 1e-4),
+                   lambda b: STRETCH * b.L * math.sqrt(b.k_x / b.m_H), 1e-4, motion='stretch', joint=False),
         Coordinate('U_y', 'm', lambda b: DEFLECTION * b.L, 'deflection of its tip',
-                   lambda b: DEFLECTION * b.L * math.sqrt(b.k_y / b.m_H), 1e-3),
+                   lambda b: DEFLECTION * b.L * math.sqrt(b.k_y / b.m_H), 1e-3, motion='deflection', joint=False),
         # A plate that has turned this far is far beyond what the wires can bend a beam to.
         Coordinate('alpha', 'rad', ROTATION, 'rotation of the plate',
-                   lambda b: ROTATION * math.sqrt(b.k_a / b.J_H), 0.15, 0.5 * math.pi),
+                   lambda b: ROTATION * math.sqrt(b.k_a / b.J_H), 0.15, 0.5 * math.pi, 'rotation'),
     ),
     wires=2,
     antagonistic=True,
     lengths=lengths,
     gradients=gradients,
     forces=forces,
+    stiffness=stiffness,
+    gravity=gravity,
     inertia=lambda b: (b.m_H, b.m_H, b.J_H),
     parameters=(*in_group('beam', BEAM_PARAMETERS), *in_group('plate', PLATE_PARAMETERS)),
     constants=beam_constants,

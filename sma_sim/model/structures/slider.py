@@ -33,6 +33,7 @@ STRUCTURE = Structure(
     lengths=lengths,
     gradients=lambda q, p: -1.0,
     forces=forces,
+    stiffness=lambda q, p, part: part * p.k * (q.position + p.x_0),
     inertia=lambda p: p.m,
     parameters=(
         Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the wire at position 0', SOURCE),

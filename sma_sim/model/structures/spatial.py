@@ -91,16 +91,36 @@ def gradients(q: Any, p: SpatialConstants) -> tuple[float, ...]:
     return gradient(0, q, p) + gradient(1, q, p) + gradient(2, q, p)
 
 
-def forces(q: Any, v: Any, p: SpatialConstants) -> tuple[float, float, float, float, float, float]:
-    """Elastic and viscous forces and moments of the beam; beta > 0 leans the plate towards -z."""
+def stiffness(q: Any, p: SpatialConstants, part: float) -> tuple[float, float, float, float, float, float]:
+    """K q of a beam that has a part of its stiffness; beta > 0 leans the plate towards -z."""
     return (
-        -p.k_x * q.U_x - p.b_x * v.U_x,
-        -(p.k_y * q.U_y - p.k_ya * q.alpha) - p.b_y * v.U_y,
-        -(p.k_y * q.U_z + p.k_ya * q.beta) - p.b_y * v.U_z,
-        -(p.k_a * q.alpha - p.k_ya * q.U_y) - p.b_alpha * v.alpha,
-        -(p.k_a * q.beta + p.k_ya * q.U_z) - p.b_alpha * v.beta,
-        -p.k_twist * q.gamma - p.b_twist * v.gamma,
+        part * p.k_x * q.U_x,
+        part * (p.k_y * q.U_y - p.k_ya * q.alpha),
+        part * (p.k_y * q.U_z + p.k_ya * q.beta),
+        part * (p.k_a * q.alpha - p.k_ya * q.U_y),
+        part * (p.k_a * q.beta + p.k_ya * q.U_z),
+        part * p.k_twist * q.gamma,
     )
+
+
+def forces(q: Any, v: Any, p: SpatialConstants) -> tuple[float, float, float, float, float, float]:
+    """Elastic and viscous forces and moments of the beam."""
+    F_x, F_y, F_z, M_z, M_y, M_x = stiffness(q, p, 1.0)
+    return (
+        -F_x - p.b_x * v.U_x,
+        -F_y - p.b_y * v.U_y,
+        -F_z - p.b_y * v.U_z,
+        -M_z - p.b_alpha * v.alpha,
+        -M_y - p.b_alpha * v.beta,
+        -M_x - p.b_twist * v.gamma,
+    )
+
+
+def gravity(
+    q: Any, p: SpatialConstants, g_x: float, g_y: float, g_z: float
+) -> tuple[float, float, float, float, float, float]:
+    """Weight of the plate; the beam's own mass is neglected."""
+    return p.m_H * g_x, p.m_H * g_y, p.m_H * g_z, 0.0, 0.0, 0.0
 
 
 def energy(q: Any, v: Any, p: SpatialConstants) -> float:
@@ -116,9 +136,9 @@ STRUCTURE = Structure(
     name='spatial',
     title='beam',
     coordinates=(
-        Coordinate('U_x', 'm', lambda p: 3e-4 * p.L, 'stretch of the beam'),
-        Coordinate('U_y', 'm', lambda p: 0.01 * p.L, 'deflection towards bundle 1'),
-        Coordinate('U_z', 'm', lambda p: 0.01 * p.L, 'deflection across it, towards bundle 2'),
+        Coordinate('U_x', 'm', lambda p: 3e-4 * p.L, 'stretch of the beam', joint=False),
+        Coordinate('U_y', 'm', lambda p: 0.01 * p.L, 'deflection towards bundle 1', joint=False),
+        Coordinate('U_z', 'm', lambda p: 0.01 * p.L, 'deflection across it, towards bundle 2', joint=False),
         Coordinate('alpha', 'rad', 0.15, 'rotation about z', limit=0.5 * math.pi),
         Coordinate('beta', 'rad', 0.15, 'rotation about y', limit=0.5 * math.pi),
         Coordinate('gamma', 'rad', 0.15, 'twist', limit=0.5 * math.pi),
@@ -127,6 +147,8 @@ STRUCTURE = Structure(
     lengths=lengths,
     gradients=gradients,
     forces=forces,
+    stiffness=stiffness,
+    gravity=gravity,
     inertia=lambda p: (p.m_H, p.m_H, p.m_H, p.J_bend, p.J_bend, p.J_twist),
     parameters=(
         *BEAM_PARAMETERS,

@@ -18,6 +18,7 @@ from sma_sim.model.structures.links import LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
+COUPLED = 1e-9  # part of its own stiffness above which a coordinate is coupled to another
 MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
 
@@ -37,6 +38,10 @@ class Coordinate:
         A usual change of what its sensor shows (default `scale`).
     limit : float
         Beyond it the structure has lost its stability.
+    motion : str
+        One word for a change of it, such as ``'rotation'`` (default its name).
+    joint : bool
+        Whether a joint or a rail guides it, in which there may be friction and play.
     """
 
     name: str
@@ -46,11 +51,17 @@ class Coordinate:
     rate_scale: Callable[[Constants], float] | None = None
     sensor_scale: float | None = None
     limit: float = math.inf
+    motion: str = ''
+    joint: bool = True
 
     @property
     def column(self) -> str:
         """Its column in files."""
         return self.name if self.unit in UNITS_WITHOUT_SUFFIX else f'{self.name}_{self.unit}'
+
+    def sensor_size(self, constants: Constants) -> float:
+        """The usual change of what its sensor shows."""
+        return self.sensor_scale or self.size(constants)
 
     def size(self, constants: Constants) -> float:
         """The usual change, of a structure with these constants."""
@@ -93,6 +104,12 @@ class Structure:
         ``inertia(p)`` returns the inertia of every coordinate [kg or kg m^2].
     gradients : callable, optional
         ``gradients(q, p)`` returns dl/dq, wire by wire, in one tuple; without it central differences of sixth order.
+    stiffness : callable, optional
+        ``stiffness(q, p, part)`` returns the generalised forces K q that hold against the springs, of which a `part` of the
+        stiffness is there (1: as in `forces`). Effects such as creep act where it is declared.
+    gravity : callable, optional
+        ``gravity(q, p, g_x, g_y, g_z)`` returns the generalised forces of the weight in a gravity with these components
+        [m/s^2], for a structure whose `forces` leave it out.
     accelerations : callable, optional
         ``accelerations(q, v, f, p)`` from the generalised forces `f`, in place of f over `inertia`.
     parameters : tuple of Parameter
@@ -125,6 +142,8 @@ class Structure:
     forces: Callable[..., Any] | None = None
     inertia: Callable[..., Any] | None = None
     gradients: Callable[..., Any] | None = None
+    stiffness: Callable[..., Any] | None = None
+    gravity: Callable[..., Any] | None = None
     accelerations: Callable[..., Any] | None = None
     parameters: tuple[Parameter, ...] = ()
     constants: Callable[[Mapping[str, float]], Constants] | None = None
@@ -161,6 +180,21 @@ class Structure:
     def default_constants(self) -> Constants:
         """The constants at the default values."""
         return self.constants_of(self.default_values)
+
+    @cached_property
+    def sprung(self) -> tuple[int, ...]:
+        """The coordinates that a spring of their own holds: K q there depends on nothing else, and nothing else on them."""
+        n, constants, stiffness = len(self.coordinates), self.default_constants, self.stiffness
+        if stiffness is None:
+            return ()
+        pose, sizes = record('Pose', self.coordinate_names), [c.size(constants) for c in self.coordinates]
+        rest = numbers(stiffness(pose(*[0.0] * n), constants, 1.0))
+        moved = [numbers(stiffness(pose(*(s * (j == k) for k, s in enumerate(sizes))), constants, 1.0)) for j in range(n)]
+        work = [[abs(moved[j][i] - rest[i]) * sizes[i] for j in range(n)] for i in range(n)]  # symmetric, as K is
+        return tuple(
+            j for j in range(n)
+            if work[j][j] > 0.0 and all(work[i][j] <= COUPLED * work[j][j] for i in range(n) if i != j)
+        )  # fmt: skip
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

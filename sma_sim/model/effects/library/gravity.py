@@ -1,6 +1,6 @@
-"""Weight of the plate.
+"""Weight, on a structure whose own equations leave it out.
 
-F = m_H (g_x, g_y)   [N]; the beam's own mass is neglected, as in the paper.
+F = m_H (g_x, g_y)   [N] for the plate of a beam, in the frame of its foot; the beam's own mass is neglected.
 """
 
 from sma_sim.model.effects.effect import Effect
@@ -10,14 +10,14 @@ EFFECT = Effect(
     name='gravity',
     title='gravity',
     port='structure_force',
-    systems=('module',),
+    needs=('gravity',),
     equation='F = m_H (g_x, g_y, 0)',
     source="Newton's law; the paper neglects it",
     parameters=(
         Parameter('g_y', -9.81, 'm/s^2', (-50.0, 50.0), 'gravity across the beam', '', 0.0, (-9.81, 9.81)),
         Parameter('g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the beam', '', 0.0, (-9.81, 9.81)),
     ),
-    kernel=lambda s, b, p: (b.m_H * p.g_x, b.m_H * p.g_y, 0.0),
+    kernel=lambda s, b, p, gravity: gravity(s.q, b, p.g_x, p.g_y, 0.0),
     energy='the force of a potential, none is lost',
     description='the same force at every angle',
     signature='bent to one side at rest; the same offset of force in all poses',

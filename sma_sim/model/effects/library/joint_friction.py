@@ -1,6 +1,6 @@
-"""Dry friction against the turning of the plate.
+"""Dry friction in joints and rails: against the turning of a beam's plate, in the bearing of a lever, of a slider.
 
-M = -M_c tanh((dalpha/dt)/w_s)   [N m]        Coulomb friction, regularised: below w_s it creeps
+M = -M_c tanh((dalpha/dt)/w_s)   [N m, of a coordinate in m: N]        Coulomb friction, regularised: below w_s it creeps
 """
 
 import math
@@ -11,15 +11,18 @@ from sma_sim.model.parameters import Parameter
 EFFECT = Effect(
     name='joint_friction',
     title='dry friction against the turning of the plate',
+    general_title='dry friction of the joints',
     port='structure_force',
-    systems=('module',),
+    needs=('joint',),
     equation='M = -M_c tanh((dalpha/dt)/w_s)',
     source='Coulomb friction: Olsson et al., European Journal of Control 4 (1998) 176',
     parameters=(
-        Parameter('M_c', 0.02, 'N m', (0.0, 100.0), 'moment of friction', '', 0.0, (2e-3, 0.2)),
-        Parameter('w_s', 5e-3, 'rad/s', (1e-5, 100.0), 'speed at which friction is fully developed', '', None, (1e-3, 0.05)),
-    ),
-    kernel=lambda s, b, p: (0.0, 0.0, -p.M_c * math.tanh(s.dalpha / p.w_s)),
+        Parameter('M_c', 0.02, 'N m', (0.0, 100.0), 'moment of friction', '', 0.0, (2e-3, 0.2), 'force'),
+        Parameter(
+            'w_s', 5e-3, 'rad/s', (1e-5, 100.0), 'speed at which friction is fully developed', '', None, (1e-3, 0.05), 'rate'
+        ),
+    ),  # fmt: skip
+    kernel=lambda s, b, p: -p.M_c * math.tanh(s.dq / p.w_s),
     energy='dissipates M_c |dalpha/dt|; the heat goes into the joint, not into the wires',
     description='the same moment at every angle, always against the motion',
     signature='alpha lags behind at every reversal by the same angle, fast or slow; small commands move nothing',

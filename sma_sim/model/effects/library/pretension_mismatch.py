@@ -1,6 +1,6 @@
 """Bundles that were mounted with different lengths.
 
-e = delta/2 in wire 1, -delta/2 in wire 2   [-]: the first is longer by delta l0 than the second
+e = delta/2 in wire 1, -delta/2 in the others   [-]: the first is longer by delta l0 than the others
 """
 
 from sma_sim.model.effects.effect import Effect
@@ -15,7 +15,7 @@ EFFECT = Effect(
     parameters=(
         Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'wire 1 is longer than wire 2, over l0', '', 0.0, (-0.02, 0.02)),
     ),
-    kernel=lambda s, w, p: p.delta * (0.5 - s.wire),
+    kernel=lambda s, w, p: p.delta * (0.5 - min(s.wire, 1.0)),
     energy='does not enter: the strain is constant',
     description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
     signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',

@@ -3,18 +3,8 @@
 shown = value + offset of the channel
 """
 
-from typing import Any
-
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.ports import State
-from sma_sim.model.parameters import Parameter, WireConstants
-
-
-def shifted(s: State, w: WireConstants, p: Any) -> float:
-    """The value with the offset of its channel."""
-    offset: float = p.U_x if s.channel == 0 else p.U_y if s.channel == 1 else p.alpha if s.channel == 2 else p.stress
-    return s.value + offset
-
+from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='sensor_bias',
@@ -30,7 +20,8 @@ EFFECT = Effect(
         Parameter('alpha', 0.01, 'rad', (-3.0, 3.0), 'offset of alpha', '', 0.0, (-0.1, 0.1)),
         Parameter('stress', 2e6, 'Pa', (-1e10, 1e10), 'offset of the load cell over the section', '', 0.0, (-2e7, 2e7)),
     ),
-    kernel=shifted,
+    by_channel=True,
+    kernel=lambda s, w, p: s.value + p.own,
     description='the motion itself is as modelled',
     signature='a constant error of the shown channel, at rest too; forces and temperatures agree',
     confused_with=('gravity', 'sensor_misalignment', 'power_gain_mismatch', 'sensor_gain', 'wire.sigma_MW0'),

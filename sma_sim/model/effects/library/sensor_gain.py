@@ -3,18 +3,8 @@
 shown = gain of the channel * value
 """
 
-from typing import Any
-
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.ports import State
-from sma_sim.model.parameters import Parameter, WireConstants
-
-
-def scaled(s: State, w: WireConstants, p: Any) -> float:
-    """The value times the gain of its channel."""
-    gain: float = p.U_x if s.channel == 0 else p.U_y if s.channel == 1 else p.alpha if s.channel == 2 else p.stress
-    return s.value * gain
-
+from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='sensor_gain',
@@ -30,7 +20,8 @@ EFFECT = Effect(
         Parameter('alpha', 1.05, '-', (0.1, 10.0), 'gain of alpha', '', 1.0, (0.8, 1.25)),
         Parameter('stress', 1.05, '-', (0.1, 10.0), 'gain of the load cell', '', 1.0, (0.8, 1.25)),
     ),
-    kernel=scaled,
+    by_channel=True,
+    kernel=lambda s, w, p: s.value * p.own,
     description='gains of U_y and alpha that are equal look like a softer beam',
     signature='an error in proportion to the shown value, at every temperature and speed; forces and temperatures agree',
     confused_with=('beam.E', 'plate.W', 'beam_nonlinearity', 'sensor_bias', 'wire.sigma_MW0'),

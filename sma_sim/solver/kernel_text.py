@@ -1,0 +1,182 @@
+"""Sources of the C functions around the kernels of effects: build what a kernel takes, call it, store what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import POSE
+from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_WIRE
+from sma_sim.model.effects.scope import MASK_COORDINATE, MASK_SIZE, MASK_WIRE
+from sma_sim.model.structures.structure import Structure
+
+FUNCTIONS = ('stiffness', 'gravity')  # of a structure, that kernels take
+OWN = 'own'  # what kernels call the parameter of their channel
+
+
+class KernelTypes(NamedTuple):
+    """What the kernels of an effect take: named tuples, and the structure with the coordinates in which it acts.
+
+    `by_hand` is whether the structure's stiffness returns a single number.
+    """
+
+    state: Any
+    constants: Any
+    structure: Structure
+    acting: tuple[int, ...] = ()
+
+    @property
+    def coordinates(self) -> int:
+        """How many coordinates the state has."""
+        return len(self.structure.coordinates)
+
+
+class OneKernel(NamedTuple):
+    """A kernel of an effect, in its role: how many numbers it returns, and whether it takes the extra states."""
+
+    role: str
+    python: Callable[..., Any]
+    outputs: int
+    memory: bool
+
+
+def functions_of(effect: Effect) -> tuple[str, ...]:
+    """The functions of a structure that the kernel of an effect takes; it is then of all coordinates at once."""
+    return tuple(name for name in FUNCTIONS if name in effect.needs)
+
+
+def parameter_fields(effect: Effect) -> list[str]:
+    """Names of the parameters as kernels read them."""
+    return [OWN] if effect.by_channel else [p.name for p in effect.parameters]
+
+
+def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> str:
+    """Source of the C function of an effect that names what it reads."""
+    role, _, outputs, memory = one
+    count = len(effect.parameters)
+    groups = [('s', 'State', len(kinds.state._fields)), ('w', 'Constants', len(kinds.constants._fields))]
+    groups.append(('p', 'Parameters', 1 if effect.by_channel else count))
+    if memory:
+        groups.append(('m', 'Memory', len(effect.states)))
+    sizes = {letter: size for letter, _, size in groups} | {'p': count + MASK_SIZE}
+    lines = [f'def {effect.name}_{role}(s, w, p, m, out):', f'    out_ = carray(out, {max(outputs, 1)})']
+    lines += [f'    {letter}_ = carray({letter}, {sizes[letter]})' for letter, _, _ in groups]
+    lines += elsewhere_lines(effect, role, outputs)
+    entries = {letter: [f'{letter}_[{i}]' for i in range(size)] for letter, _, size in groups}
+    if effect.by_channel:
+        entries['p'] = [parameter_of_channel(effect, kinds.structure)]
+    if effect.port == 'structure_force':
+        lines += mask_lines(count, range(kinds.coordinates))
+        for j in range(2 * kinds.coordinates):
+            entries['s'][S_POSE + j] += f' * k_{j % kinds.coordinates}'
+    lines += [f'    {letter}__ = {kind}({", ".join(entries[letter])})' for letter, kind, _ in groups]
+    lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
+    values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
+    if effect.port == 'structure_force' and role == 'value':
+        values = [f'{value} * k_{j}' for j, value in enumerate(values)]
+    return '\n'.join([*lines, *(f'    out_[{i}] = {value}' for i, value in enumerate(values))]) + '\n'
+
+
+def mask_lines(parameters: int, coordinates: Sequence[int]) -> list[str]:
+    """Lines that say whether the effect acts in each coordinate, 1.0 or 0.0."""
+    at = f'p_[{parameters + MASK_COORDINATE}]'
+    return [f'    k_{j} = 1.0 if {at} < 0.0 or {at} == {float(j)!r} else 0.0' for j in coordinates]
+
+
+def elsewhere_lines(effect: Effect, role: str, outputs: int) -> list[str]:
+    """Lines that return nothing (on actuation: the value as it is) for a wire in which the effect does not act."""
+    if effect.port in ('structure_force', 'sensing'):
+        return []
+    wire = f'p_[{len(effect.parameters) + MASK_WIRE}]'
+    passed = f's_[{S_J}]' if effect.port == 'actuation' and role == 'value' else '0.0'
+    nothing = [f'        out_[{i}] = {passed}' for i in range(outputs)]
+    return [f'    if {wire} >= 0.0 and {wire} != s_[{S_WIRE}]:', *nothing, '        return']
+
+
+def parameter_of_channel(effect: Effect, structure: Structure) -> str:
+    """Expression of the parameter of the channel: by its name, or of the coordinates of other structures in their order."""
+    named = structure.coordinate_names == POSE or not structure.coordinates
+    codes = [
+        CHANNELS.index(name) if named or name in CHANNELS else len(CHANNELS) + structure.channels.index(name)
+        for name in ([p.name for p in effect.parameters] if named else structure.coordinate_names)
+    ]
+    expression = f'p_[{min(len(codes), len(effect.parameters)) - 1}]'
+    for k in reversed(range(min(len(codes), len(effect.parameters)) - 1)):
+        expression = f'p_[{k}] if s_[{S_CHANNEL}] == {float(codes[k])!r} else {expression}'
+    return expression
+
+
+def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> str:
+    """Source of the C function of an effect that says what it needs of a structure: all coordinates at once, or each."""
+    n, acting, parameters = kinds.coordinates, kinds.acting, len(effect.parameters)
+    states, count = len(effect.states), n if one.role == 'value' else len(effect.states) * len(kinds.acting)
+    constants = len(kinds.constants._fields)
+    lines = [
+        f'def {effect.name}_{one.role}(s, w, p, m, out):', f'    out_ = carray(out, {max(count, 1)})',
+        f'    s_, w_ = carray(s, {S_POSE + 2 * n}), carray(w, {constants})',
+        f'    p_, m_ = carray(p, {parameters + MASK_SIZE}), carray(m, {max(1, states * len(acting))})',
+        f'    w__ = Constants({", ".join(f"w_[{i}]" for i in range(constants))})',
+        f'    p__ = Parameters({", ".join(f"p_[{i}]" for i in range(parameters))})',
+        *mask_lines(parameters, range(n)),
+    ]  # fmt: skip
+    if one.role == 'value' and functions_of(effect):
+        lines += whole_lines(effect, one, kinds, is_tuple)
+    else:
+        lines += each_lines(effect, one, kinds, is_tuple)
+    return '\n'.join(lines) + '\n'
+
+
+def whole_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> list[str]:
+    """Lines that call a kernel of all coordinates at once."""
+    n, states = kinds.coordinates, len(effect.states)
+    place = {j: i for i, j in enumerate(kinds.acting)}
+    q, dq = (', '.join(f's_[{S_POSE + first + j}] * k_{j}' for j in range(n)) for first in (0, n))
+    memory = [', '.join(f'm_[{place[j] * states + k}]' if j in place else '0.0' for j in range(n)) for k in range(states)]
+    given = ['s__', 'w__', 'p__', *(['m__'] if one.memory else []), *functions_of(effect)]
+    return [
+        f'    s__ = State({wire_fields()}, Pose({q}), Pose({dq}))',
+        *([f'    m__ = Memory({", ".join(f"Pose({each})" for each in memory)})'] if one.memory else []),
+        f'    result = kernel({", ".join(given)})',
+        *(f'    out_[{j}] = result{f"[{j}]" if is_tuple else ""} * k_{j}' for j in range(n)),
+    ]
+
+
+def each_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> list[str]:
+    """Lines that call a kernel of one coordinate, for each in which the effect acts."""
+    n, states, sprung = kinds.coordinates, len(effect.states), 'spring' in effect.needs
+    lines = spring_lines(kinds) if sprung else []
+    if one.role == 'value':
+        lines += [f'    out_[{j}] = 0.0' for j in range(n) if j not in kinds.acting]
+    for i, j in enumerate(kinds.acting):
+        fields = [f's_[{S_POSE + j}] * k_{j}', f's_[{S_POSE + n + j}] * k_{j}', *([f'f_{j}', f'c_{j}'] if sprung else [])]
+        memory = ', '.join(f'm_[{i * states + k}]' for k in range(states)) + ','
+        given = [f's_{j}__', 'w__', 'p__', *([f'Memory({memory})'] if one.memory else [])]
+        lines += [f'    s_{j}__ = State({wire_fields()}, {", ".join(fields)})', f'    r_{j} = kernel({", ".join(given)})']
+        if one.role == 'value':
+            lines.append(f'    out_[{j}] = r_{j} * k_{j}')
+        else:
+            lines += [f'    out_[{i * states + k}] = r_{j}{f"[{k}]" if is_tuple else ""}' for k in range(states)]
+    return lines
+
+
+def spring_lines(kinds: KernelTypes) -> list[str]:
+    """Lines that find the force of the spring of each coordinate, and its stiffness as a difference."""
+    n, structure = kinds.coordinates, kinds.structure
+    one = '[0]' if n > 1 else ''
+    lines = []
+    for j in kinds.acting:
+        h = structure.coordinates[j].size(structure.default_constants)
+        here = [f's_[{S_POSE + i}]' for i in range(n)]
+        at = [', '.join(pose) for pose in (here, [*here[:j], f'{here[j]} + {h!r}', *here[j + 1 :]])]
+        index = one.replace('0', str(j))
+        lines += [
+            f'    f_{j} = stiffness(Pose({at[0]}), w__, 1.0){index}',
+            f'    c_{j} = (stiffness(Pose({at[1]}), w__, 1.0){index} - f_{j}) / {h!r}',
+        ]
+    return lines
+
+
+def wire_fields() -> str:
+    """The entries of the state before those of the coordinates."""
+    return ', '.join(f's_[{i}]' for i in range(S_POSE))
