@@ -1,7 +1,10 @@
 """Effects on the structure and on what is shown: potentials, dissipation, symmetry, frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from flows import called
 from systems import active, make_model, random_state
 
 from sma_sim import Input, find_effects, simulate
@@ -34,9 +37,8 @@ def kernel(name, state, constants=BEAM, memory=None, **values):
     """What the kernel of an effect returns at a state, given by the fields that matter."""
     effect = find_effects()[name].effect
     s = State(*[0.0] * len(State._fields))._replace(**state)
-    p = type('P', (), {q.name: values.get(q.name, q.default) for q in effect.parameters})
-    given = (s, constants, p) if memory is None else (s, constants, p, memory)
-    return np.array(effect.kernel(*given))
+    p = SimpleNamespace(**{q.name: values.get(q.name, q.default) for q in effect.parameters})
+    return np.array(called(effect, 'kernel', s, constants, p, memory or {}))
 
 
 def run(effects, source=COMMAND, **parameters):
@@ -124,9 +126,8 @@ def test_creep_takes_energy():
     K = np.array([[b.k_x, 0, 0], [0, b.k_y, -b.k_ya], [0, -b.k_ya, b.k_a]])
     for _ in range(20):
         q, z, dq = random.normal(size=(3, 3)) * [1e-4, 1e-3, 0.1]
-        state, memory = dict(zip(('U_x', 'U_y', 'alpha'), q, strict=True)), type('M', (), {})
-        memory.z_x, memory.z_y, memory.z_alpha = z
-        F = kernel('beam_creep', state, b, memory, phi=phi, tau=tau) - K @ q
+        state = dict(zip(('U_x', 'U_y', 'alpha'), q, strict=True))
+        F = kernel('beam_creep', state, b, {'z': z}, phi=phi, tau=tau) - K @ q
         dz = (q - z) / tau
         stored = (1 - phi) * dq @ K @ q + phi * (dq - dz) @ K @ (q - z)
         lost = -(F @ dq + stored)

@@ -123,11 +123,18 @@ def test_wires_pull_along_the_gradient_of_their_lengths(name):
 def planar_beam():
     """The planar beam with three bundles: one on the side of +y, two together half as far on the other."""
     spatial = package_structures()['spatial'].structure
-    heights = (1.0, -0.5, -0.5)
 
     def lengths(q, p):
-        sides = [inclined_wire_length(q.U_x, q.U_y, math.sin(q.alpha), math.cos(q.alpha), -h, p) for h in heights]
-        return tuple(side[0] for side in sides)
+        sine, cosine = math.sin(q.alpha), math.cos(q.alpha)
+        one = inclined_wire_length(q.U_x, q.U_y, sine, cosine, -1.0, p)
+        two = inclined_wire_length(q.U_x, q.U_y, sine, cosine, 0.5, p)
+        return one[0], two[0], two[0]
+
+    def gradients(q, p):
+        sine, cosine = math.sin(q.alpha), math.cos(q.alpha)
+        one = inclined_wire_length(q.U_x, q.U_y, sine, cosine, -1.0, p)
+        two = inclined_wire_length(q.U_x, q.U_y, sine, cosine, 0.5, p)
+        return one[1], one[2], one[3], two[1], two[2], two[3], two[1], two[2], two[3]
 
     def forces(q, v, p):
         F_x, F_y, M = stiffness_forces(q.U_x, q.U_y, q.alpha, p)
@@ -140,7 +147,7 @@ def planar_beam():
 
     return Structure(
         name='planar', title='beam', coordinates=tuple(spatial.coordinates[k] for k in (0, 1, 3)), wires=3, lengths=lengths,
-        forces=forces, inertia=lambda p: (p.m_H, p.m_H, p.J_H), constants=constants,
+        gradients=gradients, forces=forces, inertia=lambda p: (p.m_H, p.m_H, p.J_H), constants=constants,
     )  # fmt: skip
 
 
@@ -164,6 +171,28 @@ def test_spatial_reduces_to_the_planar_beam():
         assert found[[0, 1, 3]] == pytest.approx(expected, rel=1e-6, abs=1e-6)
         assert np.abs(found[[2, 4, 5]]).max() < 1e-9
         assert spatial.lengths(poses[0][0], p) == pytest.approx(planar.lengths(poses[0][1], b), abs=1e-15)
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_a_spatial_run_is_that_of_the_planar_beam(kind):
+    """One bundle idle, the others heated alike: the same motion to 1e-9 m and rad, which the tolerance limits."""
+    spatial, file = package_structures()['spatial'].structure, Path(__file__)
+    planar = FoundStructure(planar_beam(), (file,), ('sma_sim.', file.stem))
+    times, levels = np.array([0.0, 1.0, 6.0, 8.0]), np.array([0.0, 9.0, 4.0, 4.0])
+    values, runs = spatial.default_values | {'solver.rtol': 1e-9}, []
+    for name, own in (('spatial', None), ('planar', planar)):
+        columns = np.column_stack([0.0 * levels, levels, levels, np.full(4, 298.0)])
+        command = Input(times, columns, (False,) * 4, spatial.input_columns)
+        config = Config({key: value for key, value in values.items() if own is None or 'spatial' not in key}, name, kind,
+                        own_structure=own)  # fmt: skip
+        runs.append(simulate(Model(config), command, np.arange(0.0, 8.0, 0.1)))
+    whole, flat = runs
+    assert whole.completed and flat.completed and np.ptp(whole['alpha_rad']) > 0.02
+    for name in ('U_x_m', 'U_y_m', 'alpha_rad'):
+        assert whole[name] == pytest.approx(flat[name], rel=0.0, abs=1e-9 if name != 'U_x_m' else 1e-11)
+    for name in ('T_1_K', 'T_2_K', 'T_3_K', 'x_M_1', 'x_M_2', 'F_1_N', 'F_2_N', 'F_3_N'):
+        assert whole[name] == pytest.approx(flat[name], rel=1e-8)
+    assert max(np.abs(whole[name]).max() for name in ('U_z_m', 'beta_rad', 'gamma_rad')) < 1e-9
 
 
 def test_a_spatial_run_stays_in_its_plane_where_it_should():
