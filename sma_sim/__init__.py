@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from sma_sim.model.errors import UserError as UserError
     from sma_sim.model.parameters import Parameter as Parameter
     from sma_sim.model.structures.discovery import find_structures as find_structures
+    from sma_sim.model.structures.links import Drawing as Drawing
     from sma_sim.model.structures.structure import Coordinate as Coordinate
     from sma_sim.model.structures.structure import Structure as Structure
     from sma_sim.solver.inputs import Input as Input
@@ -52,6 +53,7 @@ HOMES = {
     'model.errors': ('UserError',),
     'model.parameters': ('Parameter',),
     'model.structures.discovery': ('find_structures',),
+    'model.structures.links': ('Drawing',),
     'model.structures.structure': ('Coordinate', 'Structure'),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),
     'solver.model': ('Model',),

@@ -143,7 +143,7 @@ def test_sensing_effect_shows_both_poses(tmp_path):
     ('words', 'message'),
     [
         (['-p', 'wire.E_X:=1e9'], 'unknown parameter wire.E_X'),
-        (['-p', 'system:=wire'], 'the node simulates a module'),
+        (['-p', 'system:=cantilever'], "system = 'cantilever' (given to the node): expected one of "),
         (['-p', 'node.publish_rate:=300.0'], '300 samples per second do not divide 1000 steps per second'),
         (['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
         (['-p', 'wire.E_A'], 'wire.E_A'),

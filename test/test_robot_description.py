@@ -22,11 +22,12 @@ from std_msgs.msg import String  # noqa: E402
 
 from sma_sim.evidence.data.rosbag.interface import prefix_of  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
-from sma_sim.ros.messages import JOINT_NAMES  # noqa: E402
-from sma_sim.ros.publishers import SAMPLE_TOPICS  # noqa: E402
+from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
+from sma_sim.ros.publishers import sample_topics  # noqa: E402
 from sma_sim.ros.urdf import TopicControl, urdf_of  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
+JOINT_NAMES = MODULE.coordinate_names
 VALUES = default_parameters() | {'beam.L': 0.101, 'plate.W': 0.017}
 POSES = [(0.0, 0.0, 0.0), (-1e-3, 4e-3, 0.15), (2e-4, -2e-3, -0.7)]
 
@@ -144,7 +145,7 @@ def test_rviz_shows_topics_of_the_node_in_its_frame():
     manager = yaml.safe_load((ROOT / 'rviz' / 'sma_module.rviz').read_text())['Visualization Manager']
     displays = {display['Name']: display for display in manager['Displays']}
     assert manager['Global Options']['Fixed Frame'] == beam_links(VALUES).links[0].name
-    assert displays['MarkerArray']['Topic']['Value'] in SAMPLE_TOPICS
+    assert displays['MarkerArray']['Topic']['Value'] in sample_topics(MODULE)
     assert displays['RobotModel']['Description Topic']['Value'] == 'robot_description'
     assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
 

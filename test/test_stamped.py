@@ -9,7 +9,9 @@ from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, Header, UInt8MultiArray  # noqa: E402
 
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
-from sma_sim.ros.stamped import SUFFIX, VARIANTS, commanded_effort  # noqa: E402
+from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
+from sma_sim.model.structures.spatial import STRUCTURE as SPATIAL  # noqa: E402
+from sma_sim.ros.stamped import SUFFIX, commanded_efforts, variants_of  # noqa: E402
 
 DIAGNOSTICS = (DiagnosticArray, '/diagnostics')
 TOPICS = (
@@ -69,7 +71,7 @@ def test_only_when_asked_and_by_the_clock_of_the_node():
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
         one.until(lambda: nanoseconds(one.seen['joint_states'][-1]) > 0)  # the first of all has the stamp 0, which is none
         names = {name.strip('/') for name, _ in one.node.get_topic_names_and_types()}
-        assert 'wire_forces' in names and not {name + SUFFIX for name in VARIANTS} & names
+        assert 'wire_forces' in names and not {name + SUFFIX for name in variants_of(MODULE)} & names
         command.publish(JointState(header=one.seen['joint_states'][-1].header, effort=[3.0]))
         one.until(lambda: one.seen['/diagnostics'] and values_of(one)[DELAY] != 'none')
         assert 0.0 <= float(values_of(one)[DELAY]) < 60.0  # by the computer's clock it would be decades
@@ -84,4 +86,16 @@ def test_only_when_asked_and_by_the_clock_of_the_node():
     ],
 )  # fmt: skip
 def test_the_command_in_a_joint_state(names, efforts, command):
-    assert commanded_effort(names, efforts) == command
+    found = commanded_efforts(names, efforts, MODULE.commands)
+    assert found == (None if command is None else [command])
+
+
+@pytest.mark.parametrize(
+    ('names', 'efforts', 'command'),
+    [
+        (['J_3', 'J_1', 'J_2'], [3.0, 1.0, 2.0], [1.0, 2.0, 3.0]), ([], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+        (['J_1', 'J_2'], [1.0, 2.0], None), ([], [1.0], None), (['J_1', 'J_2', 'J_3'], [1.0, 2.0], None),
+    ],
+)  # fmt: skip
+def test_the_command_of_several_wires_in_a_joint_state(names, efforts, command):
+    assert commanded_efforts(names, efforts, SPATIAL.commands) == command

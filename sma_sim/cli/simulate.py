@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
+from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
 from sma_sim.model.config import Config
@@ -95,10 +97,13 @@ def check_rates(arguments: argparse.Namespace, config: Config) -> None:
         return
     if not 1.0 <= steps <= 1e5:
         raise UserError(f'--integration-rate {steps:g}: expected 1 to 1e5 steps per second')
-    if arguments.interpolation == 'linear' or config.structure.structure.drives:
+    if arguments.interpolation == 'linear':
+        raise UserError('--integration-rate needs --interpolation hold: the node holds its command')
+    drives = config.structure.structure.drives
+    if drives and not is_bag(arguments.input):
         raise UserError(
-            '--integration-rate needs --interpolation hold, and a structure on which nothing is imposed beside heating: the '
-            'node holds its command'
+            f'--integration-rate with a CSV file: {drives[0].name} is linear between the rows of a file, but the node takes '
+            f'set points; expected a bag, got {arguments.input}'
         )
     steps_per_sample(steps, rate)
 
@@ -109,6 +114,7 @@ def run_model(model: Model, source: Input, arguments: argparse.Namespace) -> Tra
     try:
         if arguments.integration_rate is None:
             return simulate(model, source, sample_times(source, arguments.rate), progress=progress)
+        source = replace(source, linear=(False,) * len(source.linear))
         return simulate_fixed_rate(model, source, arguments.integration_rate, arguments.rate, progress)
     finally:
         progress.close()

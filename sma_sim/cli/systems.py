@@ -7,6 +7,7 @@ import textwrap
 from typing import Any
 
 from sma_sim.cli.common.listing import TEXT_WIDTH, Listed, add_listing, chosen_names, print_list
+from sma_sim.evidence.data.rosbag.interface import command_decoders, interface_of, measured_decoders
 from sma_sim.model.given import structure_folders_of
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.model.structures.structure import Structure
@@ -39,12 +40,20 @@ def structure_data(structure: Structure) -> dict[str, Any]:
         'wires': structure.wires,
         'inputs': ['time_s', *structure.input_columns],
         'channels': list(structure.channel_columns),
+        'topics': topics_of(structure),
         'parameters': [
             {'name': name, 'unit': p.unit, 'default': defaults[name], 'bounds': p.bounds, 'description': p.description}
             for name, p in structure.declared.items()
         ],
         'fitted': list(structure.fitted),
     }
+
+
+def topics_of(structure: Structure) -> dict[str, str]:
+    """Message types of the node's topics that recordings are read from, by name; those of commands first."""
+    interface = interface_of(structure)
+    decoders = {**command_decoders(interface), **measured_decoders(interface)}
+    return {topic: kind for topic, (kind, _) in decoders.items()}
 
 
 def structure_text(structure: Structure) -> str:
@@ -55,6 +64,7 @@ def structure_text(structure: Structure) -> str:
         'coordinates': '; '.join(f'{c.name} [{c.unit}] {c.description}' for c in structure.coordinates),
         'input': ', '.join(('time_s', *structure.input_columns)),
         'channels': ', '.join(structure.channel_columns),
+        'topics': ', '.join(topics_of(structure)),
         'a fit changes, beside the material': ', '.join(structure.fitted),
         'source': structure.source,
     }

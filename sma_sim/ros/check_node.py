@@ -24,11 +24,12 @@ from sma_sim.evidence.monitoring.live_model import (
     RunningError,
 )
 from sma_sim.model.config import Config
-from sma_sim.ros import messages
+from sma_sim.model.errors import UserError
 from sma_sim.ros.command import ENVIRONMENT
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
+from sma_sim.ros.messages import Messages, array_layout, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
 from sma_sim.ros.robot_subscriptions import ROBOT_TOPICS, RobotSubscriptions, Sample
@@ -53,7 +54,10 @@ class ModelCheck:
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
         self._node, self._config, self._rate = node, config, settings['integration_rate']
+        if config.system != 'module':
+            raise UserError(f'system = {config.system}: the live check runs beside a module')
         self._logger, self._model = node.get_logger(), Model(config)
+        self._messages = Messages(self._model.structure)
         self._values = {name.removeprefix('check.'): value for name, value in config.parameters.items()}
         self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNEL_NAMES])
         self._input = [0.0, config.parameters['environment.T_E']]
@@ -162,7 +166,7 @@ class ModelCheck:
         )
 
     def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
-        residual = np.concatenate([now.joints[0], beside]) - row[messages.WHERE.sensed]
+        residual = np.concatenate([now.joints[0], beside]) - row[self._messages.where.sensed]
         assert self._live is not None
         t = (now.stamp - self._live.begin) / 1e9
         if not self._settled and t >= self._values['burn_in']:
@@ -196,12 +200,12 @@ class ModelCheck:
         )
 
     def _publish(self, now: Sample, row: Vector, residual: Vector) -> None:
-        stamp = messages.stamp_of(now.stamp)
-        self._topics['model_joint_states'].publish(messages.joint_state(stamp, row, sensed=True))
-        rates, tau = row[messages.WHERE.rates], row[messages.WHERE.tau]
+        stamp = stamp_of(now.stamp)
+        self._topics['model_joint_states'].publish(self._messages.joint_state(stamp, row, sensed=True))
+        rates, tau = row[self._messages.where.rates], row[self._messages.where.tau]
         position, velocity, effort = residual[:3], now.joints[1] - rates, now.joints[2] - tau
         message = JointState(
-            header=Header(stamp=stamp), name=messages.JOINT_NAMES, position=position.tolist(),
+            header=Header(stamp=stamp), name=self._messages.joint_names, position=position.tolist(),
             velocity=values_or_none(velocity), effort=values_or_none(effort),
         )  # fmt: skip
         self._topics['residuals'].publish(message)
@@ -209,7 +213,7 @@ class ModelCheck:
             ('channel_residuals', 'measured - model of {} [SI]', residual),
             ('error_over_noise', 'running RMSE over noise of {} [-]', self._last_error),
         ):
-            layout = messages.array_layout(what.format(', '.join(MODULE_CHANNEL_NAMES)), len(MODULE_CHANNEL_NAMES))
+            layout = array_layout(what.format(', '.join(MODULE_CHANNEL_NAMES)), len(MODULE_CHANNEL_NAMES))
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
 
     def _diagnose(self) -> None:

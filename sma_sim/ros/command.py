@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -14,6 +15,7 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND
 from sma_sim.model.parameters import DEFAULTS
 
 ENVIRONMENT = 'environment.T_E'
@@ -28,39 +30,55 @@ class Command:
     The mailbox holds the latest command that has not come into force yet. The thread that receives only puts commands into
     it, the simulating thread only takes them out, each in one atomic operation; all else belongs to the simulating thread.
     So no command can be lost, whenever it arrives. `J_max` [W] and `timeout` [s] may be set at any time, by any thread.
+    This one is J_eq, which heats either wire of an antagonistic pair.
     """
 
-    def __init__(self, node: Node, J_max: float, timeout: float) -> None:
-        self._logger, self.J_max, self.timeout = node.get_logger(), J_max, timeout
-        self._mailbox: deque[float] = deque(maxlen=1)
+    topic: str = PAIR_COMMAND
+    kind: Any = Float64
+
+    def __init__(self, node: Node, J_max: float, timeout: float, off: Any = 0.0) -> None:
+        self._logger, self.J_max, self.timeout, self._off = node.get_logger(), J_max, timeout, off
+        self._mailbox: deque[Any] = deque(maxlen=1)
         self.rejected = 0
+        self.refusal = ''  # the last one
         self.clipped = 0
         self.timeouts = 0
         self.state = NO_COMMAND
         self._turn_off()
 
-    def receive(self, message: Float64) -> None:
-        """Take a command, clipped to J_max; refuse one that is not a finite number."""
-        J_eq = self.accepted(message)
-        if J_eq is not None:
-            self._mailbox.append(J_eq)
+    @property
+    def size(self) -> int:
+        """How many numbers a command has."""
+        return 1 if isinstance(self._off, float) else len(self._off)
 
-    def accepted(self, message: Float64) -> float | None:
+    def receive(self, message: Any) -> None:
+        """Take a command, clipped to J_max; refuse one that is not a finite number."""
+        J = self.accepted(message)
+        if J is not None:
+            self._mailbox.append(J)
+
+    def refuse(self, reason: str) -> None:
+        """Count a command that is refused, and warn of it."""
+        self.rejected += 1
+        self.refusal = reason
+        self._logger.warning(f'{reason}; the last good command stays in force', throttle_duration_sec=WARNING_PERIOD)
+
+    def accepted(self, message: Any) -> Any:
         """The command [W] that a message asks for, clipped to J_max; None for one that is not a finite number."""
         J_eq = float(message.data)
         if not math.isfinite(J_eq):
-            self.rejected += 1
-            self._logger.warning(
-                f'J_eq = {J_eq} W refused: expected a finite number; the last good command stays in force',
-                throttle_duration_sec=WARNING_PERIOD,
-            )
+            self.refuse(f'J_eq = {J_eq} W refused: expected a finite number')
             return None
         if abs(J_eq) > self.J_max:
             self.clipped += 1
             self._logger.warning(
                 f'J_eq = {J_eq:g} W clipped to node.J_max = {self.J_max:g} W', throttle_duration_sec=WARNING_PERIOD
             )
-        return min(max(J_eq, -self.J_max), self.J_max)
+        return self.limited(J_eq)
+
+    def limited(self, J: Any) -> Any:
+        """The command, not beyond J_max."""
+        return J if abs(J) <= self.J_max else math.copysign(self.J_max, J)
 
     def clear(self) -> None:
         """Forget the commands so far: heating is off until the next one."""
@@ -72,24 +90,23 @@ class Command:
         """Simulated time is so much later (earlier where negative) from now on, without any time having passed [s]."""
         self._taken_at += seconds
 
-    def at(self, t: float) -> float:
+    def at(self, t: float) -> Any:
         """The command in force [W] at simulated time t [s]; zero after `timeout` seconds without one."""
         if self._mailbox:  # only this thread takes from it, so there is still one below
-            self._J_eq, self._taken_at = self._mailbox.pop(), t
+            self._J, self._taken_at = self._mailbox.pop(), t
             self.state = IN_FORCE
         elif self.timeout > 0.0 and t - self._taken_at > self.timeout:
             self._logger.warning(
                 f'no command for node.command_timeout = {self.timeout:g} s: heating is off until the next one'
             )
-            self.state = TURNED_OFF if self._J_eq else TIMED_OUT
+            self.state = TURNED_OFF if self._off != self._J else TIMED_OUT
             self.timeouts += 1
             self._turn_off()
-        if abs(self._J_eq) > self.J_max:  # it has been lowered since
-            self._J_eq = math.copysign(self.J_max, self._J_eq)
-        return self._J_eq
+        self._J = self.limited(self._J)  # J_max may have been lowered since
+        return self._J
 
     def _turn_off(self) -> None:
-        self._J_eq, self._taken_at = 0.0, math.inf
+        self._J, self._taken_at = self._off, math.inf
 
 
 class Ambient:

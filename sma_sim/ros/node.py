@@ -1,4 +1,4 @@
-"""The node `sma_module_sim`: steps the module at a fixed rate and talks to ROS. No equation lives here."""
+"""The node `sma_module_sim`: steps a structure at a fixed rate and talks to ROS. No equation lives here."""
 
 from __future__ import annotations
 
@@ -6,28 +6,27 @@ import math
 import threading
 import time
 from collections.abc import Mapping
+from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
-from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64
 
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.beam_links import beam_links
-from sma_sim.ros import messages
-from sma_sim.ros.command import ENVIRONMENT, TURNED_OFF, WARNING_PERIOD, Ambient, Command
+from sma_sim.model.structures.drawing import Sketch
+from sma_sim.model.structures.links import NOWHERE
+from sma_sim.ros.command import ENVIRONMENT, TURNED_OFF, WARNING_PERIOD
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Control, Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.inbox import Inbox, clock_inbox
+from sma_sim.ros.inputs import Inputs
+from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
 from sma_sim.ros.publishers import Publishers
-from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.recording import BagSession
 from sma_sim.ros.robot_frames import RobotFrames
 from sma_sim.ros.schedule import ClockSchedule, RecentCount, Schedule, Speed, WallSchedule, clock_warning
-from sma_sim.ros.stamped import COMMAND, STAMPED_COMMAND, StampedCommands
 from sma_sim.solver.fixed_rate import FixedRateRun, steps_per_sample
 from sma_sim.solver.model import Model
 
@@ -36,8 +35,6 @@ NO_SIMULATION_INTERFACES = (
     'no standard services of simulators: the package simulation_interfaces is not installed '
     '(apt install ros-$ROS_DISTRO-simulation-interfaces); ~/pause, ~/step and ~/reset do the same'
 )
-AMBIENT = 'ambient_temperature'
-INPUT_TOPICS = {COMMAND: Float64, AMBIENT: Temperature}
 OVERRUN_WINDOW = 10.0  # [s] for which /diagnostics warn of an overrun
 RESET_DONE = 'everything as at the start, the ambient temperature too; heating off until the next command'
 PAUSED_SLEEP = 0.01  # [s] after which a paused node looks at its clock again
@@ -45,7 +42,7 @@ CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as 
 
 
 class ModuleSimulation:
-    """The simulated module behind the topics of one node."""
+    """The simulated structure behind the topics of one node."""
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
         self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], dict(settings)
@@ -61,25 +58,25 @@ class ModuleSimulation:
         self._clock_every = largest_divisor(self._every, self._rate / CLOCK_RATE)
         self._picture_every = self._every * math.ceil(settings['publish_rate'] / MARKER_RATE)
         self._model = Model(config)
-        self._ambient = Ambient(node, config.parameters['environment.T_E'])
+        structure = self._model.structure
+        self._messages = Messages(structure)
+        self._publishers = Publishers(node, config, self._is_clock)
+        self._inputs = Inputs(node, config, settings, self._publishers)
         self._new_run()
         for note in self._run.notes:
             self._logger.info(note)
-        self.command = Command(node, settings['J_max'], settings['command_timeout'])
         self._schedule = self._new_schedule(use_sim_time)
         self._running = False  # until there is a clock
         self._follows, self._anchor = use_sim_time, self._schedule.anchor
-        self._publishers = Publishers(node, config, self._is_clock)
-        self._frames = RobotFrames(node, beam_links(config.parameters), config.settings)
+        self._sketch = Sketch(structure, config.parameters)
+        self._free = any(joint.free for joint in self._sketch.tree.joints)
+        self._frames = RobotFrames(node, self._sketch.tree, config.settings)
         self._recording = BagSession(node, config, self._publishers, self._record_state)
-        self._diagnostics = Diagnostics(node, 'simulated SMA module')
-        self._commands.add(make_subscription(node, Float64, COMMAND, self.command.receive, LAST_FEW))
-        make_subscription(node, Temperature, AMBIENT, self._ambient.receive, LAST_FEW)
-        owned = ['joint_states', *(['/clock'] if self._is_clock else [])]
-        self._stamped_commands = StampedCommands(node, self.command, self._stamp_clock)
-        self._commands.add(self._stamped_commands.subscription)
-        inputs = INPUT_TOPICS | {STAMPED_COMMAND: JointState}
-        self._graph_check = GraphCheck(node, owned, inputs, COMMAND, self._commands.subscriptions)
+        self._diagnostics = Diagnostics(node, f'simulated SMA {structure.name}')
+        self._inputs.subscribe(node, self._commands, self._stamp_clock)
+        owned = ['joint_states' if structure.coordinates else 'wire_states', *(['/clock'] if self._is_clock else [])]
+        command = self._inputs.command.topic
+        self._graph_check = GraphCheck(node, owned, self._inputs.topics, command, self._commands.subscriptions)
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
         self._serve(node)
 
@@ -97,7 +94,8 @@ class ModuleSimulation:
         self._begin()
         self._logger.info(
             f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
-            f'{self._settings["publish_rate"]:g} messages/s per topic; waiting for J_eq [W]; stop with Ctrl-C'
+            f'{self._settings["publish_rate"]:g} messages/s per topic; waiting for {self._inputs.command.topic} [W]; '
+            'stop with Ctrl-C'
         )
 
     def spin(self, stop: threading.Event) -> None:
@@ -132,13 +130,13 @@ class ModuleSimulation:
         """The initial state, without a command, in the ambient temperature of the start; time zero; or both."""
         if state:
             self._commands.take()  # those that were sent before are forgotten
-            self.command.clear()
-            self._ambient.reset()
+            self._inputs.clear()
+            self._inputs.ambient.reset()
             self._new_run(0 if time else self._run.k)
         elif self._running:
-            self.command.advance_clock(-self._run.time)
-            self._run.restart_clock(np.array([np.nan_to_num(self._applied), self._ambient.T_E]))
-            self._forget_applied()  # for the next bag
+            self._inputs.command.advance_clock(-self._run.time)
+            self._run.restart_clock(self._inputs.now)
+            self._inputs.forget()  # for the next bag
         if not self._running:
             return f'{RESET_DONE}; waiting for /clock'
         self._begin(time)
@@ -161,7 +159,7 @@ class ModuleSimulation:
         else:
             self._simulation_services = SimulationServices(node, self._control)
         live = {
-            ENVIRONMENT: self._ambient.apply,
+            ENVIRONMENT: self._inputs.ambient.apply,
             'node.J_max': self._set_J_max,
             'node.command_timeout': self._set_command_timeout,
             'node.steps_per_call': self._set_steps_per_call,
@@ -174,10 +172,10 @@ class ModuleSimulation:
         return float(self._node.get_parameter(name).value)
 
     def _set_J_max(self) -> None:
-        self.command.J_max = self._value('node.J_max')
+        self._inputs.command.J_max = self._value('node.J_max')
 
     def _set_command_timeout(self) -> None:
-        self.command.timeout = self._value('node.command_timeout')
+        self._inputs.command.timeout = self._value('node.command_timeout')
 
     def _set_steps_per_call(self) -> None:
         self._control.steps_per_call = round(self._value('node.steps_per_call'))
@@ -199,13 +197,9 @@ class ModuleSimulation:
         return ClockSchedule(self._rate, self._now, self._clock.wait)
 
     def _new_run(self, k: int = 0) -> None:
-        self._run = FixedRateRun(self._model, self._rate, np.array([0.0, self._ambient.T_E]), k)
-        self._modes = [int(mode) for mode in messages.wire_values(self._run.sample, 'mode')]
-        self._forget_applied()
-
-    def _forget_applied(self) -> None:
-        """Publish what is applied at the next step, whether it changes or not."""
-        self._applied, self._applied_T_E = math.nan, math.nan
+        self._run = FixedRateRun(self._model, self._rate, self._inputs.at_start, k)
+        self._modes = self._messages.modes(self._run.sample)
+        self._inputs.forget()
 
     def _begin(self, at_zero: bool = True) -> None:
         """A new state or simulated time 0: a new bag, the stamp of time 0, the first sample."""
@@ -228,10 +222,7 @@ class ModuleSimulation:
 
     def _record_state(self) -> None:
         """Write to a bag that begins what is in force: a part of a run can be read without the one before."""
-        now = self._time(self._log_epoch)
-        if not math.isnan(self._applied):
-            self._publishers.record('J_eq_applied', now, Float64(data=self._applied))
-            self._publishers.record('T_E_applied', now, Float64(data=self._applied_T_E))
+        self._inputs.record(self._time(self._log_epoch))
 
     def _step_in_time(self) -> None:
         due = self._schedule.wait()
@@ -253,10 +244,10 @@ class ModuleSimulation:
         while steps > 0:
             count = min(steps, self._clock_every - self._run.k % self._clock_every)
             self._apply()
-            self._run.step(np.array([self._applied, self._applied_T_E]), count, self._every)
+            self._run.step(self._inputs.vector, count, self._every)
             for jump in self._run.take_jumps():
                 self._modes[jump.wire - 1] = jump.target
-                t, modes = round(jump.t * 1e9), messages.wire_modes(self._modes)
+                t, modes = round(jump.t * 1e9), self._messages.wire_modes(self._modes)
                 self._publishers.send_with_variant('wire_modes', self._epoch + t, self._log_epoch + t, modes)
             if self._run.k % self._every == 0:
                 self._publish()
@@ -267,14 +258,7 @@ class ModuleSimulation:
     def _apply(self) -> None:
         """Apply the input of the next steps; publish it when it changes."""
         self._commands.take()
-        J_eq, T_E = self.command.at(self._run.time), self._ambient.T_E
-        stamp, now = self._time(self._epoch), self._time(self._log_epoch)
-        if J_eq != self._applied:
-            self._applied = J_eq
-            self._publishers.send_with_variant('J_eq_applied', stamp, now, Float64(data=J_eq))
-        if self._applied_T_E != T_E:
-            self._applied_T_E = T_E
-            self._publishers.send_with_variant('T_E_applied', stamp, now, Float64(data=T_E))
+        self._inputs.apply(self._run.time, self._time(self._epoch), self._time(self._log_epoch))
 
     def _now(self) -> int:
         """The time of the clock of the node [ns]; 0 before /clock was heard of."""
@@ -287,15 +271,23 @@ class ModuleSimulation:
 
     def _publish(self) -> None:
         row, stamp, log_time = self._run.sample, self._time(self._epoch), self._time(self._log_epoch)
-        self._modes = [int(mode) for mode in messages.wire_values(row, 'mode')]
+        self._modes = self._messages.modes(row)
         self._publishers.send_clock(stamp)
         self._publishers.send_sample(stamp, log_time, row, self._modes)
-        self._frames.send(messages.stamp_of(stamp), messages.coordinates(row))
+        self._send_frames(stamp, row)
         if self._run.k % self._picture_every == 0:
             self._publishers.send_markers(stamp, log_time, row, self._modes)
 
+    def _send_frames(self, stamp: int, row: NDArray[Any]) -> None:
+        """Publish where the links are, and the ends of wires that no joint moves."""
+        coordinates, places = self._messages.coordinates(row), NOWHERE
+        if self._free:
+            lines = self._sketch.lines(coordinates, self._messages.wire_values(row, 'length'))
+            places = self._sketch.ends(lines)
+        self._frames.send(stamp_of(stamp), coordinates, places)
+
     def _diagnose(self) -> None:
-        schedule = self._schedule
+        schedule, command = self._schedule, self._inputs.command
         overruns = self._recent_overruns(schedule.overruns)
         values = {
             'simulated time [s]': f'{self._run.time:.3f}',
@@ -303,18 +295,12 @@ class ModuleSimulation:
             'overruns': schedule.overruns,
             'time left behind [s]': f'{schedule.lost:.3f}',
             'stamps behind the clock [s]': self._lag(),
-            'command': self.command.state,
-            'command timeouts': self.command.timeouts,
-            **self._stamped_commands.diagnostics(),
-            'rejected commands': self.command.rejected,
-            'clipped commands': self.command.clipped,
-            'rejected ambient temperatures': self._ambient.rejected,
-            'J_eq applied [W]': f'{self._applied:g}',
+            **self._inputs.values,
             **self._recording.values,
         }
         problems = [
             f'{overruns} overruns in the last {OVERRUN_WINDOW:g} s' if overruns else '',
-            f'command {self.command.state}' if self.command.state == TURNED_OFF else '',
+            f'command {command.state}' if command.state == TURNED_OFF else '',
             f'recording {values["recording"]}' if self._recording.problem else '',
             *self._graph_check.problems(),
         ]

@@ -59,14 +59,12 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
         raise ConfigError(f'the parameter file has nothing for this node ({source}): expected /**: or '
                           f'{node.get_fully_qualified_name()}: above ros__parameters')  # fmt: skip
     config = checked(given)
-    if config.system != 'module':
-        raise ConfigError(f'system = {config.system} ({given["system"].where}): the node simulates a module; '
-                          'a single wire runs offline with sma-sim simulate --system wire')  # fmt: skip
     for name in given:
         node.undeclare_parameter(name)
-    for name, parameter in DEFAULTS.items():
+    for name, parameter in {**DEFAULTS, **config.structure.structure.declared}.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
-    for name, choices in (('system', tuple(package_structures())), ('model', MODELS)):
+    systems = dict.fromkeys((*package_structures(), config.system))
+    for name, choices in (('system', tuple(systems)), ('model', MODELS)):
         words = ParameterDescriptor(
             description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
             additional_constraints=f'one of {", ".join(choices)}',

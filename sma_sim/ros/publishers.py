@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -13,28 +13,38 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, Header, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
+from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.model.config import Config
-from sma_sim.model.parameters import beam_constants
-from sma_sim.ros import messages
+from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.graph_check import type_name
-from sma_sim.ros.markers import frame_of, markers
+from sma_sim.ros.markers import frame_of, picture_of
+from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
 from sma_sim.ros.recorder import RecordedTopic, Recorder
 from sma_sim.ros.robot_frames import frame_prefix
-from sma_sim.ros.stamped import SUFFIX, VARIANTS
+from sma_sim.ros.stamped import SUFFIX, variants_of
 
-SAMPLE_TOPICS: Mapping[str, Any] = {
-    'joint_states': JointState,
-    'wire_states': JointState,
-    'wire_forces': Float64MultiArray,
-    'wire_modes': UInt8MultiArray,
-    'wire_1/temperature': Temperature,
-    'wire_2/temperature': Temperature,
-    'phase_fractions': Float64MultiArray,
-    'markers': MarkerArray,
-}
-CHANGE_TOPICS: Mapping[str, Any] = {'J_eq_applied': Float64, 'T_E_applied': Float64}  # published when they change
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
+
+
+def sample_topics(structure: Structure) -> dict[str, Any]:
+    """Message types of what is published with every sample, by topic."""
+    made = Messages(structure)
+    return {
+        **({'joint_states': JointState} if structure.coordinates else {}),
+        'wire_states': JointState,
+        **dict.fromkeys(made.measured_topics, Float64MultiArray),
+        'wire_modes': UInt8MultiArray,
+        **{f'{wire}/temperature': Temperature for wire in made.wire_names},
+        'phase_fractions': Float64MultiArray,
+        'markers': MarkerArray,
+    }
+
+
+def change_topics(structure: Structure) -> dict[str, Any]:
+    """Message types of what is published when it changes."""
+    heating = {'J_eq_applied': Float64} if structure.antagonistic else {'J_applied': Float64MultiArray}
+    return heating | {f'{drive.name}{APPLIED}': Float64 for drive in structure.drives} | {'T_E_applied': Float64}
 
 
 def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
@@ -46,15 +56,20 @@ class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
     def __init__(self, node: Node, config: Config, clock: bool) -> None:
-        self._beam, self._h = beam_constants(config.parameters), config.parameters['beam.h']
-        self._frame, self._frame_prefix = frame_of(node.get_namespace()), frame_prefix(node.get_namespace())
+        structure = config.structure.structure
+        self._messages = Messages(structure)
+        self._picture = picture_of(config, frame_of(node.get_namespace()))
+        self._frame_prefix = frame_prefix(node.get_namespace())
         self._joint_prefix = str(config.settings['node.joint_prefix'])
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
-        kinds = {**SAMPLE_TOPICS, **({TRUE_POSE: JointState} if senses else {}), **CHANGE_TOPICS}
+        true_pose = {TRUE_POSE: JointState} if senses and structure.coordinates else {}
+        changes = change_topics(structure)
+        kinds = {**sample_topics(structure), **true_pose, **changes}
         self._stamps = bool(config.settings['node.stamped_topics'])
-        kinds |= {name + SUFFIX: variant.kind for name, variant in VARIANTS.items() if self._stamps}
+        self._variants = variants_of(structure)
+        kinds |= {name + SUFFIX: variant.kind for name, variant in self._variants.items() if self._stamps}
         self._publishers = {
-            name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in CHANGE_TOPICS else LAST_FEW)
+            name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in changes else LAST_FEW)
             for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
@@ -73,8 +88,8 @@ class Publishers:
         """Send a message that has no header and, where they are asked for, its variant with a stamp [ns]."""
         self.send(name, log_time, message)
         if self._stamps:
-            header = Header(stamp=messages.stamp_of(stamp))
-            self.send(name + SUFFIX, log_time, VARIANTS[name].make(header, message))
+            header = Header(stamp=stamp_of(stamp))
+            self.send(name + SUFFIX, log_time, self._variants[name].make(header, message))
 
     def record(self, name: str, log_time: int, message: Any) -> None:
         """Record a message without publishing it."""
@@ -84,24 +99,25 @@ class Publishers:
     def send_clock(self, stamp: int) -> None:
         """Publish the time [ns], if the node is its source."""
         if self._clock is not None:
-            self._clock.publish(Clock(clock=messages.stamp_of(stamp)))
+            self._clock.publish(Clock(clock=stamp_of(stamp)))
 
     def send_sample(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
         """Publish a row of samples; all stamped messages get the same stamp [ns]."""
-        time = messages.stamp_of(stamp)
-        self.send('joint_states', log_time, messages.joint_state(time, row, True, self._joint_prefix))
+        time = stamp_of(stamp)
+        made = self._messages
+        if made.joint_names:
+            self.send('joint_states', log_time, made.joint_state(time, row, True, self._joint_prefix))
         if TRUE_POSE in self._publishers:
-            self.send(TRUE_POSE, log_time, messages.joint_state(time, row, False, self._joint_prefix))
-        self.send('wire_states', log_time, messages.wire_state(time, row))
-        self.send_with_variant('wire_forces', stamp, log_time, messages.wire_forces(row))
-        for wire, name in enumerate(messages.WIRE_NAMES):
-            temperature = messages.temperature_message(time, row, wire, self._frame_prefix)
-            self.send(f'{name}/temperature', log_time, temperature)
-        self.send_with_variant('phase_fractions', stamp, log_time, messages.phase_fractions(row))
-        self.send_with_variant('wire_modes', stamp, log_time, messages.wire_modes(modes))
+            self.send(TRUE_POSE, log_time, made.joint_state(time, row, False, self._joint_prefix))
+        self.send('wire_states', log_time, made.wire_state(time, row))
+        for topic, message in made.measured(row):
+            self.send_with_variant(topic, stamp, log_time, message)
+        for wire, name in enumerate(made.wire_names):
+            self.send(f'{name}/temperature', log_time, made.temperature(time, row, wire, self._frame_prefix))
+        self.send_with_variant('phase_fractions', stamp, log_time, made.phase_fractions(row))
+        self.send_with_variant('wire_modes', stamp, log_time, made.wire_modes(modes))
 
     def send_markers(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
         """Publish the picture of a row, if anyone looks at it or it is recorded."""
         if self.recorder is not None or self._publishers['markers'].get_subscription_count() > 0:
-            picture = markers(messages.stamp_of(stamp), self._frame, row, modes, self._beam, self._h)
-            self.send('markers', log_time, picture)
+            self.send('markers', log_time, self._picture(stamp_of(stamp), row, modes))

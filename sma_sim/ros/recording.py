@@ -16,6 +16,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from sma_sim.evidence.data.rosbag.interface import INTERFACE, interface_of
 from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.ros.bag_names import bag_path
@@ -150,6 +151,7 @@ class BagSession:
             'integration_rate': repr(numbers['node.integration_rate']),
             'publish_rate': repr(numbers['node.publish_rate']),
             'parameters': json.dumps(flat_parameters(self._config)),
+            INTERFACE: interface_of(self._config.structure.structure).as_json(),
         }
         most, longest = numbers['node.record_size'], numbers['node.record_duration']
         new = Recorder(path, self._publishers.recorded, about, most, longest, self._logger.error)

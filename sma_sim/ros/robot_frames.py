@@ -12,10 +12,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header, String
 
-from sma_sim.model.structures.links import LinkTree, Transform, fixed_transforms, moving_transforms
+from sma_sim.model.errors import UserError
+from sma_sim.model.structures.links import NOWHERE, LinkTree, Transform, fixed_transforms, moving_transforms
+from sma_sim.model.structures.links import Vector3 as Point
 from sma_sim.ros.qos import LATEST, make_publisher
 from sma_sim.ros.urdf import TopicControl, urdf_of
 
+CONTROLLED = 'alpha'  # the joint that ros2_control moves
 MOVING = QoSProfile(depth=100)  # as tf2 has it
 NO_TF = (
     'no /tf: the package tf2_msgs is not installed (apt install ros-$ROS_DISTRO-tf2-msgs); '
@@ -39,11 +42,15 @@ def stamped(transform: Transform, prefix: str, stamp: Time) -> TransformStamped:
     return message
 
 
-def topic_control(node: Node, settings: Mapping[str, str | bool]) -> TopicControl | None:
+def topic_control(node: Node, tree: LinkTree, settings: Mapping[str, str | bool]) -> TopicControl | None:
     """The topics by which ros2_control reaches the module and its controller, where that was asked for."""
     if not settings['node.ros2_control']:
         return None
-    return TopicControl('alpha', *map(node.resolve_topic_name, ('joint_commands', 'joint_states')))
+    if not any(joint.motion is not None and joint.motion.coordinate == CONTROLLED for joint in tree.joints):
+        raise UserError(
+            f'node.ros2_control: {tree.name} has no joint {CONTROLLED}, which the controller of the module moves'
+        )
+    return TopicControl(CONTROLLED, *map(node.resolve_topic_name, ('joint_commands', 'joint_states')))
 
 
 class RobotFrames:
@@ -52,7 +59,7 @@ class RobotFrames:
     def __init__(self, node: Node, tree: LinkTree, settings: Mapping[str, str | bool]) -> None:
         self._tree, self._prefix = tree, frame_prefix(node.get_namespace())
         description = make_publisher(node, String, 'robot_description', LATEST)
-        urdf = urdf_of(tree, self._prefix, str(settings['node.joint_prefix']), topic_control(node, settings))
+        urdf = urdf_of(tree, self._prefix, str(settings['node.joint_prefix']), topic_control(node, tree, settings))
         description.publish(String(data=urdf))
         self._kind: Any = None
         try:
@@ -64,10 +71,10 @@ class RobotFrames:
         self._fixed = make_publisher(node, self._kind, '/tf_static', LATEST)
         self._fixed.publish(self._message(fixed_transforms(tree), node.get_clock().now().to_msg()))
 
-    def send(self, stamp: Time, coordinates: Mapping[str, float]) -> None:
-        """Publish where the links are at the coordinates by name [m or rad]."""
+    def send(self, stamp: Time, coordinates: Mapping[str, float], places: Mapping[str, Point] = NOWHERE) -> None:
+        """Publish where the links are at the coordinates by name [m or rad], free ones at their `places` [m]."""
         if self._kind is not None:
-            self._moving.publish(self._message(moving_transforms(self._tree, coordinates), stamp))
+            self._moving.publish(self._message(moving_transforms(self._tree, coordinates, places), stamp))
 
     def _message(self, transforms: Iterable[Transform], stamp: Time) -> Any:
         return self._kind(transforms=[stamped(transform, self._prefix, stamp) for transform in transforms])

@@ -26,11 +26,12 @@ from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
-from sma_sim.ros.messages import JOINT_NAMES, WIRE_NAMES
 from sma_sim.ros.qos import LATEST
 
 Vector = NDArray[np.float64]
+JOINT_NAMES, WIRE_NAMES = MODULE.coordinate_names, ('wire_1', 'wire_2')
 Queue = deque[tuple[int, Any]]
 
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way

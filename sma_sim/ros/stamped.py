@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Float64, Float64MultiArray, Header
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.ros.command import WARNING_PERIOD, Command
+from sma_sim.evidence.data.rosbag.interface import APPLIED, SINGLE_CHANNELS, interface_of
+from sma_sim.model.structures.structure import Structure
+from sma_sim.ros.command import Command
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 
-COMMAND = 'J_eq'
-STAMPED_COMMAND = 'J_eq_stamped'
 SUFFIX = '_stamped'
 MOST_DELAYS = 10_000  # kept between two looks
 LAST_DELAY, LARGEST_DELAY = 'delay of the last stamped command [s]', 'largest delay since the last report [s]'
@@ -50,41 +50,51 @@ def numbers_of(message: Any) -> list[float]:
     return [float(message.data)] if isinstance(message, Float64) else [float(number) for number in message.data]
 
 
-VARIANTS: Mapping[str, Variant] = {  # by the topic without a header
-    'wire_forces': efforts('F_1', 'F_2'),
-    'phase_fractions': positions('x_M_1', 'x_M_2'),
-    'wire_modes': positions('mode_1', 'mode_2'),
-    'J_eq_applied': efforts(COMMAND),
-    'T_E_applied': Variant(
-        Temperature, lambda header, message: Temperature(header=header, temperature=message.data - ZERO_CELSIUS)
-    ),
-}
+def celsius(header: Header, message: Float64) -> Temperature:
+    """A temperature [K] in deg C."""
+    return Temperature(header=header, temperature=message.data - ZERO_CELSIUS)
+
+
+def variants_of(structure: Structure) -> dict[str, Variant]:
+    """The variants of a structure, by the topic without a header."""
+    of = interface_of(structure)
+    measured = {SINGLE_CHANNELS[channel]: positions(channel) for channel in of.channels}
+    if of.joints:
+        measured['wire_forces'] = efforts(*of.wire_columns('F'))
+    return {
+        **measured,
+        'phase_fractions': positions(*of.wire_columns('x_M')),
+        'wire_modes': positions(*of.wire_columns('mode')),
+        f'{of.heating_topic}{APPLIED}': efforts(*of.commands),
+        **{f'{drive}{APPLIED}': positions(drive) for drive in of.drives},
+        'T_E_applied': Variant(Temperature, celsius),
+    }
 
 
 class StampedCommands:
-    """Takes commands with a stamp [W], the effort of `J_eq` in a JointState, and measures how late they are."""
+    """Takes commands with a stamp [W], efforts of `J_eq` (or J_1, J_2, ...) in a JointState; measures how late they are."""
 
-    def __init__(self, node: Node, command: Command, now: Callable[[], int]) -> None:
-        self._logger, self._command, self._now = node.get_logger(), command, now
+    def __init__(self, node: Node, command: Command, names: Sequence[str], now: Callable[[], int]) -> None:
+        self._logger, self._command, self._names, self._now = node.get_logger(), command, tuple(names), now
+        self._topic = f'{command.topic}{SUFFIX}'
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)  # [s], since the last look
         self._last = math.nan
-        self.subscription = make_subscription(node, JointState, STAMPED_COMMAND, self.receive, LAST_FEW)
+        self.subscription = make_subscription(node, JointState, self._topic, self.receive, LAST_FEW)
 
     def receive(self, message: JointState) -> None:
         """Put the command in force, as one on `J_eq`; refuse a message without one."""
-        J_eq = commanded_effort(message.name, message.effort)
-        if J_eq is None:
-            self._command.rejected += 1
-            self._logger.warning(
-                f'{STAMPED_COMMAND} refused: expected one effort [W] of {COMMAND}, got the names {list(message.name)} and '
-                f'{len(message.effort)} efforts; the last good command stays in force',
-                throttle_duration_sec=WARNING_PERIOD,
+        J = commanded_efforts(message.name, message.effort, self._names)
+        if J is None:
+            expected = 'one effort [W] of' if len(self._names) == 1 else 'efforts [W] of'
+            self._command.refuse(
+                f'{self._topic} refused: expected {expected} {", ".join(self._names)}, got the names {list(message.name)} '
+                f'and {len(message.effort)} efforts'
             )
             return
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         if stamp:
             self._delays.append((self._now() - stamp) / 1e9)
-        self._command.receive(Float64(data=J_eq))
+        self._command.receive(Float64(data=J[0]) if self._command.kind is Float64 else Float64MultiArray(data=J))
 
     def diagnostics(self) -> dict[str, str]:
         """The delay of the last command, and the largest since this was last asked for [s]."""
@@ -95,10 +105,10 @@ class StampedCommands:
         return {key: NO_DELAY if math.isnan(value) else f'{value:.4f}' for key, value in values.items()}
 
 
-def commanded_effort(names: Sequence[str], efforts: Sequence[float]) -> float | None:
-    """The effort of `J_eq`, or the only one of a message without names; None where there is none."""
-    if not names and len(efforts) == 1:
-        return float(efforts[0])
-    if COMMAND in names and len(efforts) == len(names):
-        return float(efforts[list(names).index(COMMAND)])
+def commanded_efforts(names: Sequence[str], efforts: Sequence[float], wanted: Sequence[str]) -> list[float] | None:
+    """The efforts of the wanted names, or those of a message without names; None where some are missing."""
+    if not names and len(efforts) == len(wanted):
+        return [float(effort) for effort in efforts]
+    if set(wanted) <= set(names) and len(efforts) == len(names):
+        return [float(efforts[list(names).index(name)]) for name in wanted]
     return None

@@ -63,10 +63,10 @@ def add_visual(element: ElementTree.Element, box: Box, material: str) -> None:
 
 
 def add_joint(robot: ElementTree.Element, joint: Joint, frame_prefix: str, joint_prefix: str) -> None:
-    """One joint; a fixed one is named after its child."""
+    """One joint; one without a coordinate is named after its child."""
     motion = joint.motion
-    kind = 'fixed' if motion is None else 'revolute' if motion.revolute else 'prismatic'
-    name = f'{joint.child}_fixed' if motion is None else joint_prefix + motion.coordinate
+    kind = 'floating' if joint.free else 'fixed' if motion is None else 'revolute' if motion.revolute else 'prismatic'
+    name = f'{joint.child}_{kind}' if motion is None else joint_prefix + motion.coordinate
     element = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
     ElementTree.SubElement(element, 'parent', link=frame_prefix + joint.parent)
     ElementTree.SubElement(element, 'child', link=frame_prefix + joint.child)

@@ -53,6 +53,8 @@ MAX_STEPS_PER_STEP = 100_000  # of the adaptive stepper within one fixed step
 class FixedRateRun:
     """A run in steps of 1/rate: step k goes from k/rate to (k + 1)/rate under a held input.
 
+    What is imposed beside heating, such as the strain of a wire on a test bench, is a set point: it is reached at the end of
+    the step, linearly, because a wire cannot be stretched in no time.
     `sample` (size,) holds what was seen at the end of the last step (at the start, before it), where
     `solver.columns.sample_columns` says.
     Raises SimulationError when there is no start, or when a step cannot be made.
@@ -65,6 +67,8 @@ class FixedRateRun:
         self.notes = notes_on_start(model, self.run)
         self.jumps = np.zeros((MAX_JUMPS, 3))
         self._still = np.zeros(len(self._work.u))
+        self._drives = model.compiled.drives
+        self._imposed = np.array(first_input[: self._drives], dtype=float)  # what has been reached
         self._compiled = own_scratch(model.compiled)
         self._integrate = package_compiler().function(integrate_held)
         self._samples = new_samples(1, WHOLE_ROWS, model.structure)
@@ -88,7 +92,7 @@ class FixedRateRun:
         return float(self.sample[sample_columns(structure).sensed][structure.channels.index(channel)])
 
     def restart_clock(self, u: Vector) -> None:
-        """Go on from the state of now at time 0, under the input `u`; `sample` is renewed."""
+        """Go on from the state of now at time 0, under the input `u`; `sample` is renewed. What is imposed stays."""
         self.run.control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] -= self.time
         self.run.control[C_WINDOW] -= self.time
         self.k = 0
@@ -96,19 +100,36 @@ class FixedRateRun:
 
     def _observe(self, u: Vector) -> None:
         """Renew `sample` by what is seen now, under the input `u`."""
-        now = Segment(self.time, self.time, np.asarray(u, float), self._still, False)
+        input_now = np.array(u, dtype=float)
+        input_now[: self._drives] = self._imposed
+        now = Segment(self.time, self.time, input_now, self._still, False)
         sample = package_compiler().function(observe)
         sample(self.time, self.run.state, now, self._compiled, self._work, self._samples[0])
 
     def step(self, u: Vector, count: int = 1, every: int = 1) -> None:
-        """Steps under the input `u`: module (J_eq [W], T_E [K]); `sample` is renewed where `every` divides their number."""
+        """Steps under the input `u`, such as (J_eq [W], T_E [K]); `sample` is renewed where `every` divides their number."""
         self.advance(np.tile(u, (count, 1)), every, self._samples)
 
     def advance(self, inputs: NDArray[np.float64], every: int, samples: NDArray[np.float64]) -> int:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
         self.run.count[:N_JUMPS] = 0
         limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
-        held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
+        if not self._drives or not len(inputs):
+            return self._make_steps(inputs, self._still, every, samples, limits)
+        written = 0
+        for row in inputs:
+            slope, begin = self._still.copy(), row.copy()
+            begin[: self._drives] = self._imposed
+            slope[: self._drives] = (row[: self._drives] - self._imposed) * self.rate
+            self._imposed = row[: self._drives].copy()
+            written += self._make_steps(begin[None, :], slope, every, samples[min(written, len(samples) - 1) :], limits)
+        return written
+
+    def _make_steps(
+        self, inputs: NDArray[np.float64], slope: Vector, every: int, samples: NDArray[np.float64], limits: Limits
+    ) -> int:
+        """As `advance`, under inputs that change by `slope` [1/s] within each step."""
+        held = HeldInput(self.k, self.rate, inputs, slope, self.model.uses_time or bool(slope.any()), every)
         log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:

@@ -78,12 +78,12 @@ class InputStretches(NamedTuple):
 
 
 class HeldInput(NamedTuple):
-    """An input in fixed steps: values[i] is held from (k_0 + i)/rate to (k_0 + i + 1)/rate."""
+    """An input in fixed steps: values[i] is in force from (k_0 + i)/rate, and changes by `slope` to (k_0 + i + 1)/rate."""
 
     k_0: int
     rate: float
     values: Matrix
-    still: Vector  # a slope of zero
+    slope: Vector  # of every step [1/s]
     time_dependent: bool
     every: int  # a sample is taken after every step whose number divides by it
 
@@ -343,7 +343,7 @@ def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits
     """Fixed steps under a held input, with samples whatever the times in the log say; the reason for the end."""
     for i in range(held.values.shape[0]):
         k = held.k_0 + i + 1
-        segment = Segment((k - 1) / held.rate, k / held.rate, held.values[i], held.still, held.time_dependent)
+        segment = Segment((k - 1) / held.rate, k / held.rate, held.values[i], held.slope, held.time_dependent)
         status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
             return status

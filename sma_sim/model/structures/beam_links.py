@@ -10,13 +10,12 @@ from collections.abc import Mapping
 
 from sma_sim.model.parameters import BeamConstants, beam_constants, wire_constants
 from sma_sim.model.structures.geometry import OVERHANG
-from sma_sim.model.structures.links import Box, Joint, Link, LinkTree, Motion, Vector3
+from sma_sim.model.structures.links import AXES, Box, Joint, Link, LinkTree, Motion
 
 BASE_FRAME = 'base'  # origin at the clamp, x along the straight beam, y across it
 PLATE_FRAME = 'plate'  # origin at the beam's tip
 PLATE_THICKNESS, CLAMP_THICKNESS = 3e-3, 10e-3  # [m], drawn
 CLAMP_COLOUR, PLATE_COLOUR = '#888888', '#222222'
-AXES: Mapping[str, Vector3] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
 
 
 def beam_links(values: Mapping[str, float]) -> LinkTree:

@@ -9,9 +9,11 @@ import math
 from typing import Any
 
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, Structure
 
 SOURCE = 'a usual antagonistic joint'
+ARC = tuple(k / 24 for k in range(25))  # parts of a drawn arc
 
 
 def lengths(q: Any, p: Any) -> tuple[float, float]:
@@ -22,6 +24,22 @@ def lengths(q: Any, p: Any) -> tuple[float, float]:
 def forces(q: Any, v: Any, p: Any) -> float:
     """Moments of the joint's spring, its damping and the weight [N m]."""
     return float(-p.k * q.angle - p.b * v.angle - p.m * p.g * p.a * math.sin(q.angle - p.vertical))
+
+
+def drawn_wires(q: Any, p: Any) -> list[Line]:
+    """Straight to the pulley, and around it to where they are fastened, in front of the joint at angle 0."""
+    foot = min(0.0, 0.5 * math.pi * p.r - p.L)
+    wires: list[Line] = []
+    for side in (1.0, -1.0):
+        turns = [0.5 * math.pi + part * (q.angle * side - 0.5 * math.pi) for part in ARC]
+        wires.append([(foot, side * p.r, 0.0), *((p.r * math.cos(t), side * p.r * math.sin(t), 0.0) for t in turns)])
+    return wires
+
+
+def drawn_bodies(q: Any, p: Any) -> list[Line]:
+    """The lever to its centre of mass, and the pulley."""
+    circle = [(p.r * math.cos(math.tau * part), p.r * math.sin(math.tau * part), 0.0) for part in ARC]
+    return [((0.0, 0.0, 0.0), (p.a * math.cos(q.angle), p.a * math.sin(q.angle), 0.0)), circle]
 
 
 STRUCTURE = Structure(
@@ -46,6 +64,7 @@ STRUCTURE = Structure(
         Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),
         Parameter('vertical', 0.0, 'rad', (-math.pi, math.pi), 'angle at which the lever hangs straight down', SOURCE),
     ),
+    drawing=Drawing(wires=drawn_wires, bodies=drawn_bodies),
     size_parameter='lever.L',
     fitted=('lever.k', 'lever.b'),
     defaults={'wire.n': 1.0},

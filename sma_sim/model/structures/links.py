@@ -6,12 +6,17 @@ A structure supplies its tree and the values of its coordinates; nothing here kn
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # x, y, z, w
+Line = Sequence[Vector3]  # points [m]
+UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
+AXES: Mapping[str, Vector3] = {'x': (1.0, 0.0, 0.0), 'y': (0.0, 1.0, 0.0), 'z': (0.0, 0.0, 1.0)}
+NOWHERE: Mapping[str, Vector3] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -49,12 +54,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class Joint:
-    """A child's frame in its parent's: at `origin` [m] and parallel to it while the coordinate is zero."""
+    """A child's frame in its parent's: at `origin` [m] and parallel to it while the coordinate is zero.
+
+    A `free` one is wherever it is said to be in a pose, parallel to its parent: such as the end of a wire.
+    """
 
     parent: str
     child: str
     origin: Vector3
     motion: Motion | None = None  # None: fixed
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,6 +73,25 @@ class LinkTree:
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How a structure is drawn, in metres, in the frame `base`.
+
+    Attributes
+    ----------
+    wires : callable
+        ``wires(q, p)`` returns the points (x, y, z) of every wire, from its fixed end on, for the `q` and `p` of `lengths`.
+    bodies : callable, optional
+        ``bodies(q, p)`` returns the lines of everything else; without it, a line that joins the ends of the wires.
+    origin : callable, optional
+        ``origin(p)`` is where the frame `end` is while all coordinates are zero; without it, in the origin of `base`.
+    """
+
+    wires: Callable[[Any, Any], Sequence[Line]]
+    bodies: Callable[[Any, Any], Sequence[Line]] | None = None
+    origin: Callable[[Any], Vector3] | None = None
 
 
 class Transform(NamedTuple):
@@ -80,19 +108,21 @@ def transform_of(joint: Joint, q: float = 0.0) -> Transform:
     x, y, z = joint.origin
     motion = joint.motion
     if motion is None:
-        return Transform(joint.parent, joint.child, joint.origin, (0.0, 0.0, 0.0, 1.0))
+        return Transform(joint.parent, joint.child, joint.origin, UPRIGHT)
     a, b, c = motion.axis
     if motion.revolute:
         sine = math.sin(0.5 * q)
         return Transform(joint.parent, joint.child, joint.origin, (a * sine, b * sine, c * sine, math.cos(0.5 * q)))
-    return Transform(joint.parent, joint.child, (x + a * q, y + b * q, z + c * q), (0.0, 0.0, 0.0, 1.0))
+    return Transform(joint.parent, joint.child, (x + a * q, y + b * q, z + c * q), UPRIGHT)
 
 
-def moving_transforms(tree: LinkTree, q: Mapping[str, float]) -> list[Transform]:
-    """Transforms of the joints that move, at the coordinates q by name [m or rad]."""
-    return [transform_of(joint, q[joint.motion.coordinate]) for joint in tree.joints if joint.motion is not None]
+def moving_transforms(tree: LinkTree, q: Mapping[str, float], places: Mapping[str, Vector3] = NOWHERE) -> list[Transform]:
+    """Transforms of the joints that move, at the coordinates q by name [m or rad]; of free ones by `places` [m]."""
+    moving = [transform_of(joint, q[joint.motion.coordinate]) for joint in tree.joints if joint.motion is not None]
+    free = [joint for joint in tree.joints if joint.free and joint.child in places]
+    return moving + [Transform(joint.parent, joint.child, places[joint.child], UPRIGHT) for joint in free]
 
 
 def fixed_transforms(tree: LinkTree) -> list[Transform]:
     """Transforms of the joints that do not."""
-    return [transform_of(joint) for joint in tree.joints if joint.motion is None]
+    return [transform_of(joint) for joint in tree.joints if joint.motion is None and not joint.free]

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.structures.links import Drawing
 from sma_sim.model.structures.structure import Coordinate, Structure
 
 SOURCE = 'a usual bench actuator'
@@ -45,6 +46,7 @@ STRUCTURE = Structure(
         Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
                   'of the rail; positive: the wire lifts the slider', SOURCE),
     ),
+    drawing=Drawing(wires=lambda q, p: [((p.L, 0.0, 0.0), (q.position, 0.0, 0.0))]),
     size_parameter='slider.L',
     fitted=('slider.k', 'slider.x_0', 'slider.b'),
     defaults={'wire.n': 1.0},

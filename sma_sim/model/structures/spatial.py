@@ -11,6 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 from sma_sim.model.parameters import BEAM_PARAMETERS, PAPER, Parameter
+from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, Structure
 
 COSINES, SINES = (1.0, -0.5, -0.5), (0.0, math.sqrt(0.75), -math.sqrt(0.75))
@@ -132,6 +133,25 @@ def energy(q: Any, v: Any, p: SpatialConstants) -> float:
     return float(0.5 * (moving + bent + p.k_x * q.U_x**2 + p.k_twist * q.gamma**2))
 
 
+def drawn_wires(q: Any, p: SpatialConstants) -> list[Line]:
+    """From the feet of the bundles to the plate."""
+    wires: list[Line] = []
+    for i in range(3):
+        a_x, a_y, a_z = across(i, q, p)
+        wires.append(((0.0, p.r * COSINES[i], p.r * SINES[i]), (p.L + q.U_x + a_x, q.U_y + a_y, q.U_z + a_z)))
+    return wires
+
+
+def drawn_bodies(q: Any, p: SpatialConstants) -> list[Line]:
+    """The axis of the bent beam, the cubic that a cantilever takes, and the plate."""
+    axis = []
+    for s in (k / 20 for k in range(21)):
+        moved, turned = 3 * s**2 - 2 * s**3, p.L * (s**3 - s**2)
+        axis.append((s * (p.L + q.U_x), moved * q.U_y + turned * q.alpha, moved * q.U_z - turned * q.beta))
+    ends = [wire[-1] for wire in drawn_wires(q, p)]
+    return [axis, [*ends, ends[0]]]
+
+
 STRUCTURE = Structure(
     name='spatial',
     title='beam',
@@ -158,6 +178,7 @@ STRUCTURE = Structure(
         Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate, a disc of radius r', PAPER),
     ),
     constants=constants,
+    drawing=Drawing(drawn_wires, drawn_bodies, origin=lambda p: (p.L, 0.0, 0.0)),
     size_parameter='spatial.L',
     fitted=('wire.l0', 'spatial.E', 'spatial.b_y', 'spatial.b_alpha'),
     energy=energy,

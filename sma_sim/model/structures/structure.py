@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sma_sim.model.parameters import DEFAULTS, Parameter
-from sma_sim.model.structures.links import LinkTree
+from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
@@ -42,6 +42,9 @@ class Coordinate:
         One word for a change of it, such as ``'rotation'`` (default its name).
     joint : bool
         Whether a joint or a rail guides it, in which there may be friction and play.
+    axis : str
+        In pictures: ``'x'``, ``'y'`` or ``'z'``, along which it moves or about which it turns. Without it, coordinates in
+        m are along x, y, z and those in rad about z, y, x, in their order.
     """
 
     name: str
@@ -53,6 +56,11 @@ class Coordinate:
     limit: float = math.inf
     motion: str = ''
     joint: bool = True
+    axis: str = ''
+
+    def __post_init__(self) -> None:
+        if self.axis and self.axis not in AXES:
+            raise ValueError(f'coordinate {self.name!r}: expected an axis x, y or z, got {self.axis!r}')
 
     @property
     def column(self) -> str:
@@ -70,11 +78,15 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Drive:
-    """What is imposed on a structure beside heating, such as the strain of a wire on a test bench; linear between rows."""
+    """What is imposed on a structure beside heating, such as the strain of a wire on a test bench; linear between rows.
+
+    A set point of the node beyond `bounds` is refused.
+    """
 
     name: str
     unit: str
     description: str = ''
+    bounds: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def column(self) -> str:
@@ -127,7 +139,9 @@ class Structure:
     defaults : mapping
         Values by full name in place of the package's own defaults.
     links : callable, optional
-        From values by full name to the tree of links, which pictures and TF show.
+        From values by full name to the tree of links, which URDF and TF show; without it, one joint after another.
+    drawing : Drawing, optional
+        Where the wires are in a pose, for pictures and TF; without it, side by side, as long as they are.
     energy : callable, optional
         ``energy(q, v, p)`` is the kinetic and potential energy [J], which tests hold against the forces.
     description, source : str
@@ -153,6 +167,7 @@ class Structure:
     fitted: tuple[str, ...] = ()
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     links: Callable[[Mapping[str, float]], LinkTree] | None = None
+    drawing: Drawing | None = None
     energy: Callable[..., Any] | None = None
     description: str = ''
     source: str = ''

@@ -8,7 +8,7 @@ STRUCTURE = Structure(
     title='bench',
     coordinates=(),
     wires=1,
-    drives=(Drive('strain', '-', 'strain of the wire'),),
+    drives=(Drive('strain', '-', 'strain of the wire', bounds=(-0.5, 0.5)),),
     description='a tensile machine stretches the wire; heated by J, cooled by air',
     source=PAPER,
 )

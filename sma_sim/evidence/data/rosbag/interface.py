@@ -15,6 +15,7 @@ from sma_sim.model.structures.structure import MOST_WIRES, Structure
 JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
 FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
 UINT8_ARRAY = 'std_msgs/msg/UInt8MultiArray'
+INTERFACE = 'interface'  # of a bag, in what it says of itself
 APPLIED = '_applied'  # after the name of a command: what is in force
 PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagonistic pair, of every wire
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
@@ -121,8 +122,9 @@ def command_decoders(of: Interface) -> Decoders:
 def measured_decoders(of: Interface) -> Decoders:
     """What is measured, and what the model shows of the wires."""
     names = [f'wire_{i + 1}' for i in range(of.wires)]
-    found: dict[str, tuple[str, Decode]] = {'joint_states': (JOINT_STATE, joints_decoder(of.joints, 'position'))}
+    found: dict[str, tuple[str, Decode]] = {}
     if of.joints:
+        found['joint_states'] = (JOINT_STATE, joints_decoder(of.joints, 'position'))
         forces = of.wire_columns('F', '_N')
         found['wire_forces'] = (FLOAT64_ARRAY, array_decoder(forces))
         found['wire_states'] = (JOINT_STATE, joints_decoder(dict(zip(names, forces, strict=True)), 'effort'))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
+    INTERFACE,
     JOINT_STATE,
     PAIR_COMMAND,
     WIRE_COMMAND,
@@ -36,7 +37,6 @@ from sma_sim.model.structures.structure import Structure
 Vector = NDArray[np.float64]
 SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
 MODE_TOPICS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
-INTERFACE = 'interface'  # in what a bag says of itself
 COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for suffix in ('', APPLIED))
 
 

@@ -17,6 +17,7 @@ from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
     FLOAT64,
     FLOAT64_ARRAY,
+    INTERFACE,
     JOINT_STATE,
     PAIR_COMMAND,
     SINGLE_CHANNELS,
@@ -25,7 +26,6 @@ from sma_sim.evidence.data.rosbag.interface import (
     Interface,
     interface_of,
 )
-from sma_sim.evidence.data.rosbag.reader import INTERFACE
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
