@@ -20,8 +20,9 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
 from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES  # noqa: E402
-from sma_sim.ros.messages import WHERE  # noqa: E402
+from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
 from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
+from sma_sim.solver.columns import sample_columns  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 
 CHECK = 'sma_sim.ros.check_main'
@@ -37,7 +38,7 @@ PACE = 0.004  # [s] of wall time from sample to sample of a FakeRobot
 @cache
 def rest():
     """What the model shows at rest: pose, forces, temperatures."""
-    return FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0])).sample[WHERE.sensed]
+    return FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0])).sample[sample_columns(MODULE).sensed]
 
 
 def stamp(message):

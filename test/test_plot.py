@@ -52,6 +52,17 @@ def test_all_channels_have_a_labelled_panel(columns):
     assert MODE_COLOURS.keys() == MODE_NAMES.keys() == {1, 2, 3, 4, 5}
 
 
+def test_panels_of_every_structure():
+    """Coordinates of any name, any number of bundles."""
+    names = ('J_1_W', 'J_2_W', 'T_E_K', 'position_m', 'gamma_rad', 'F_1_N', 'T_1_K', 'T_12_K', 'x_M_1', 'mode_1')
+    figure = draw_run({'time_s': np.arange(3.0)} | {name: np.array([1.0, 2.0, 3.0]) for name in names})
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    assert labels == ['position [mm]', 'gamma [deg]', 'T [deg C]', 'force [N]', 'x_M [-]', 'J [W]', '']
+    shown = {axis.get_ylabel(): [line.get_label() for line in axis.lines] for axis in figure.axes}
+    assert shown['T [deg C]'] == ['wire 1', 'wire 12', 'ambient'] and shown['J [W]'] == ['bundle 1', 'bundle 2']
+    assert figure.axes[0].lines[0].get_ydata() == pytest.approx([1e3, 2e3, 3e3])
+
+
 def test_one_wire_alone_is_named(columns):
     """Otherwise nobody knows whose temperature it is."""
     figure = draw_run({name: columns[name] for name in ('time_s', 'T_2_K')})

@@ -2,6 +2,8 @@
 
 import importlib
 import math
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -149,3 +151,32 @@ def test_started_commanded_recorded_and_replayed(tmp_path, name, capsys):
             assert np.array_equal(values[whole], again[column]), column
         changes = len(set(values[whole]))
         assert changes > 1 or column.startswith(('mode', 'x_M', 'J_eq')) or column in structure.channel_columns, column
+
+
+def test_recorded_commands_are_played_to_a_node(tmp_path):
+    """What is linear in a file is sent as set points; a bag plays what it holds."""
+    (tmp_path / 'c.csv').write_text('time_s,strain,J_W\n5,0.0,0\n5.5,0.01,0.4\n6,0.01,0.4\n')
+    topics = (*TOPICS, (Float64, 'strain_applied'), (Float64MultiArray, 'J_applied'))
+    words = ('-p', 'system:=wire', '-p', f'node.record:={tmp_path / "bag"}')
+    with ros_client.Simulation(*words, topics=topics) as one:
+        one.until(lambda: one.seen['strain_applied'] and one.seen['J_applied'], ros_client.FIRST_MESSAGE)
+        played(one, tmp_path, 'c.csv')
+        one.until(lambda: [list(message.data) for message in one.seen['J_applied']] == [[0.0], [0.4], [0.0]])
+        one.until(lambda: one.seen['strain_applied'][-1].data == 0.01)
+        assert one.stop()[0] == 0
+    strains = read_bag(tmp_path / 'bag')['strain']
+    assert len(set(strains)) > 5 and (np.diff(strains) >= 0.0).all() and strains[-1] == 0.01
+    with ros_client.Simulation('-p', 'system:=wire', topics=topics) as one:
+        one.until(lambda: one.seen['strain_applied'], ros_client.FIRST_MESSAGE)
+        played(one, tmp_path, 'bag', '--speed', '4')
+        one.until(lambda: [list(message.data) for message in one.seen['J_applied']] == [[0.0], [0.4], [0.0]])
+        one.until(lambda: one.seen['strain_applied'][-1].data == 0.01)
+        assert one.stop()[0] == 0
+
+
+def played(one, folder, *words):
+    """`sma-sim play` in the domain of a node."""
+    command = [sys.executable, '-m', 'sma_sim.cli.main', 'play', *words]
+    environment = one.environment | {'PYTHONPATH': str(EXAMPLE.parents[1])}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and 'heating off' in done.stdout, done.stderr

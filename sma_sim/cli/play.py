@@ -1,4 +1,4 @@
-"""`sma-sim play`: send a recorded command to a node or a robot."""
+"""`sma-sim play`: send recorded commands to a node or a robot."""
 
 from __future__ import annotations
 
@@ -9,39 +9,76 @@ from typing import Any
 import numpy as np
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.input_files import read_input_file
-from sma_sim.cli.common.options import ProgressLine, add_namespace_option
-from sma_sim.model.config import Config
+from sma_sim.cli.common.input_files import read_structure_input
+from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, config_from
+from sma_sim.evidence.data.rosbag.interface import Interface, interface_of, structure_like
+from sma_sim.evidence.data.rosbag.raw_messages import is_bag
+from sma_sim.evidence.data.rosbag.reader import interface_of_robot
+from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
+from sma_sim.evidence.data.tables import Vector, read_header
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import DEFAULTS
 from sma_sim.ros.entry import NO_ROS
+from sma_sim.solver.inputs import Input, inputs_at
+
+SET_POINT_RATE = 50.0  # [1/s] of set points that are linear between the rows of a file
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'play', 'send the commands of a CSV file or a bag to J_eq, in time')
-    parser.add_argument('file', type=Path, metavar='FILE', help='CSV file with time_s and J_eq_W, or a bag')
-    parser.add_argument('--topic', default='J_eq', help='topic to publish on (default J_eq)')
+    parser = add_command(verbs, 'play', 'send the commands of a CSV file or a bag to J_eq (or J, and set points), in time')
+    parser.add_argument(
+        'file', type=Path, metavar='FILE', help='CSV file with time_s and J_eq_W (J_W, J_1_W, ...), or a bag'
+    )
+    parser.add_argument('--topic', help='topic to publish the heating on (default: J_eq or J)')
     parser.add_argument('--speed', type=float, default=1.0, help='factor of time: 2 plays twice as fast (default 1)')
+    parser.add_argument('--system', metavar='NAME', help='structure that is commanded (default: as the file tells)')
     add_namespace_option(parser)
+    add_config_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the command and send it."""
+    """Read the commands and send them."""
     if not 0.0 < arguments.speed <= 1000.0:
         raise UserError(f'--speed {arguments.speed:g}: expected more than 0 and at most 1000')
-    source = read_input_file(arguments.file, Config(), False, arguments.namespace)
-    times, J_eq = source.times, source.values[:, 0]
-    last = np.append(np.flatnonzero(np.diff(J_eq)) + 1, len(times) - 1)
-    keep = np.unique(np.append(0, last))
+    interface = interface_for(arguments)
+    ambient = DEFAULTS['environment.T_E'].default
+    source = read_structure_input(arguments.file, structure_like(interface), ambient, False, arguments.namespace)
+    heating = arguments.topic or interface.heating_topic
+    times, commands = commands_of(source, interface, heating, is_bag(arguments.file))
     try:
         from sma_sim.ros.player import play
     except ImportError as error:
         raise UserError(NO_ROS.format(reason=error)) from error
     progress = ProgressLine(f'playing {arguments.file.name}')
     try:
-        sent = play(times[keep], J_eq[keep], arguments.topic, arguments.namespace or '', arguments.speed, progress)
+        sent = play(times, heating, commands, arguments.namespace or '', arguments.speed, progress)
     finally:
         progress.close()
     print(f'{arguments.file}: {times[-1] - times[0]:g} s played, {sent} messages; heating off')
     return 0
+
+
+def interface_for(arguments: argparse.Namespace) -> Interface:
+    """The topics of what is commanded: of the system that is named, or as the file tells."""
+    if arguments.system or arguments.config or arguments.words:
+        words = [f'system={arguments.system}'] if arguments.system else []
+        return interface_of(config_from(arguments, *words).structure.structure)
+    if is_bag(arguments.file):
+        return interface_of_robot(arguments.file, arguments.namespace)
+    return interface_of_columns(read_header(arguments.file))
+
+
+def commands_of(source: Input, of: Interface, heating: str, held: bool) -> tuple[Vector, dict[str, Vector]]:
+    """Times (k,) [s] at which something changes, and what is sent from each on, by topic; `held`: set points are."""
+    times = np.asarray(source.times, float)
+    if of.drives and not held:
+        times = np.union1d(times, np.arange(times[0], times[-1], 1.0 / SET_POINT_RATE))
+    columns = inputs_at(source, times)
+    commands = {drive: columns[column] for drive, column in of.drives.items()}
+    powers = [columns[name] for name in of.heating_columns]
+    commands[heating] = powers[0] if of.antagonistic else np.column_stack(powers)
+    changes = np.any([np.diff(values.reshape(len(times), -1), axis=0).any(axis=1) for values in commands.values()], axis=0)
+    keep = np.unique([0, *(np.flatnonzero(changes) + 1), len(times) - 1])
+    return times[keep], {topic: values[keep] for topic, values in commands.items()}

@@ -12,14 +12,14 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header
 from sma_sim.model.errors import UserError
-from sma_sim.report.run_figure import HELD, KNOWN, draw_run
+from sma_sim.report.run_figure import draw_run, is_drawn, is_held
 from sma_sim.report.style import save
 
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'plot', 'draw a run: pose, temperatures, forces, modes')
-    parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a module or a wire, or a bag')
+    parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a run, or a bag')
     add_namespace_option(parser)
     parser.add_argument('--out', type=Path, metavar='PICTURE', help='PNG, SVG or PDF to write (default: FILE with .png)')
     parser.set_defaults(run=run)
@@ -42,6 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
 def read_table(path: Path) -> dict[str, Vector]:
     """The columns of a CSV file that can be drawn."""
     header = read_header(path)
-    known = [name for name in KNOWN if name in header]
-    measured = [name for name in known if name not in HELD]
-    return read_columns(path, ('time_s',), [name for name in known if name in HELD], measured)
+    known = [name for name in dict.fromkeys(header) if is_drawn(name)]
+    measured = [name for name in known if not is_held(name)]
+    return read_columns(path, ('time_s',), [name for name in known if is_held(name)], measured)

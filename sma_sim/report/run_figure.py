@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,50 +26,93 @@ class Panel(NamedTuple):
     curves: Sequence[tuple[str, str, str, float, float]]
 
 
-PANELS = (
-    Panel('alpha [deg]', (('alpha_rad', 'alpha', BLUE, 180.0 / np.pi, 0.0),)),
-    Panel('U_y [mm]', (('U_y_m', 'U_y', BLUE, 1e3, 0.0),)),
-    Panel('U_x [mm]', (('U_x_m', 'U_x', GREEN, 1e3, 0.0),)),
-    Panel(
-        'T [deg C]',
-        (
-            ('T_1_K', 'wire 1', RED, 1.0, -FREEZING), ('T_2_K', 'wire 2', BLUE, 1.0, -FREEZING),
-            ('T_K', 'wire', RED, 1.0, -FREEZING), ('T_E_K', 'ambient', GREY, 1.0, -FREEZING),
-        ),
-    ),
-    Panel('force [N]', (('F_1_N', 'bundle 1', RED, 1.0, 0.0), ('F_2_N', 'bundle 2', BLUE, 1.0, 0.0))),
-    Panel('stress [MPa]', (('stress_Pa', 'stress', BLUE, 1e-6, 0.0),)),
-    Panel(
-        'x_M [-]',
-        (
-            ('x_M_1', 'wire 1', RED, 1.0, 0.0), ('x_M_2', 'wire 2', BLUE, 1.0, 0.0),
-            ('x_M', 'wire', BLUE, 1.0, 0.0),
-        ),
-    ),
-    Panel('strain [%]', (('strain', 'strain', BLUE, 100.0, 0.0),)),
-    Panel('J_eq [W]', (('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0),)),
-    Panel('J [W]', (('J_W', 'J of one wire', ORANGE, 1.0, 0.0),)),
-)  # fmt: skip
-MODE_COLUMNS = {'mode_1': 'wire 1', 'mode_2': 'wire 2', 'mode': 'wire'}
-HELD = ('J_eq_W', 'J_W', 'T_E_K')
-KNOWN = [curve[0] for panel in PANELS for curve in panel.curves] + list(MODE_COLUMNS)
+Curve = tuple[str, str, str, float, float]
+COLOURS = (RED, BLUE, GREEN, ORANGE, GREY)  # of wires, one after another
+FIRST = ('alpha_rad', 'U_y_m', 'U_x_m')  # coordinates that come before others
+OF_WIRES = {  # by the name of a column with the number of a wire in it: axis label, label, factor and offset
+    r'T_(\d+)_K': ('T [deg C]', 'wire', 1.0, -FREEZING),
+    r'F_(\d+)_N': ('force [N]', 'bundle', 1.0, 0.0),
+    r'x_M_(\d+)': ('x_M [-]', 'wire', 1.0, 0.0),
+    r'J_(\d+)_W': ('J [W]', 'bundle', 1.0, 0.0),
+}
+SINGLE: Mapping[str, tuple[str, Curve]] = {  # others: axis label and curve
+    'T_K': ('T [deg C]', ('T_K', 'wire', RED, 1.0, -FREEZING)),
+    'T_E_K': ('T [deg C]', ('T_E_K', 'ambient', GREY, 1.0, -FREEZING)),
+    'stress_Pa': ('stress [MPa]', ('stress_Pa', 'stress', BLUE, 1e-6, 0.0)),
+    'x_M': ('x_M [-]', ('x_M', 'wire', BLUE, 1.0, 0.0)),
+    'strain': ('strain [%]', ('strain', 'strain', BLUE, 100.0, 0.0)),
+    'J_eq_W': ('J_eq [W]', ('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0)),
+    'J_W': ('J [W]', ('J_W', 'J of one wire', ORANGE, 1.0, 0.0)),
+}
+ORDER = ('T [deg C]', 'force [N]', 'stress [MPa]', 'x_M [-]', 'strain [%]', 'J_eq [W]', 'J [W]')  # after the coordinates
+WITH_LEGEND = ('T [deg C]', 'force [N]', 'x_M [-]')
+MODE_COLUMN, COORDINATE, HEATING = r'mode(?:_(\d+))?', r'(.+)_(m|rad)', r'J(_\w+)?_W'
+UNITS = {'m': ('mm', 1e3), 'rad': ('deg', 180.0 / np.pi)}
+EXPECTED = (
+    'alpha_rad and other coordinates in m or rad, T_1_K, ..., F_1_N, ..., x_M_1, ..., mode_1, ..., J_eq_W, J_W, J_1_W, ..., '
+    'T_E_K, T_K, stress_Pa, strain, x_M, mode'
+)
+
+
+def is_drawn(name: str) -> bool:
+    """Whether a column can be drawn."""
+    return curve_of(name) is not None or re.fullmatch(MODE_COLUMN, name) is not None
+
+
+def is_held(name: str) -> bool:
+    """Whether a column holds until its next row."""
+    return name == 'T_E_K' or re.fullmatch(HEATING, name) is not None
+
+
+def curve_of(name: str) -> tuple[str, Curve] | None:
+    """The axis label of a column's panel, and its curve."""
+    if name in SINGLE:
+        return SINGLE[name]
+    for pattern, (axis, label, factor, offset) in OF_WIRES.items():
+        if found := re.fullmatch(pattern, name):
+            number = int(found.group(1))
+            return axis, (name, f'{label} {number}', COLOURS[(number - 1) % len(COLOURS)], factor, offset)
+    if found := re.fullmatch(COORDINATE, name):
+        coordinate, (unit, factor) = found.group(1), UNITS[found.group(2)]
+        return f'{coordinate} [{unit}]', (name, coordinate, GREEN if name == 'U_x_m' else BLUE, factor, 0.0)
+    return None
+
+
+def panels_of(names: Iterable[str]) -> list[Panel]:
+    """The panels of some columns: coordinates first, the heating last."""
+    curves: dict[str, list[Curve]] = {}
+    given = list(names)
+    for name in [*(name for name in FIRST if name in given), *(name for name in given if name not in FIRST)]:
+        if (found := curve_of(name)) is not None:
+            curves.setdefault(found[0], []).append(found[1])
+    coordinates = [label for label in curves if label not in ORDER]
+    return [Panel(label, sorted_curves(curves[label])) for label in (*coordinates, *ORDER) if label in curves]
+
+
+def sorted_curves(curves: Sequence[Curve]) -> list[Curve]:
+    """The ambient temperature after those of wires."""
+    return sorted(curves, key=lambda curve: curve[0] == 'T_E_K')
 
 
 def draw_run(columns: Mapping[str, Vector], title: str = '') -> Figure:
     """A figure of the columns (names of the file contract, (k,) each) over ``time_s``; NaN is a gap. Raises UserError."""
-    present = {name for name, column in columns.items() if np.isfinite(column).any()}
-    panels = [panel for panel in PANELS if present & {curve[0] for curve in panel.curves}]
-    modes = {label: columns[name] for name, label in MODE_COLUMNS.items() if name in present}
+    present = [name for name, column in columns.items() if np.isfinite(column).any()]
+    panels = panels_of(present)
+    modes = {
+        f'wire {found.group(1) or ""}'.strip(): columns[name]
+        for name in present
+        if (found := re.fullmatch(MODE_COLUMN, name)) is not None
+    }
     time = columns['time_s']
     if not panels and not modes:
-        raise UserError(f'nothing to draw: expected some of the columns {", ".join(KNOWN)}')
+        raise UserError(f'nothing to draw: expected some of the columns {EXPECTED}')
     if len(time) < 2 or (np.diff(time) < 0.0).any() or time[-1] == time[0]:
         raise UserError('column time_s: expected at least two rows, with times that increase')
     heights = [1.0] * len(panels) + [0.3 * len(modes)] * bool(modes)
     figure = sized_figure(9.0, 1.2 + PANEL_HEIGHT * sum(heights))
     axes = axes_of(figure, len(heights), heights)
     for axis, panel in zip(axes, panels, strict=False):
-        draw_panel(axis, panel, columns, present)
+        draw_panel(axis, panel, columns)
     if modes:
         draw_modes(axes[-1], time, modes)
     axes[-1].set_xlabel('time [s]')
@@ -79,16 +123,15 @@ def draw_run(columns: Mapping[str, Vector], title: str = '') -> Figure:
     return figure
 
 
-def draw_panel(axis: Any, panel: Panel, columns: Mapping[str, Vector], present: Set[str]) -> None:
+def draw_panel(axis: Any, panel: Panel, columns: Mapping[str, Vector]) -> None:
     """The curves of one panel, their gaps joined."""
-    shown = [curve for curve in panel.curves if curve[0] in present]
-    for name, label, colour, factor, offset in shown:
+    for name, label, colour, factor, offset in panel.curves:
         known = np.isfinite(columns[name])
-        style = {'drawstyle': 'steps-post'} if name in HELD else {}
+        style = {'drawstyle': 'steps-post'} if is_held(name) else {}
         values = factor * columns[name][known] + offset
         axis.plot(columns['time_s'][known], values, color=colour, label=label, lw=1.3, **style)
     axis.set_ylabel(panel.label)
-    if len(panel.curves) > 1:
+    if panel.label in WITH_LEGEND or len(panel.curves) > 1:
         panel_legend(axis)
 
 

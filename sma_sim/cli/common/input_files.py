@@ -11,6 +11,7 @@ from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, read_columns
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
 LARGEST_STRAIN = 0.5  # beyond it the column is in percent
@@ -18,7 +19,12 @@ LARGEST_STRAIN = 0.5  # beyond it the column is in percent
 
 def read_input_file(path: Path, config: Config, linear: bool, namespace: str | None = None) -> Input:
     """What is imposed, heating and ambient temperature, from a CSV file or a bag; `linear`: heating between rows."""
-    structure = config.structure.structure
+    T_E = config.parameters['environment.T_E']
+    return read_structure_input(path, config.structure.structure, T_E, linear, namespace)
+
+
+def read_structure_input(path: Path, structure: Structure, T_E: float, linear: bool, namespace: str | None = None) -> Input:
+    """As `read_input_file`, of a structure; `T_E` [K] where the file tells none. Raises UserError."""
     needed, names = structure.needed_columns, structure.input_columns
     others = tuple(name for name in names if name not in needed)
     columns = read_bag(path, namespace, structure) if is_bag(path) else read_columns(path, ('time_s', *needed), others)
@@ -37,7 +43,7 @@ def read_input_file(path: Path, config: Config, linear: bool, namespace: str | N
         if not structure.antagonistic and (heating < 0.0).any():
             raise UserError(f'{path}, column {name}: heating cannot be negative, got {heating.min():g} W')
         values.append(heating)
-    values.append(ambient_of(path, columns, config.parameters['environment.T_E']))
+    values.append(ambient_of(path, columns, T_E))
     kinds = [True] * len(imposed) + [linear] * (len(names) - len(imposed) - 1) + [False]
     return Input(time, np.column_stack(values), tuple(kinds), names)
 

@@ -81,6 +81,12 @@ def read_bag(path: Path, namespace: str | None = None, structure: Structure | No
     return columns_from_series(series, times, zero, interface)
 
 
+def interface_of_robot(path: Path, namespace: str | None = None) -> Interface:
+    """What the topics of a robot in a bag are about. Raises UserError as `read_bag` does."""
+    bag = open_bag(path)
+    return interface_of_bag(bag, topic_prefix(bag, namespace))
+
+
 def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) -> Interface:
     """What the topics of a bag are about: as the bag says, as `structure` says, or as topics and joints show."""
     if INTERFACE in bag.about:
