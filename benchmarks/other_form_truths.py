@@ -94,7 +94,7 @@ FORMS: dict[str, OtherForm] = {
     'square_convection': form('natural_convection', ('',), law(
         'square_convection', 'wire_heat', 'Q = -k A_s |T - T_E| (T - T_E)',
         (drawn_parameter('k', 'W/(m^2 K^2)', 1.0, 5.0, 'grows with the square'),),
-        lambda s, w, p: -p.k * w.area * abs(s.T - s.T_E) * (s.T - s.T_E)), 'T_abs'),
+        lambda s, w, p: -p.k * w.area * abs(s.T - s.T_E) * (s.T - s.T_E)), 'T_abs', 'T_square'),  # the same above T_E
     'wire_1_power_loss': form('power_gain_mismatch', ('', 'wire_1'), law(
         'wire_1_power_loss', 'actuation', 'J_1 -> (1 - q) J_1',
         (drawn_parameter('q', '-', 0.06, 0.25, 'lost share'),),

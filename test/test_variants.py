@@ -18,7 +18,7 @@ from sma_sim.evidence.model_selection import confounding, forward_selection
 from sma_sim.evidence.model_selection.backward_elimination import other_effects
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.forward_selection import promising_variants, with_further_candidates
+from sma_sim.evidence.model_selection.forward_selection import promising_further, with_further_candidates
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.variants import scopes_of, variants_of
@@ -67,9 +67,19 @@ def test_variants_that_gain_more_than_their_effects_are_tried():
         screened('natural_convection@wire_2', 51.0), screened('natural_convection', 50.0),
         screened('polycrystal@wire_1', 5.0),
     ]  # fmt: skip
-    chosen = [result.candidate.name for result in promising_variants(results, 0.0)]
-    assert chosen == ['natural_convection@wire_1', 'natural_convection@wire_2']
-    assert [result.candidate.name for result in promising_variants(results, 60.0)] == ['natural_convection@wire_1']
+    nothing = SelectionStep(None, (), (), None)
+    chosen = promising_further(results, nothing, 0.0)
+    assert [result.candidate.name for result in chosen] == ['natural_convection@wire_1', 'natural_convection@wire_2']
+    assert {result.family_p for result in chosen} == {0.01}
+    assert [one.candidate.name for one in promising_further(results, nothing, 60.0)] == ['natural_convection@wire_1']
+    gravity = replace(candidate('gravity', 1.5), family_p=0.002)
+    chosen = promising_further(results, replace(nothing, candidate_fits=(gravity,), accepted=gravity), 50.0)
+    assert [result.candidate.name for result in chosen] == [
+        'beam_creep', 'natural_convection@wire_1', 'natural_convection@wire_2', 'natural_convection',
+    ]  # fmt: skip
+    assert {result.family_p for result in chosen} == {0.002}  # they explain more than what is as significant
+    known = replace(nothing, candidate_fits=(gravity, candidate('beam_creep', 1.6)), accepted=gravity)
+    assert 'beam_creep' not in [result.candidate.name for result in promising_further(results, known, 50.0)]
 
 
 def fit(error, prediction, effects=(), cost=100.0):
@@ -102,26 +112,29 @@ def test_a_variant_must_predict_and_fit_better_than_every_effect(prediction, cos
 
 @pytest.mark.parametrize(
     ('left', 'variants', 'tried'),
-    [(fit(1.0, 1.01), True, False), (fit(1.2, 1.3), True, True), (fit(1.0, 1.1), True, True), (fit(1.2, 1.3), False, False)],
+    [(fit(1.0, 1.01), True, False), (fit(1.2, 1.3), True, True), (fit(1.0, 1.1), True, True), (fit(1.2, 1.3), False, True)],
 )
 def test_variants_are_tried_where_effects_leave_more_than_noise(monkeypatch, left, variants, tried):
     base, calls = fit(5.0, 5.0, cost=12500.0), []
+    start = fit(9.0, 9.0, cost=40500.0)  # the base where gravity has led
 
     def screen(problem, z, candidates, pool, seed):
+        assert problem is start.problem
         calls.append([one.name for one in candidates])
         return (screened('natural_convection@wire_1', 20000.0),)
 
-    def step_with(of, results, chosen, context, below):
-        assert below == pytest.approx(1.05 * left.cost / base.cost)
+    def step_with(of, results, chosen, context, begin, limit):
+        assert of is base and begin is start and limit == pytest.approx(1.05 * left.cost)
         return SelectionStep(of, results, (candidate('natural_convection@wire_1', 1.0, 50.0),), None)
 
     monkeypatch.setattr(forward_selection, 'screen', screen)
     monkeypatch.setattr(forward_selection, 'step_with', step_with)
+    monkeypatch.setattr(forward_selection, 'without_accepted', lambda accepted, context: start)
     effect = replace(candidate('gravity', left.prediction_error), fit=left)
     first = SelectionStep(base, (), (effect,), effect)
     context = SearchContext(None, Event(), variants=variants)
     step = with_further_candidates(first, candidates_for(Config()), context)
-    assert bool(calls) is tried
+    assert bool(calls) is tried and all(any('@' in name for name in names) is variants for names in calls)
     assert step.accepted.name == ('natural_convection@wire_1' if tried else 'gravity')
     assert len(step.candidate_fits) == (2 if tried else 1)
 

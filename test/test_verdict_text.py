@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from sma_sim.evidence.diagnosis import verdict_text
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
@@ -122,6 +123,15 @@ def test_an_unknown_effect_with_and_without_an_equation():
     stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'taken_back'), stage((), 1.0, 'formula'))
     said = headline(replace(found, proposal=proposal, effects=(), stages=stages))
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
+
+
+def test_effects_that_an_equation_replaces_are_named(monkeypatch):
+    monkeypatch.setattr(verdict_text, 'proposed_text', lambda diagnosis: iter(()))
+    stages = (stage((), 10.0, 'nominal'), stage(('gravity',), 1.1, 'added'), stage(('proposed',), 1.0, 'formula'))
+    found = diagnosis('unknown_effect', candidate('gravity'), errors=(10.0, 1.1))
+    said = ' '.join(remarks(replace(found, proposal=SimpleNamespace(), effects=(), taken_back=('gravity',), stages=stages)))
+    assert 'Taken back: gravity. The equation explains by itself' in said and 'Dropped' not in said
+    assert 'Known effects leave' not in said and 'The fitted runs are explained' not in said
 
 
 @pytest.mark.parametrize(

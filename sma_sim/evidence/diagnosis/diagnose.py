@@ -71,7 +71,7 @@ class Diagnosis:
     pooled_errors : PooledErrors or None
         How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
     taken_back : tuple of str
-        Effects that were accepted, but hardly help to predict the held-out runs.
+        Effects that were accepted, but hardly help to predict the held-out runs, or that the proposed equation replaces.
     similar : SimilarEffect or None
         The listed effect whose signature is most like that of the proposed equation.
     implausible : tuple of ImplausibleParameter
@@ -272,9 +272,10 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
         stages.append(final_stage(data, 'taken_back', last, context) if stages[-1].final else provisional)
         verdict = verdict_after_removal(stages[-1])
     proposal = None
-    if request.equation and last.prediction_error > CRITERIA.noise_only and not context.stop.is_set():
+    if request.equation and not context.stop.is_set():
         verdict, proposal = with_equation(verdict, nominal, last, context)
     if proposal is not None:
+        last = nominal if proposal.fit.effects[:-1] == nominal.effects else last
         stages.append(final_stage(data, 'formula', proposal.fit, context))
     elif not stages[-1].final:
         stages[-1] = final_stage(data, stages[-1].kind, last, context)
@@ -308,12 +309,12 @@ def last_stage(
 def with_equation(verdict: str, nominal: FitResult, last: FitResult, context: SearchContext) -> tuple[str, Proposal | None]:
     """The verdict and the equation of what no known effect explains, if any is better than nothing.
 
-    Several effects that leave more than noise in the fitted runs may imitate something that none of them is: if one formula
+    Effects that leave more than noise in the fitted runs may imitate something that none of them is: if one formula
     predicts better than all of them, it is taken, and they explain a part.
     """
-    if verdict == 'unknown_effect':
+    if verdict == 'unknown_effect' and last.prediction_error > CRITERIA.noise_only:
         return verdict, propose([nominal, last] if last is not nominal else [nominal], context)
-    if len(last.effects) < CRITERIA.min_effects_for_formula or last.error <= CRITERIA.pooled_noise_only:
+    if verdict != 'missing_effect' or last.error <= CRITERIA.pooled_noise_only:
         return verdict, None
     context.on_progress(f'{" and ".join(last.effects)} leave more than noise: is there one formula that leaves less?')
     found = propose([nominal], context)

@@ -32,6 +32,7 @@ REMOVED = (
     'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
 )
+REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
 DROPPED = 'Dropped: {effect}, which explains nothing more beside the other effects.'
@@ -170,6 +171,8 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
         worse, best = taken_back
         names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
+    elif diagnosis.taken_back:
+        yield REPLACED.format(effects=joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back]))
     replaced = {step.effect for step in diagnosis.elimination_steps}
     for step in diagnosis.selection_steps:
         name = step.accepted.name if step.accepted else ''
@@ -183,8 +186,9 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     channels = last.held_out_channel_errors or last.channel_errors
     worst = max(channels, key=lambda name: channels[name])
     limit = CRITERIA.unexplained
-    yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
-    if last.train <= CRITERIA.noise_only:
+    if channels[worst] > limit:
+        yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
+    if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)
 

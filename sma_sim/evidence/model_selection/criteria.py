@@ -99,8 +99,6 @@ class SelectionCriteria:
     min_named_reduction: float = 0.1
     """Fraction of the held-out error that a partial explanation takes away to be named: what imitates another effect takes
     little, or comes and goes with the run that is held out."""
-    min_effects_for_formula: int = 2
-    """From so many effects on, what they leave is compared with what one formula leaves, which they may imitate together."""
 
     # Tempered likelihood
     tempering_stages: int = 3

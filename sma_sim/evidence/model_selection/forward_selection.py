@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidate_fit import (
     CandidateFit,
@@ -23,7 +24,7 @@ from sma_sim.evidence.model_selection.candidates import Candidate, candidates_fo
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
-from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range
+from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.effects.discovery import FoundEffect
@@ -73,14 +74,16 @@ def most_promising(screened: Sequence[ScreeningResult]) -> list[ScreeningResult]
 
 def step_with(
     base: FitResult, screened: tuple[ScreeningResult, ...], chosen: Sequence[ScreeningResult], context: SearchContext,
-    below: float = math.inf,
+    start: FitResult | None = None, limit: float = math.inf,
 ) -> SelectionStep:  # fmt: skip
     """The step that refits some candidates and accepts the best of them, or none.
 
-    `below`: fraction of the cost without them that their sketches must not exceed.
+    `start`: the model without them as it lies where they begin, if not at the base. `limit`: the cost that their sketches
+    must not exceed.
     """
     context.on_progress(f'refitting with {", ".join(result.candidate.name for result in chosen)}')
-    refits = best_refits(base, chosen, context, CRITERIA.cross_validated_candidates, below)
+    start = base if start is None else start
+    refits = best_refits(start, chosen, context, CRITERIA.cross_validated_candidates, limit / start.cost)
     pairs = [(result, fit) for result, fit in zip(chosen, refits, strict=True) if fit is not None]
     fits = judged_fits(base, pairs, CRITERIA.cross_validated_candidates, context)
     if context.stop.is_set():
@@ -102,31 +105,49 @@ def judged_fits(
 
 
 def with_further_candidates(first: SelectionStep, candidates: Sequence[Candidate], context: SearchContext) -> SelectionStep:
-    """A step that leaves more than noise, with variants of the effects, and with what the score test passed over if the
-    step accepts nothing.
+    """A step that leaves more than noise, with variants of the effects, and with what the score test passed over.
 
-    A biased model may lie such that the right effect gains nothing to first order, and yet leads downhill at a finite step.
-    """  # fmt: skip
+    A biased model may lie such that the right effect gains nothing to first order, and yet leads downhill. If the step has
+    accepted one, all are screened where that has led, nearer to the true parameters; as long as a better one is found.
+    """
+    step = first
+    while True:
+        again = further_step(step, candidates, context)
+        if again.accepted is None or (step.accepted is not None and again.accepted.name == step.accepted.name):
+            return again
+        step = again
+
+
+def further_step(first: SelectionStep, candidates: Sequence[Candidate], context: SearchContext) -> SelectionStep:
+    """A step with more candidates: what leads from where its accepted effect has led, or from the base."""
     base, accepted = first.base, first.accepted
     if first.stopped or context.stop.is_set() or not leaves_something(base if accepted is None else accepted.fit):
         return first
-    screened, trials = first.screened, list[ScreeningResult]()
-    variants = variants_of(candidates, {name for run in base.problem.runs for name in run.channels})
-    if context.variants and base.problem.config.system == 'module' and variants:
-        context.on_progress(f'screening {len(variants)} variants of effects')
-        screened = screen(base.problem, base.z, [*candidates, *variants], context.pool, context.seed)
-        trials += promising_variants(screened, least_gain(base))
+    variants: tuple[Candidate, ...] = ()
+    if context.variants and base.problem.config.system == 'module':
+        variants = variants_of(candidates, {name for run in base.problem.runs for name in run.channels})
+    start, trials = base if accepted is None else without_accepted(accepted, context), list[ScreeningResult]()
+    if variants or accepted is not None:
+        context.on_progress(f'screening {len(candidates)} effects and {len(variants)} variants')
+        screened = screen(start.problem, start.z, [*candidates, *variants], context.pool, context.seed)
+        trials += promising_further(screened, first, least_gain(base))
     if accepted is None and base.error > CRITERIA.unexplained:
         trials += passed_over(first, candidates)
     if not trials:
         return first
     enough = (1.0 - CRITERIA.strong_error_reduction) * base.cost
     limit = enough if accepted is None else CRITERIA.sketch_cost_ratio * accepted.fit.cost
-    again = step_with(base, screened, trials, context, limit / base.cost)
+    again = step_with(base, first.screened, trials, context, start, limit)
     if context.stop.is_set():
         return replace(first, stopped=accepted is None)
     ordered = ordered_by_error([*first.candidate_fits, *again.candidate_fits])
-    return SelectionStep(base, screened, ordered, best_acceptable(ordered))
+    return SelectionStep(base, first.screened, ordered, best_acceptable(ordered))
+
+
+def without_accepted(accepted: CandidateFit, context: SearchContext) -> FitResult:
+    """The model without an accepted effect, its other parameters where the fit with it has led."""
+    problem, z = without_effect(accepted.fit, accepted.name)
+    return FitResult(problem, z, cost_at(problem, z, context.pool))
 
 
 def leaves_something(fit: FitResult) -> bool:
@@ -134,13 +155,18 @@ def leaves_something(fit: FitResult) -> bool:
     return fit.error > CRITERIA.other_kinetics_above or fit.prediction_error > CRITERIA.variants_above
 
 
-def promising_variants(screened: Sequence[ScreeningResult], least: float) -> list[ScreeningResult]:
-    """The variants to try, of those that gain more than their effects do and at least so much."""
-    gains = {result.candidate.name: result.gain for result in screened}
-    variants = (result for result in screened if result.candidate.found.effect.scope.name)
-    better = [one for one in variants if one.gain > gains.get(one.candidate.found.effect.plain_name, 0.0)]
+def promising_further(screened: Sequence[ScreeningResult], first: SelectionStep, least: float) -> list[ScreeningResult]:
+    """Of what a step has not refitted, the variants that gain more than their effects do and at least so much; effects too
+    where one was accepted: what explains more than that one is as significant as it is."""  # fmt: skip
+    gains, known = {result.candidate.name: result.gain for result in screened}, {fit.name for fit in first.candidate_fits}
     least = max(least, CRITERIA.min_relative_gain * max(gains.values(), default=0.0))
-    return [result for result in better if result.gain >= least][: CRITERIA.sketched_candidates]
+    found = []
+    for result in screened:
+        effect = result.candidate.found.effect
+        is_better = result.gain > gains.get(effect.plain_name, 0.0) if effect.scope.name else first.accepted is not None
+        if is_better and result.gain >= least and effect.name not in known:
+            found.append(result if first.accepted is None else replace(result, family_p=first.accepted.family_p))
+    return found[: CRITERIA.sketched_candidates]
 
 
 def passed_over(first: SelectionStep, candidates: Sequence[Candidate]) -> list[ScreeningResult]:
