@@ -20,7 +20,7 @@ from sma_sim.model.structures.structure import Structure
 
 LEVEL = 1.2  # [W] for each wire of a bundle
 SPREAD = 0.25
-LENGTHS = ('L', 'W', 'h', 'a', 'r')  # a wire of another length than its structure asks for is a user's mistake
+KEPT = ('L', 'W', 'h', 'a', 'r', 'modules')  # a wire of another length than its structure asks for is a user's mistake
 TIMED = 7  # runs of which the time is taken
 
 
@@ -37,7 +37,7 @@ def varied(structure: Structure, random: np.random.Generator) -> dict[str, float
     """Parameters of a structure about their defaults."""
     values = structure.default_values
     for name in structure.declared:
-        if name.rpartition('.')[2] not in LENGTHS:
+        if name.rpartition('.')[2] not in KEPT:
             values[name] *= 1.0 + SPREAD * random.uniform(-1.0, 1.0)
     return values
 

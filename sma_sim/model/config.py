@@ -13,8 +13,8 @@ from typing import Any
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
 from sma_sim.model.given import LISTS, SWITCH_WORDS, ConfigError, Given, add_effect, given_values, named_folders, names_in
-from sma_sim.model.parameters import DEFAULTS, SETTINGS, Parameter
-from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures
+from sma_sim.model.parameters import SETTINGS, Parameter
+from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures, structure_of_size
 
 MODELS = ('hybrid', 'mas')
 
@@ -85,8 +85,8 @@ class Config:
 
     @property
     def structure(self) -> FoundStructure:
-        """What the wires pull on."""
-        return self.own_structure or package_structures()[self.system]
+        """What the wires pull on, of the size that the parameters say."""
+        return structure_of_size(self.own_structure or package_structures()[self.system], self.parameters)
 
 
 def flat_parameters(config: Config) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def checked(given: Mapping[str, Given]) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError."""
     own = checked_structure(given)
     structure = own.structure
-    defaults, ranges = structure.default_values, dict(DEFAULTS) | structure.declared
+    defaults, ranges = structure.default_values, structure.all_parameters
     known = {name: Given(value, 'default') for name, value in defaults.items()}
     folders = given.get('effects.paths', Given([], ''))
     found = find_effects([] if folders.recorded else named_folders('effects.paths', folders))
@@ -177,7 +177,7 @@ def checked(given: Mapping[str, Given]) -> Config:
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
     values = {name: float(known[name].value) for name in defaults}
-    return Config(values, structure.name, model, effects, settings, own if own.files else None)
+    return Config(values, structure.family, model, effects, settings, own if own.files else None)
 
 
 def numbers_within(
@@ -199,7 +199,11 @@ def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
     one = given.get('system', Given('module', 'default'))
     if one.value not in found and folders.recorded and names_in('structures.paths', folders):
         raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
-    return found[checked_choice('system', one, tuple(found))]
+    base = found[checked_choice('system', one, tuple(found))]
+    size = base.structure.size_name
+    if size not in given:
+        return base
+    return structure_of_size(base, {size: checked_number(size, given[size], base.structure.declared)})
 
 
 def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:

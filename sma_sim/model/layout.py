@@ -14,7 +14,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
-# Columns of `obs`, a row per wire: what the flow finds on its way; from O_DL on dl/dq, one column for each coordinate.
+# Columns of `obs`, a row per wire: what the flow finds on its way; from O_DL on dl/dq, one column for each coordinate
+# of the wire's segment.
 O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL = range(13)
 
 
@@ -37,7 +38,8 @@ class InputPoint(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """What one evaluation of the flow leaves behind: dy/dt (n,), what is found on the way (wires, O_DL + coordinates)."""
+    """What one evaluation of the flow leaves behind: dy/dt (n,), what is found on the way (wires, O_DL + coordinates of one
+    segment)."""
 
     dy: Vector
     obs: Matrix
@@ -49,7 +51,9 @@ class StructureTable(NamedTuple):
     The first three are addresses of native kernels: `kinematics_at` writes length, strain and dl/dq of each wire into `obs`,
     `speeds_at` their rates, `motion_at` the rates of coordinates and velocities into `dy`. They read `constants`: the
     structure's own, the scales and the inertia of its coordinates (n,) each, l0. `effects` takes what is imposed (drives,),
-    how many effects act on the structure, and the generalised forces of each (n,).
+    how many effects act on the structure, and the generalised forces of each (n,); for segments in series then the first
+    and behind the last of those whose wires and forces are evaluated, the same of those whose accelerations are, and the
+    generalised forces (n,).
     """
 
     kinematics_at: int
@@ -67,9 +71,10 @@ class System(NamedTuple):
     """
 
     coordinates: int  # n; none where strain is imposed on a wire
+    segments: int  # equal ones in series
     wires: int
     drives: int  # leading entries of the input that are no heating
-    antagonistic: bool  # one command heats wire 1 or wire 2
+    antagonistic: bool  # one command heats either wire of a pair
     mas: bool  # else the hybrid model
     first_T: int  # index of T_1 in y
     first_x: int  # index of x_M of wire 1 in y (MAS)

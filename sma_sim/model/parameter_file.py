@@ -46,6 +46,7 @@ def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
         group, _, short = name.partition('.')
         own.setdefault(group, []).append(replace(parameter, name=short))
     kept = {group: members for group, members in GROUPS.items() if group not in others - set(own)}
+    kept['initial'] += tuple(replace(parameter, name=parameter.name.partition('.')[2]) for parameter in structure.initial)
     return kept | {group: tuple(members) for group, members in own.items()}
 
 

@@ -78,17 +78,18 @@ PLATE_PARAMETERS = (
     Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate'),
 )
 ENVIRONMENT_PARAMETERS = (Parameter('T_E', 298.0, 'K', (1.0, 2000.0), 'ambient temperature'),)
-INITIAL_PARAMETERS = tuple(
-    Parameter(
-        f'x_M_{i}',
-        math.nan,
-        '-',
-        (0.0, 1.0),
+
+
+def initial_fraction(i: int) -> Parameter:
+    """The declaration of x_M of wire `i` at the start, from 1 on."""
+    return Parameter(
+        f'x_M_{i}', math.nan, '-', (0.0, 1.0),
         f'martensite fraction of wire {i} at the start; NaN: sigma = sigma_A(T_E) in static equilibrium',
         source='the paper gives none; the wire was stretched from austenite',
-    )
-    for i in (1, 2)
-)
+    )  # fmt: skip
+
+
+INITIAL_PARAMETERS = (initial_fraction(1), initial_fraction(2))  # those of further wires: Structure.initial
 NODE_PAGE = 'docs/reference/node.md'
 SOLVER_PARAMETERS = (
     Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/explanation/solver.md'),

@@ -54,7 +54,7 @@ EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
 
 
 def flow(t: float, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
-    """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (wires, O_DL + coordinates)."""
+    """Write dy/dt into `dy` (n,) and what is found on the way into `obs` (`Evaluation`)."""
     update_flow(t, state, point, p, Evaluation(dy, obs), EVERYTHING)
 
 
@@ -124,7 +124,7 @@ def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
     """Length and strain of each wire with dl/dq from the pose; of a single wire, with their rates, from the input."""
     if p.coordinates > 0:
         at = p.structure
-        call_kernel(at.kinematics_at, y.ctypes.data, at.constants.ctypes.data, 0, 0, obs.ctypes.data)
+        call_kernel(at.kinematics_at, y.ctypes.data, at.constants.ctypes.data, at.effects.ctypes.data, 0, obs.ctypes.data)
         return
     obs[0, O_EPS], obs[0, O_DEPS] = point.u[0], point.du[0]
     obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + point.u[0]), p.wire.l0 * point.du[0]
@@ -133,18 +133,20 @@ def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
 def speeds(y: Vector, p: System, obs: Vector) -> None:
     """Rates of length and strain of each wire."""
     at = p.structure
-    call_kernel(at.speeds_at, y.ctypes.data, at.constants.ctypes.data, 0, 0, obs.ctypes.data)
+    call_kernel(at.speeds_at, y.ctypes.data, at.constants.ctypes.data, at.effects.ctypes.data, 0, obs.ctypes.data)
 
 
 def commanded_heating(i: int, u: Vector, p: System) -> float:
     """Heating of one wire [W] before the actuation chain: a bundle's power is shared by its wires.
 
-    Of an antagonistic pair, J_eq > 0 heats bundle 1, J_eq < 0 bundle 2. Where the strain is imposed, J heats the wire.
+    Of an antagonistic pair, J_eq > 0 heats the first bundle, J_eq < 0 the second. Where the strain is imposed, J heats the
+    wire.
     """
     if p.coordinates == 0:
         return u[p.drives]
     if p.antagonistic:
-        side = u[p.drives] if i == 0 else -u[p.drives]
+        J = u[p.drives + i // 2]
+        side = J if i % 2 == 0 else -J
         return max(side, 0.0) / p.wire.n
     return max(u[p.drives + i], 0.0) / p.wire.n
 

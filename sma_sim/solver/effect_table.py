@@ -151,4 +151,4 @@ def own_scratch(p: System) -> System:
     """The system with scratch memory of its own: runs of one model in several threads must not share it."""
     e, at = p.effects, p.structure
     effects = e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out))
-    return p._replace(effects=effects, structure=at._replace(effects=np.zeros_like(at.effects)))
+    return p._replace(effects=effects, structure=at._replace(effects=at.effects.copy()))

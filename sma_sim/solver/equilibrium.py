@@ -15,26 +15,28 @@ NEWTON_STEPS = 50
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
-def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
+def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone: bool) -> bool:
     """Move the pose to static equilibrium in the given modes (Newton); False if it was not found.
 
+    `alone`: that of each segment of a series for itself, without what the accelerations add, such as weight.
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
     """
-    y, f, f_stage = state.y, w.first.dy, w.stage.dy
-    n = p.coordinates
+    y, n, forces = state.y, p.coordinates, p.structure.effects
+    last = forces.shape[0] - n  # where a series has the forces on its segments
     matrix, step = w.matrix[:n, :n], w.y_new[:n]
     for _ in range(NEWTON_STEPS):
         balance(state, point, p, w, w.first.dy)
+        for i in range(n):
+            step[i] = forces[last + i] if alone else w.first.dy[n + i]
         for j in range(n):
             kept = y[j]
             y[j] = kept + w.increment[j]
             delta = y[j] - kept
-            balance(state, point, p, w, f_stage)
+            balance(state, point, p, w, w.stage.dy)
             y[j] = kept
             for i in range(n):
-                matrix[i, j] = (f_stage[n + i] - f[n + i]) / delta
-        for i in range(n):
-            step[i] = f[n + i]
+                moved = forces[last + i] if alone else w.stage.dy[n + i]
+                matrix[i, j] = (moved - step[i]) / delta
         if not factorise(matrix, w.pivot):
             return False
         solve_factorised(matrix, w.pivot, step)
@@ -60,6 +62,7 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
     mode, x_frozen = state.mode, state.x_frozen
     for i in range(p.wires):
         x_frozen[i], mode[i] = 0.5, TO_AUSTENITE if np.isinf(requested[i]) else TO_MARTENSITE
+    approach(state, point, p, w)
     found = equilibrium(state, point, p, w)
     for i in range(p.wires):
         if np.isfinite(requested[i]):
@@ -85,16 +88,23 @@ def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: V
         state.y[j] = 0.0
     for i in range(p.wires):
         state.x_frozen[i], state.mode[i] = 0.5, TO_MARTENSITE
+    approach(state, point, p, w)
     equilibrium(state, point, p, w)
     for i in range(p.wires):
         if requested[i] > w.first.obs[i, O_X]:
             state.mode[i] = TO_AUSTENITE
 
 
+def approach(state: SystemState, point: InputPoint, p: System, w: Work) -> None:
+    """Bring segments in series near equilibrium: straight ones push on each other so hard that Newton's method is lost."""
+    if p.segments > 1:
+        solve_pose(state, point, p, w, True)
+
+
 def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
     """Static equilibrium of the structure; a wire alone has its strain from the input."""
     if p.coordinates > 0:
-        return solve_pose(state, point, p, w)
+        return solve_pose(state, point, p, w, False)
     balance(state, point, p, w, w.first.dy)
     return True
 

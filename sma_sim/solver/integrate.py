@@ -311,9 +311,10 @@ def observe(t: float, state: SystemState, segment: Segment, p: System, w: Work, 
     for channel in range(p.channels):
         row[sensed + channel] = sensed_channel(channel, y, p, obs, w.sample.dy)
     for j in range(n):  # tau = -J^T F
-        pull = 0.0
-        for i in range(p.wires):
-            pull += obs[i, O_DL + j] * obs[i, O_F]
+        pull, own, wires = 0.0, n // p.segments, p.wires // p.segments
+        first = j // own * wires
+        for i in range(first, first + wires):
+            pull += obs[i, O_DL + j % own] * obs[i, O_F]
         row[sensed + p.channels + j] = -pull
 
 

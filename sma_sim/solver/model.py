@@ -18,7 +18,7 @@ from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.fields_read import uses_time
-from sma_sim.solver.structure_kernels import MOST_EFFECTS, native_structure
+from sma_sim.solver.structure_kernels import MOST_EFFECTS, native_structure, new_effects
 
 Vector = NDArray[np.float64]
 
@@ -70,11 +70,11 @@ class Model:
         numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
         at = StructureTable(
             *native_structure(config.structure).addresses, np.array(numbers_read, dtype=float),
-            np.zeros(len(structure.drives) + 1 + MOST_EFFECTS * n),
+            new_effects(structure),
         )  # fmt: skip
         return System(
-            n, self.wires, len(structure.drives), structure.antagonistic, mas, first_T, first_x, len(structure.channels),
-            wire, at, table,
+            n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T, first_x,
+            len(structure.channels), wire, at, table,
         )  # fmt: skip
 
     @cached_property
@@ -115,5 +115,5 @@ def rate_scales(structure: Structure, constants: Constants) -> list[float]:
 
 
 def new_findings(p: System) -> Any:
-    """Room for what the flow finds on its way, (wires, O_DL + coordinates)."""
-    return np.zeros((p.wires, O_DL + p.coordinates))
+    """Room for what the flow finds on its way, (wires, O_DL + coordinates of one segment)."""
+    return np.zeros((p.wires, O_DL + p.coordinates // p.segments))

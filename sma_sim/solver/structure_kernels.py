@@ -8,16 +8,20 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Structure, numbers, record
 from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
 
+Vector = NDArray[np.float64]
+SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all segments in series
 STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordinate
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding
 AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
 MOST_EFFECTS = 64  # on one structure
+RANGE = 4  # numbers that say which segments of a series are evaluated (`StructureTable`)
 CHECKED_POSES = (0.0, 0.7, -1.3)  # relative to the scales of the coordinates
 
 
@@ -61,23 +65,33 @@ def native_structure(found: FoundStructure) -> NativeStructure:
 
 
 def records_of(structure: Structure) -> dict[str, Any]:
-    """The named tuples that kernels take, by the letter of the argument."""
-    pose, drives = record('Pose', structure.coordinate_names), record('Drives', [drive.name for drive in structure.drives])
+    """The named tuples that kernels take, by the letter of the argument; poses are those of one segment."""
+    pose = record('Pose', segment_of(structure).coordinate_names)
+    drives = record('Drives', [drive.name for drive in structure.drives])
     return {'q': pose, 'v': pose, 'f': pose, 'p': type(structure.default_constants), 'u': drives}
+
+
+def segment_of(structure: Structure) -> Structure:
+    """What lengths, gradients and forces are evaluated of: one segment of a series, else the whole structure."""
+    return structure.segment or structure
 
 
 def checked_kernels(structure: Structure) -> dict[str, Kernel]:
     """The kernels by role, each called once. Raises StructureError."""
-    n, driven = len(structure.coordinates), 'u' if structure.drives else ''
+    one = segment_of(structure)
+    n, driven = len(one.coordinates), 'u' if structure.drives else ''
     constants, kinds = structure.default_constants, records_of(structure)
-    example = {letter: kinds[letter](*(0.1 * c.size(constants) for c in structure.coordinates)) for letter in 'qvf'}
-    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives))}
+    example: dict[str, Any] = {
+        letter: kinds[letter](*(0.1 * c.size(constants) for c in one.coordinates)) for letter in 'qvf'
+    }
+    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives)), 'k': 0}
+    example |= {letter: np.full((structure.segments, n), 1e-3) for letter in SERIES}
     kernels = {}
     for role, python, takes, returns in (
-        ('lengths', structure.lengths, 'qp', structure.wires),
-        ('gradients', structure.gradients, 'qp', n * structure.wires),
-        ('forces', structure.forces, 'qvp' + driven, n),
-        ('accelerations', structure.accelerations, 'qvfp', n),
+        ('lengths', one.lengths, 'qp', one.wires),
+        ('gradients', one.gradients, 'qp', n * one.wires),
+        ('forces', one.forces, 'qvp' + driven, n),
+        ('accelerations', structure.accelerations, f'k{SERIES}p' if structure.segment else 'qvfp', n),
     ):
         if python is None:
             continue
@@ -91,11 +105,11 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
         if count != returns:
             raise StructureError(
                 f'structure {structure.name!r}: its {role} returns {count} number(s); expected {returns}, for '
-                f'{structure.wires} wire(s) and {n} coordinate(s)'
+                f'{one.wires} wire(s) and {n} coordinate(s)'
             )
         kernels[role] = Kernel(python, takes, returns, isinstance(value, tuple))
     if 'gradients' in kernels:
-        check_gradients(structure, constants)
+        check_gradients(one, constants)
     return kernels
 
 
@@ -126,69 +140,120 @@ def check_gradients(structure: Structure, constants: Any) -> None:
 
 def kinematics_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
     """Source of the C function that stores length, strain and dl/dq of every wire."""
-    n, wires = len(structure.coordinates), structure.wires
-    lines = [f'    lengths_ = {call(kernels, "lengths")}']
-    for i in range(wires):
-        lines.append(f'    obs[{at(structure, i, O_LENGTH)}] = lengths_[{i}]')
-        lines.append(f'    obs[{at(structure, i, O_EPS)}] = lengths_[{i}] / p_[{constants_in(structure) + 2 * n}] - 1.0')
+    one = segment_of(structure)
+    n, l0 = len(one.coordinates), constants_in(structure) + 2 * len(structure.coordinates)
+    lines = [f'lengths_ = {call(kernels, "lengths")}']
+    for i in range(one.wires):
+        lines.append(f'obs[{at(structure, i, O_LENGTH)}] = lengths_[{i}]')
+        lines.append(f'obs[{at(structure, i, O_EPS)}] = lengths_[{i}] / p_[{l0}] - 1.0')
     if 'gradients' in kernels:
-        lines.append(f'    slopes_ = {call(kernels, "gradients")}')
-        lines += [f'    obs[{at(structure, i, O_DL + j)}] = slopes_[{i * n + j}]' for i in range(wires) for j in range(n)]
+        lines.append(f'slopes_ = {call(kernels, "gradients")}')
+        lines += [f'obs[{at(structure, i, O_DL + j)}] = slopes_[{i * n + j}]' for i in range(one.wires) for j in range(n)]
     else:
         lines += [line for j in range(n) for line in difference_lines(structure, kernels, j)]
-    return text_of(structure, 'kinematics', [f'    obs = carray(out, {size_of_obs(structure)})', *lines])
+    return text_of(structure, 'kinematics', [f'obs = carray(out, {size_of_obs(structure)})', *in_each(structure, lines)])
 
 
 def difference_lines(structure: Structure, kernels: dict[str, Kernel], j: int) -> list[str]:
     """Lines that store the derivatives of all lengths in coordinate `j`."""
-    n = len(structure.coordinates)
-    lines = [f'    h_ = {STEP!r} * p_[{constants_in(structure) + j}]']
+    one = segment_of(structure)
+    lines = [f'h_ = {STEP!r} * p_[{constants_in(structure) + j}]']
     for k in range(1, len(WEIGHTS) + 1):
         for name, sign in ((f'ahead{k}_', '+'), (f'behind{k}_', '-')):
-            pose = ', '.join(f'q_[{i}] {sign} {float(k)!r} * h_' if i == j else f'q_[{i}]' for i in range(n))
-            lines.append(f'    {name} = {call(kernels, "lengths", f"Q({pose})")}')
-    for i in range(structure.wires):
+            q = [state_entry(structure, i) for i in range(len(one.coordinates))]
+            q[j] += f' {sign} {float(k)!r} * h_'
+            pose = f'Q({", ".join(q)})'
+            lines.append(f'{name} = {call(kernels, "lengths", pose)}')
+    for i in range(one.wires):
         terms = (f'{w!r} * (ahead{k}_[{i}] - behind{k}_[{i}])' for k, w in enumerate(WEIGHTS, start=1))
-        lines.append(f'    obs[{at(structure, i, O_DL + j)}] = ({" + ".join(terms)}) / h_')
+        lines.append(f'obs[{at(structure, i, O_DL + j)}] = ({" + ".join(terms)}) / h_')
     return lines
 
 
 def speeds_text(structure: Structure) -> str:
     """Source of the C function that stores the rates of length and strain of every wire."""
-    n = len(structure.coordinates)
-    lines = [f'    obs = carray(out, {size_of_obs(structure)})']
-    for i in range(structure.wires):
-        rate = ' + '.join(f'obs[{at(structure, i, O_DL + j)}] * q_[{n + j}]' for j in range(n))
-        lines.append(f'    obs[{at(structure, i, O_V)}] = {rate}')
-        lines.append(
-            f'    obs[{at(structure, i, O_DEPS)}] = obs[{at(structure, i, O_V)}] / p_[{constants_in(structure) + 2 * n}]'
-        )
-    return text_of(structure, 'speeds', lines)
+    one, n = segment_of(structure), len(structure.coordinates)
+    l0, lines = constants_in(structure) + 2 * n, []
+    for i in range(one.wires):
+        terms = (f'obs[{at(structure, i, O_DL + j)}] * {state_entry(structure, n + j)}' for j in range(len(one.coordinates)))
+        lines.append(f'obs[{at(structure, i, O_V)}] = {" + ".join(terms)}')
+        lines.append(f'obs[{at(structure, i, O_DEPS)}] = obs[{at(structure, i, O_V)}] / p_[{l0}]')
+    return text_of(structure, 'speeds', [f'obs = carray(out, {size_of_obs(structure)})', *in_each(structure, lines)])
 
 
 def motion_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
     """Source of the C function that stores dq/dt and dv/dt, under wires and effects."""
     n, drives, first = len(structure.coordinates), len(structure.drives), constants_in(structure)
     lines = [
-        f'    obs, dy = carray(findings, {size_of_obs(structure)}), carray(out, {2 * n})',
-        f'    added = carray(effects, {MOST_EFFECTS * n + drives + 1})',
+        f'obs, dy = carray(findings, {size_of_obs(structure)}), carray(out, {2 * n})',
+        f'added = carray(effects, {effects_room(structure)})',
     ]
     if drives:
-        lines.append(f'    u = U({", ".join(f"added[{k}]" for k in range(drives))})')
-    lines.append(f'    forces_ = {call(kernels, "forces")}')
-    for j in range(n):
-        pulls = ''.join(
-            f' - obs[{at(structure, i, O_DL + j)}] * obs[{at(structure, i, O_F)}]' for i in range(structure.wires)
-        )
-        lines.append(f'    f_{j} = forces_[{j}]{pulls}')
-    lines.append(f'    for k in range(int(added[{drives}])):')
-    lines += [f'        f_{j} += added[{drives + 1} + {n} * k + {j}]' for j in range(n)]
+        lines.append(f'u = U({", ".join(f"added[{k}]" for k in range(drives))})')
+    if structure.segment:
+        return text_of(structure, 'motion', [*lines, *series_lines(structure, kernels)])
+    lines += force_lines(structure, kernels)
     if 'accelerations' in kernels:
-        lines += [f'    f = F({", ".join(f"f_{j}" for j in range(n))})', f'    rates_ = {call(kernels, "accelerations")}']
+        lines += [f'f = F({", ".join(f"f_{j}" for j in range(n))})', f'rates_ = {call(kernels, "accelerations")}']
     for j in range(n):
         rate = f'rates_[{j}]' if 'accelerations' in kernels else f'f_{j} / p_[{first + n + j}]'
-        lines += [f'    dy[{j}] = q_[{n + j}]', f'    dy[{n + j}] = {rate}']
+        lines += [f'dy[{j}] = q_[{n + j}]', f'dy[{n + j}] = {rate}']
     return text_of(structure, 'motion', lines)
+
+
+def force_lines(structure: Structure, kernels: dict[str, Kernel]) -> list[str]:
+    """Lines that sum the generalised forces ``f_0``, ``f_1``, ... on the coordinates, of a series on those of a segment."""
+    one, n, drives = segment_of(structure), len(structure.coordinates), len(structure.drives)
+    own, first = range(len(one.coordinates)), 'first_ + ' if structure.segment else ''
+    lines = [f'forces_ = {call(kernels, "forces")}']
+    for j in own:
+        pulls = (f' - obs[{at(structure, i, O_DL + j)}] * obs[{at(structure, i, O_F)}]' for i in range(one.wires))
+        lines.append(f'f_{j} = forces_[{j}]{"".join(pulls)}')
+    lines.append(f'for k in range(int(added[{drives}])):')
+    return lines + [f'    f_{j} += added[{drives + 1} + {n} * k + {first}{j}]' for j in own]
+
+
+def series_lines(structure: Structure, kernels: dict[str, Kernel]) -> list[str]:
+    """Lines of `motion_text` for segments in series: the forces on some, then the accelerations of some."""
+    n, own, count = len(structure.coordinates), len(segment_of(structure).coordinates), structure.segments
+    sums = range_at(structure) + RANGE
+    stored = [f'added[{sums} + first_ + {j}] = f_{j}' for j in range(own)]
+    return [
+        *in_each(structure, [*force_lines(structure, kernels), *stored]),
+        f'y2_ = carray(state, ({2 * count}, {own}))',
+        f'Q2, V2, F2 = y2_[:{count}], y2_[{count}:], added[{sums}:].reshape(({count}, {own}))',
+        f'for s_ in range(int(added[{sums - 2}]), int(added[{sums - 1}])):',
+        '    rates_ = accelerations(s_, Q2, V2, F2, p)',
+        f'    first_ = {own} * s_',
+        *(f'    dy[first_ + {j}] = V2[s_, {j}]' for j in range(own)),
+        *(f'    dy[{n} + first_ + {j}] = rates_[{j}]' for j in range(own)),
+    ]
+
+
+def in_each(structure: Structure, lines: list[str]) -> list[str]:
+    """The lines, for each segment of a series that is asked for."""
+    if structure.segment is None:
+        return lines
+    asked, one = range_at(structure), structure.segment
+    repeated = [
+        f'first_, wires_ = {len(one.coordinates)} * s_, {one.wires * row_of_obs(structure)} * s_',
+        *pose_lines(structure),
+        *lines,
+    ]
+    return [
+        f'asked_ = carray(effects, {effects_room(structure)})',
+        f'for s_ in range(int(asked_[{asked}]), int(asked_[{asked + 1}])):',
+        *(f'    {line}' for line in repeated),
+    ]
+
+
+def pose_lines(structure: Structure) -> list[str]:
+    """Lines that name the coordinates and rates, of a series those of a segment."""
+    n, own = len(structure.coordinates), range(len(segment_of(structure).coordinates))
+    return [
+        f'q = Q({", ".join(state_entry(structure, j) for j in own)})',
+        f'v = V({", ".join(state_entry(structure, n + j) for j in own)})',
+    ]
 
 
 def call(kernels: dict[str, Kernel], role: str, pose: str = 'q') -> str:
@@ -198,19 +263,48 @@ def call(kernels: dict[str, Kernel], role: str, pose: str = 'q') -> str:
     return made if kernel.in_tuple else f'({made},)'
 
 
-def at(structure: Structure, wire: int, column: int) -> int:
-    """Where the findings of the flow have a column of a wire."""
-    return wire * (O_DL + len(structure.coordinates)) + column
+def state_entry(structure: Structure, i: int) -> str:
+    """Entry `i` of the state; of a series `i` counts from the segment's first."""
+    return f'q_[first_ + {i}]' if structure.segment else f'q_[{i}]'
+
+
+def at(structure: Structure, wire: int, column: int) -> str:
+    """Where the findings of the flow have a column of a wire, of a series a segment's wire."""
+    place = wire * row_of_obs(structure) + column
+    return f'wires_ + {place}' if structure.segment else f'{place}'
+
+
+def row_of_obs(structure: Structure) -> int:
+    """Numbers in the findings of the flow for a wire."""
+    return O_DL + len(segment_of(structure).coordinates)
 
 
 def size_of_obs(structure: Structure) -> int:
     """Numbers in the findings of the flow."""
-    return at(structure, structure.wires, 0)
+    return structure.wires * row_of_obs(structure)
 
 
 def constants_in(structure: Structure) -> int:
     """How many constants of its own a structure has."""
     return len(records_of(structure)['p']._fields)
+
+
+def range_at(structure: Structure) -> int:
+    """Where the range of the segments stands in `StructureTable.effects`."""
+    return len(structure.drives) + 1 + MOST_EFFECTS * len(structure.coordinates)
+
+
+def effects_room(structure: Structure) -> int:
+    """Numbers in `StructureTable.effects`."""
+    return range_at(structure) + (RANGE + len(structure.coordinates) if structure.segment else 0)
+
+
+def new_effects(structure: Structure) -> Vector:
+    """`StructureTable.effects` of a structure, with all segments of a series asked for."""
+    room = np.zeros(effects_room(structure))
+    if structure.segment:
+        room[range_at(structure) + 1 : range_at(structure) + RANGE : 2] = structure.segments
+    return room
 
 
 def text_of(structure: Structure, role: str, lines: list[str]) -> str:
@@ -219,11 +313,10 @@ def text_of(structure: Structure, role: str, lines: list[str]) -> str:
     head = [
         f'def {structure.name}_{role}(state, constants, effects, findings, out):',
         f'    q_, p_ = carray(state, {2 * n}), carray(constants, {own + 2 * n + 1})',
-        f'    q = Q({", ".join(f"q_[{i}]" for i in range(n))})',
-        f'    v = V({", ".join(f"q_[{n + i}]" for i in range(n))})',
         f'    p = P({", ".join(f"p_[{i}]" for i in range(own))})',
+        *(() if structure.segment else (f'    {line}' for line in pose_lines(structure))),
     ]
-    return '\n'.join([*head, *lines]) + '\n'
+    return '\n'.join([*head, *(f'    {line}' for line in lines)]) + '\n'
 
 
 def compiled(structure: Structure, text: str, kernels: dict[str, Kernel], compiler: Compiler) -> Any:

@@ -95,7 +95,7 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
     further = [file for file in held_out_files(arguments.hold_out) if file.resolve() not in known | inside]
     dataset = read_dataset(
-        [*arguments.data, *further], config.system, config.parameters['environment.T_E'], arguments.map,
+        [*arguments.data, *further], config.structure.structure.name, config.parameters['environment.T_E'], arguments.map,
         noise_from(arguments.noise), namespace=arguments.namespace,
     )  # fmt: skip
     for note in grouped_notes([dataset]):

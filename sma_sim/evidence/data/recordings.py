@@ -18,6 +18,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
 # [SI] for channels whose samples are too few or all the same: what common sensors have.
@@ -109,8 +110,9 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
         raise UserError(f'system: expected one of {", ".join(COLUMNS_BY_SYSTEM)}, got {system!r}')
     if path is None:
         return ColumnMap()
-    mapping = read_column_map(path, COLUMNS_BY_SYSTEM)
-    if mapping.system not in (None, system):
+    family = known_structures()[system].family
+    mapping = read_column_map(path, {**COLUMNS_BY_SYSTEM, family: COLUMNS_BY_SYSTEM[system]})
+    if mapping.system not in (None, family):
         raise UserError(f'the map {path} is for --system {mapping.system}, asked for was {system}')
     foreign = [name for name in mapping.origins if name not in COLUMNS_BY_SYSTEM[system]]
     if foreign:

@@ -101,13 +101,16 @@ CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
 }
 
 
+SIGNED_POWER = 'J_eq'  # what the names of commands of antagonistic pairs begin with
 BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch}
 
 
 def check_unit(path: Path, name: str, values: Vector) -> None:
     """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with."""
     known = values[np.isfinite(values)]
-    check = CHECKS.get(name) or next((one for suffix, one in BY_SUFFIX.items() if name.endswith(suffix)), None)
+    check = CHECKS.get('J_eq_W' if name.startswith(SIGNED_POWER) else name) or next(
+        (one for suffix, one in BY_SUFFIX.items() if name.endswith(suffix)), None
+    )
     if check is None or len(known) == 0:
         return
     mismatch = check(known)

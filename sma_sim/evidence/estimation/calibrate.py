@@ -206,7 +206,7 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
     if not dataset.recordings:
         raise UserError('there is no recording to fit')
     for recording in dataset.recordings:
-        if recording.system != config.system:
+        if recording.system != config.structure.structure.name:
             raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                             f'{config.system}: change it, or leave the recording out')  # fmt: skip
     if options.model not in (*MODELS, 'auto'):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.input_simplification import simplified_input
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -229,8 +229,8 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
-    _, trajectory, index = simulated(config, recording, nuisance, CHANNELS_OF[config.system])
-    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in CHANNELS_OF[config.system]}
+    _, trajectory, index = simulated(config, recording, nuisance, config.structure.structure.channels)
+    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in config.structure.structure.channels}
 
 
 def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
@@ -268,7 +268,7 @@ def simulated(
 
 def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
     """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
-    absent = [name for name in run.channels if name not in CHANNELS_OF[config.system]]
+    absent = [name for name in run.channels if name not in config.structure.structure.channels]
     if absent:
         raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
     _, trajectory, index = simulated(config, run, nuisance, run.channels)

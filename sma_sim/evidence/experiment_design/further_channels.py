@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.recording import CHANNELS_OF
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import LinearizedRun, linearize
 from sma_sim.evidence.estimation.residuals import FitData
@@ -98,7 +97,7 @@ def further_channels(
     known better, where there is a single hypothesis. Raises SimulationError where one cannot be simulated.
     """
     config = hypotheses[0].fitted.problem.config
-    channels = CHANNELS_OF[config.system]
+    channels = config.structure.structure.channels
     measured = {name for run in hypotheses[0].fitted.problem.runs for name in run.channels}
     noise = {name: noise_std.get(name) or config.parameters[f'check.noise_{name}'] for name in channels}
     shown = [sensed(hypothesis, noise, pool) for hypothesis in hypotheses]

@@ -11,7 +11,7 @@ POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels
 
 def acts_on(effect: Effect, structure: Structure) -> bool:
     """Whether an effect has a meaning on a structure."""
-    if effect.systems and structure.name not in effect.systems or structure.wires < effect.wires:
+    if effect.systems and structure.family not in effect.systems or structure.wires < effect.wires:
         return False
     if 'stiffness' in effect.needs and not structure.stiffness or 'gravity' in effect.needs and not structure.gravity:
         return False

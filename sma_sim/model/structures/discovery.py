@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from pathlib import Path
 
 import sma_sim.model.structures as package
@@ -13,7 +13,7 @@ from sma_sim.model.plugins import package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.structures'
-KNOWN: dict[str, FoundStructure] = {}  # of the user's folders that were named in this process
+KNOWN: dict[str, FoundStructure] = {}  # of the user's folders, and of other sizes, that were named in this process
 
 
 class StructureError(UserError):
@@ -81,6 +81,30 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
     return found
 
 
+def structure_of_size(found: FoundStructure, values: Mapping[str, float]) -> FoundStructure:
+    """A structure in the size that the values by full name say. Raises StructureError."""
+    structure = found.structure
+    if structure.of_size is None:
+        return found
+    declared = structure.declared[structure.size_name]
+    size = float(values.get(structure.size_name, declared.default))
+    if size == declared.default:
+        return found
+    low, high = declared.bounds
+    if not low <= size <= high or size != int(size):
+        raise StructureError(f'{structure.size_name} = {size:g}: expected a whole number from {low:g} to {high:g}')
+    return resized(found, int(size))
+
+
+@lru_cache(256)
+def resized(found: FoundStructure, size: int) -> FoundStructure:
+    """A structure in another size, known by its name from now on."""
+    assert found.structure.of_size is not None
+    other = replace(found, structure=found.structure.of_size(size))
+    KNOWN[other.structure.name] = other
+    return other
+
+
 def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path | None) -> None:
     """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell."""
     for other in others:
@@ -94,5 +118,5 @@ def check_channels(structure: Structure, others: Iterable[FoundStructure], file:
 
 
 def known_structures() -> dict[str, Structure]:
-    """The structures of the package and of all folders that were named in this process, by name."""
+    """The structures of the package, and those of folders and of other sizes that were named in this process, by name."""
     return {name: found.structure for name, found in (package_structures() | KNOWN).items()}

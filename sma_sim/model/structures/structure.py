@@ -13,7 +13,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, Parameter, initial_fraction
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
@@ -123,13 +123,16 @@ class Structure:
         ``gravity(q, p, g_x, g_y, g_z)`` returns the generalised forces of the weight in a gravity with these components
         [m/s^2], for a structure whose `forces` leave it out.
     accelerations : callable, optional
-        ``accelerations(q, v, f, p)`` from the generalised forces `f`, in place of f over `inertia`.
+        ``accelerations(q, v, f, p)`` from the generalised forces `f`, in place of f over `inertia`. Of segments in series
+        ``accelerations(k, q, v, f, p)`` returns those of segment `k`, from 0 on; `q`, `v` and `f` are arrays (segments,
+        coordinates of one). It may depend on the rates of all segments before it, and for the rest on its neighbours only.
     parameters : tuple of Parameter
         The structure's parameters. A name without a point belongs to the group with the structure's name.
     constants : callable, optional
         From the values by full name to the named tuple `p`; without it `p` has the parameters by name.
     antagonistic : bool
-        One command J_eq for two wires: positive heats wire 1, negative wire 2. Else one command for each wire.
+        One command J_eq for two wires: positive heats wire 1, negative wire 2. Else one command for each wire. Of segments
+        in series one command for each segment.
     drives : tuple of Drive
         What is imposed beside heating.
     size_parameter : str
@@ -144,6 +147,14 @@ class Structure:
         Where the wires are in a pose, for pictures and TF; without it, side by side, as long as they are.
     energy : callable, optional
         ``energy(q, v, p)`` is the kinetic and potential energy [J], which tests hold against the forces.
+    segment : Structure, optional
+        One of the equal segments of a structure in series (`structures.series`); lengths, gradients and forces that are
+        compiled are this one's.
+    system, size_name : str
+        Of a structure whose size is a parameter: the system's name, which differs from `name` where the size is not the
+        default one, and the full name of that parameter.
+    of_size : callable, optional
+        From the value of that parameter, a whole number, to the structure.
     description, source : str
         Remarks, and where the equations come from.
     """
@@ -169,14 +180,20 @@ class Structure:
     links: Callable[[Mapping[str, float]], LinkTree] | None = None
     drawing: Drawing | None = None
     energy: Callable[..., Any] | None = None
+    segment: Structure | None = None
+    system: str = ''
+    size_name: str = ''
+    of_size: Callable[[int], Structure] | None = None
     description: str = ''
     source: str = ''
 
     def __post_init__(self) -> None:
         if self.coordinates and not (self.lengths and self.forces and (self.inertia or self.accelerations)):
             raise ValueError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
-        if self.antagonistic and self.wires != 2:
+        if self.antagonistic and self.wires != 2 * self.segments:
             raise ValueError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
+        if self.segment and (self.drives or not self.accelerations):
+            raise ValueError(f'structure {self.name!r}: segments in series need accelerations, and take no drives')
         if not 1 <= self.wires <= MOST_WIRES:
             raise ValueError(f'structure {self.name!r}: expected 1 to {MOST_WIRES} wires, got {self.wires}')
 
@@ -186,10 +203,29 @@ class Structure:
         return {p.name if '.' in p.name else f'{self.name}.{p.name}': p for p in self.parameters}
 
     @property
+    def family(self) -> str:
+        """The name of the system, whatever its size."""
+        return self.system or self.name
+
+    @cached_property
+    def segments(self) -> int:
+        """How many equal segments are in series."""
+        return len(self.coordinates) // len(self.segment.coordinates) if self.segment else 1
+
+    @cached_property
+    def initial(self) -> tuple[Parameter, ...]:
+        """x_M at the start of the wires beyond the second."""
+        return in_group('initial', (initial_fraction(i) for i in range(len(INITIAL_PARAMETERS) + 1, self.wires + 1)))
+
+    @property
+    def all_parameters(self) -> dict[str, Parameter]:
+        """All parameters of a model with this structure, by full name."""
+        return dict(DEFAULTS) | {parameter.name: parameter for parameter in self.initial} | self.declared
+
+    @property
     def default_values(self) -> dict[str, float]:
-        """Default values of all parameters of a model with this structure, by full name."""
-        values = {name: parameter.default for name, parameter in (dict(DEFAULTS) | self.declared).items()}
-        return values | dict(self.defaults)
+        """Their default values."""
+        return {name: parameter.default for name, parameter in self.all_parameters.items()} | dict(self.defaults)
 
     @cached_property
     def default_constants(self) -> Constants:
@@ -227,7 +263,7 @@ class Structure:
     def commands(self) -> tuple[str, ...]:
         """Names of the heating commands, in the order of the input."""
         if self.antagonistic:
-            return ('J_eq',)
+            return tuple(f'J_eq_{k + 1}' for k in range(self.segments)) if self.segment else ('J_eq',)
         return ('J',) if self.wires == 1 else tuple(f'J_{i + 1}' for i in range(self.wires))
 
     @property
