@@ -61,7 +61,7 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
     config = checked(given)
     for name in given:
         node.undeclare_parameter(name)
-    for name, parameter in {**DEFAULTS, **config.structure.structure.declared}.items():
+    for name, parameter in config.structure.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
     systems = dict.fromkeys((*package_structures(), config.system))
     for name, choices in (('system', tuple(systems)), ('model', MODELS)):
