@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sma_sim import Config, Input, Model, UserError, find_effects, find_structures, read_config, simulate
+from sma_sim import Config, Input, Model, UserError, find_structures, read_config, simulate
 from sma_sim.cli.main import main
-from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DL, O_EPS, O_F, O_J, O_STRAIN, O_V, O_X, InputPoint, SystemState
 from sma_sim.model.material import internal_energy
@@ -297,25 +296,6 @@ def test_random_parameters_of_every_structure():
             changed = {key.replace('.', '__'): value for key, value in values.items()}
             run = simulate(model_of(name, 'mas' if turn % 2 else 'hybrid', **changed), command_of(name), 5.0)
             assert run.completed, (name, values, run.reason)
-
-
-def test_every_effect_on_every_structure_where_it_has_a_meaning():
-    """At its neutral values it changes nothing; at its defaults it runs."""
-    for name, found in sorted(MOVING.items()):
-        if name == 'module':
-            continue
-        command = command_of(name, 3.0)
-        bare = simulate(model_of(name), command, 20.0)
-        acting = [each for each in find_effects().values() if acts_on(each.effect, found.structure)]
-        assert len(acting) > 12
-        for each in acting:
-            parameters = each.effect.parameters
-            neutral = ActiveEffect(each, tuple(p.default if p.neutral is None else p.neutral for p in parameters))
-            run = simulate(model_of(name, effects=[neutral]), command, 20.0)
-            column, scale = found.structure.coordinates[0].column, model_of(name).scales[0]
-            assert run[column] == pytest.approx(bare[column], abs=2e-3 * scale), (name, each.effect.name)
-            active = ActiveEffect(each, tuple(p.default for p in parameters))
-            assert simulate(model_of(name, effects=[active]), command, 20.0).completed, (name, each.effect.name)
 
 
 def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):

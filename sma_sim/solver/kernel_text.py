@@ -128,18 +128,29 @@ def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
 
 
 def whole_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> list[str]:
-    """Lines that call a kernel of all coordinates at once."""
+    """Lines that call a kernel of all coordinates at once, of segments in series for each segment."""
     n, states = kinds.coordinates, len(effect.states)
-    place = {j: i for i, j in enumerate(kinds.acting)}
-    q, dq = (', '.join(f's_[{S_POSE + first + j}] * k_{j}' for j in range(n)) for first in (0, n))
-    memory = [', '.join(f'm_[{place[j] * states + k}]' if j in place else '0.0' for j in range(n)) for k in range(states)]
+    place, together = {j: i for i, j in enumerate(kinds.acting)}, len(part_of(kinds.structure).coordinates)
     given = ['s__', 'w__', 'p__', *(['m__'] if one.memory else []), *functions_of(effect)]
-    return [
-        f'    s__ = State({wire_fields()}, Pose({q}), Pose({dq}))',
-        *([f'    m__ = Memory({", ".join(f"Pose({each})" for each in memory)})'] if one.memory else []),
-        f'    result = kernel({", ".join(given)})',
-        *(f'    out_[{j}] = result{f"[{j}]" if is_tuple else ""} * k_{j}' for j in range(n)),
-    ]
+    lines = []
+    for begin in range(0, n, together):
+        part = range(begin, begin + together)
+        q, dq = (', '.join(f's_[{S_POSE + first + j}] * k_{j}' for j in part) + ',' for first in (0, n))
+        memory = [
+            ', '.join(f'm_[{place[j] * states + k}]' if j in place else '0.0' for j in part) + ',' for k in range(states)
+        ]  # fmt: skip
+        lines += [
+            f'    s__ = State({wire_fields()}, Pose({q}), Pose({dq}))',
+            *([f'    m__ = Memory({", ".join(f"Pose({each})" for each in memory)})'] if one.memory else []),
+            f'    result = kernel({", ".join(given)})',
+            *(f'    out_[{j}] = result{f"[{j - begin}]" if is_tuple else ""} * k_{j}' for j in part),
+        ]
+    return lines
+
+
+def part_of(structure: Structure) -> Structure:
+    """Of what the functions of a structure are: of a segment, where there are several in series."""
+    return structure.segment or structure
 
 
 def each_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> list[str]:
@@ -162,14 +173,13 @@ def each_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
 
 def spring_lines(kinds: KernelTypes) -> list[str]:
     """Lines that find the force of the spring of each coordinate, and its stiffness as a difference."""
-    n, structure = kinds.coordinates, kinds.structure
-    one = '[0]' if n > 1 else ''
+    n, structure = len(part_of(kinds.structure).coordinates), kinds.structure
     lines = []
     for j in kinds.acting:
-        h = structure.coordinates[j].size(structure.default_constants)
-        here = [f's_[{S_POSE + i}]' for i in range(n)]
-        at = [', '.join(pose) for pose in (here, [*here[:j], f'{here[j]} + {h!r}', *here[j + 1 :]])]
-        index = one.replace('0', str(j))
+        h, k = structure.coordinates[j].size(structure.default_constants), j % n
+        here = [f's_[{S_POSE + j - k + i}]' for i in range(n)]
+        at = [', '.join(pose) for pose in (here, [*here[:k], f'{here[k]} + {h!r}', *here[k + 1 :]])]
+        index = f'[{k}]' if n > 1 else ''
         lines += [
             f'    f_{j} = stiffness(Pose({at[0]}), w__, 1.0){index}',
             f'    c_{j} = (stiffness(Pose({at[1]}), w__, 1.0){index} - f_{j}) / {h!r}',

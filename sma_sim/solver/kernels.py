@@ -23,6 +23,7 @@ from sma_sim.solver.kernel_text import (
     force_text,
     functions_of,
     parameter_fields,
+    part_of,
     wrapper_text,
 )
 
@@ -122,7 +123,8 @@ def kernel_types(effect: Effect, structure: Structure | None) -> KernelTypes:
 def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compiler: Compiler, suffix: str) -> Any:
     """A C function of five addresses around one kernel."""
     role, kernel = one.role, one.python
-    functions = {name: getattr(kinds.structure, name) for name in FUNCTIONS if effect.needs}
+    part = part_of(kinds.structure)
+    functions = {name: getattr(part, name) for name in FUNCTIONS if effect.needs}
     file = compiler.folder / f'effect_{effect.name}_{role}{suffix}.py'
     write_source(file, text)
     namespace: dict[str, Any] = {
@@ -132,7 +134,7 @@ def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compi
         'Constants': kinds.constants,
         'Parameters': record('Parameters', parameter_fields(effect)),
         'Memory': record('Memory', effect.states),
-        'Pose': record('Pose', kinds.structure.coordinate_names),
+        'Pose': record('Pose', part.coordinate_names),
         'kernel': kernel,
         **functions,
     }
@@ -152,7 +154,9 @@ def returns_tuple(effect: Effect, one: OneKernel, kinds: KernelTypes) -> bool:
     constants, fields = kinds.constants, kinds.state._fields
     parameters = record('Parameters', parameter_fields(effect))
     whole = role == 'value' and functions_of(effect)
-    pose = record('Pose', kinds.structure.coordinate_names)(*[0.5] * kinds.coordinates) if whole else 0.5
+    part = part_of(kinds.structure)
+    pose = record('Pose', part.coordinate_names)(*[0.5] * len(part.coordinates)) if whole else 0.5
+    outputs = len(part.coordinates) if whole else outputs
     given: list[Any] = [
         kinds.state(*(pose if field in ('q', 'dq') else 0.5 for field in fields)),
         constants(*[0.5] * len(constants._fields)),
@@ -161,7 +165,7 @@ def returns_tuple(effect: Effect, one: OneKernel, kinds: KernelTypes) -> bool:
     if memory:
         given.append(record('Memory', effect.states)(*[pose] * len(effect.states)))
     if whole:
-        given += [getattr(kinds.structure, name) for name in functions_of(effect)]
+        given += [getattr(part, name) for name in functions_of(effect)]
     try:
         value = kernel(*given)
     except ArithmeticError:

@@ -19,13 +19,16 @@ def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Struc
         'constants': segment.constants, 'size_parameter': segment.size_parameter, 'fitted': segment.fitted,
         'defaults': segment.defaults, **fields,
     }  # fmt: skip
-    lengths, forces = segment.lengths, segment.forces
+    lengths, forces, stiffness = segment.lengths, segment.forces, segment.stiffness
     assert lengths is not None and forces is not None
     return Structure(
         coordinates=tuple(numbered(one, k, word) for k in range(1, count + 1) for one in segment.coordinates),
         wires=count * segment.wires,
         lengths=lambda q, p: tuple(length for (part,) in parts(segment, q) for length in numbers(lengths(part, p))),
         forces=lambda q, v, p: tuple(f for qk, vk in parts(segment, q, v) for f in numbers(forces(qk, vk, p))),
+        stiffness=None
+        if stiffness is None
+        else lambda q, p, part: tuple(f for (qk,) in parts(segment, q) for f in numbers(stiffness(qk, p, part))),
         segment=segment,
         **fields,
     )
@@ -33,7 +36,10 @@ def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Struc
 
 def numbered(coordinate: Coordinate, k: int, word: str) -> Coordinate:
     """A coordinate of segment `k`."""
-    return replace(coordinate, name=f'{coordinate.name}_{k}', description=f'{coordinate.description} ({word} {k})')
+    motion = coordinate.motion and f'{coordinate.motion}_{k}'
+    return replace(
+        coordinate, name=f'{coordinate.name}_{k}', motion=motion, description=f'{coordinate.description} ({word} {k})'
+    )
 
 
 def parts(segment: Structure, *poses: Any) -> Iterator[tuple[Any, ...]]:

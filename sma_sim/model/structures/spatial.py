@@ -161,7 +161,7 @@ STRUCTURE = Structure(
         Coordinate('U_z', 'm', lambda p: 0.01 * p.L, 'deflection across it, towards bundle 2', joint=False),
         Coordinate('alpha', 'rad', 0.15, 'rotation about z', limit=0.5 * math.pi),
         Coordinate('beta', 'rad', 0.15, 'rotation about y', limit=0.5 * math.pi),
-        Coordinate('gamma', 'rad', 0.15, 'twist', limit=0.5 * math.pi),
+        Coordinate('gamma', 'rad', 0.15, 'twist', limit=0.5 * math.pi, joint=False),
     ),
     wires=3,
     lengths=lengths,
