@@ -17,6 +17,7 @@ Modes = NDArray[np.int64]
 # Columns of `obs`, a row per wire: what the flow finds on its way; from O_DL on dl/dq, one column for each coordinate
 # of the wire's segment.
 O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL = range(13)
+RANGE = 4  # numbers that say which segments of a series are evaluated (`StructureTable.effects`)
 
 
 class SystemState(NamedTuple):

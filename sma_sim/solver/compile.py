@@ -41,6 +41,10 @@ OWN = ('sma_sim.',)
 OUT_OF_LINE = (
     'update_flow',
     'linearize_flow',
+    'linearize_segments',
+    'difference',
+    'eliminate',
+    'solve_eliminated',
     'rosenbrock_step',
     'observe',
     'crossing',

@@ -9,7 +9,7 @@ from sma_sim.model.effects.calls import fill_kernel_state, start_states
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, System, SystemState
 from sma_sim.model.system import ambient_temperature, flow
 from sma_sim.solver.linear import factorise, solve_factorised
-from sma_sim.solver.stepper import Matrix, Vector, Work
+from sma_sim.solver.work import Matrix, Vector, Work
 
 NEWTON_STEPS = 50
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose

@@ -7,7 +7,8 @@ import numpy as np
 from sma_sim.model.automaton import EDGES, GUARD_NAMES, TO_AUSTENITE, TO_MARTENSITE, frozen_fraction
 from sma_sim.model.layout import O_X, System, SystemState
 from sma_sim.model.system import guard
-from sma_sim.solver.stepper import Matrix, Segment, Step, Work, dense, flow_at, with_smooth
+from sma_sim.solver.stepper import Segment, Step, dense, flow_at, with_smooth
+from sma_sim.solver.work import Matrix, Work
 
 EDGE_TABLE = np.array(EDGES, dtype=np.int64)
 # Violations below these are rounding: relative to dsigma, in x_M, and in 1/s.

@@ -14,21 +14,16 @@ from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_frac
 from sma_sim.solver.sampling import needed_for, sample_channels
 from sma_sim.solver.stepper import (
     ORDER,
-    Integers,
-    Matrix,
     Segment,
     Step,
-    Vector,
-    Work,
-    copy_evaluation,
-    copy_into,
     dense,
     flow_at,
     linearize_flow,
     prepare_dense,
     rosenbrock_step,
     with_smooth,
-)  # fmt: skip
+)
+from sma_sim.solver.work import Integers, Matrix, Vector, Work, copy_evaluation, copy_into
 
 COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE, STALLED = range(6)
 REASONS = (

@@ -14,7 +14,8 @@ from sma_sim.model.system import (
     sensed_channel,
     update_flow,
 )
-from sma_sim.solver.stepper import Integers, Segment, Vector, Work, input_at
+from sma_sim.solver.stepper import Segment, input_at
+from sma_sim.solver.work import Integers, Vector, Work
 
 
 def needed_for(channels: Integers, p: System) -> int:

@@ -44,7 +44,9 @@ from sma_sim.solver.integrate import (
     integrate,
 )  # fmt: skip
 from sma_sim.solver.model import Model, new_findings
-from sma_sim.solver.stepper import ORDER, Work
+from sma_sim.solver.series import elimination_of
+from sma_sim.solver.stepper import ORDER
+from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
 
@@ -121,6 +123,7 @@ def new_work(model: Model) -> Work:
     n = len(scales)
     return Work(
         jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
+        elimination=elimination_of(p, n),
         **{name: Evaluation(np.zeros(n), new_findings(p)) for name in ('first', 'stage', 'guard', 'sample')},
         f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(len(model.structure.input_columns)), stages=np.zeros((6, n)),
         y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),

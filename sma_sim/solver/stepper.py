@@ -5,41 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import EVERYTHING, depends_on, update_flow
-from sma_sim.solver.linear import factorise, solve_factorised
+from sma_sim.solver.linear import eliminate, factorise, solve_eliminated, solve_factorised
 from sma_sim.solver.rosenbrock import RODAS4P2
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from sma_sim.solver.series import linearize_segments
+from sma_sim.solver.work import Vector, Work, copy_evaluation
 
 A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
 GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
 TIME_STEP = 1e-7  # for the partial derivative of the flow in time [s]
-
-
-class Work(NamedTuple):
-    """Scratch memory of a run with n states. Each purpose has an evaluation of its own, so that none loses another's."""
-
-    jacobian: Matrix  # (n, n)
-    matrix: Matrix  # (n, n)
-    pivot: Integers  # (n,)
-    first: Evaluation  # at the beginning of the step
-    stage: Evaluation  # at a stage of the step, or beside its beginning for a difference
-    guard: Evaluation  # where guards are evaluated
-    sample: Evaluation  # where a sample is taken
-    f_t: Vector  # (n,) partial derivative of the flow in time
-    y_stage: Vector
-    u: Vector  # input at the time of an evaluation
-    stages: Matrix  # (6, n)
-    y_new: Vector
-    y_dense: Vector
-    k: Matrix  # (2, n) coefficients of the dense output
-    increment: Vector  # (n,) difference steps of the Jacobian
-    weight: Vector  # (n,) error scale of every state, times rtol
 
 
 class Segment(NamedTuple):
@@ -87,36 +63,25 @@ def linearize_flow(t: float, state: SystemState, segment: Segment, p: System, w:
         input_at(t, segment, w.u)
     else:
         flow_at(t, state, segment, p, w, w.first)
-    for j in range(n):
-        changed = depends_on(j, state, p)
-        if changed != EVERYTHING:
-            copy_evaluation(w.first, w.stage)
-        kept = y[j]
-        y[j] = kept + w.increment[j]
-        step = y[j] - kept
-        update_flow(t, state, InputPoint(w.u, segment.du), p, w.stage, changed)
-        y[j] = kept
-        inverse = 1.0 / step
-        for i in range(n):
-            w.jacobian[i, j] = (f_stage[i] - f[i]) * inverse
+    if w.elimination.order.shape[0] > 0:
+        linearize_segments(state, InputPoint(w.u, segment.du), p, w)
+    else:
+        for j in range(n):
+            changed = depends_on(j, state, p)
+            if changed != EVERYTHING:
+                copy_evaluation(w.first, w.stage)
+            kept = y[j]
+            y[j] = kept + w.increment[j]
+            step = y[j] - kept
+            update_flow(t, state, InputPoint(w.u, segment.du), p, w.stage, changed)
+            y[j] = kept
+            inverse = 1.0 / step
+            for i in range(n):
+                w.jacobian[i, j] = (f_stage[i] - f[i]) * inverse
     if segment.moving:
         flow_at(t + TIME_STEP, state, segment, p, w, w.stage)
         for i in range(n):
             w.f_t[i] = (f_stage[i] - f[i]) / TIME_STEP
-
-
-def copy_evaluation(source: Evaluation, target: Evaluation) -> None:
-    """Copy an evaluation of the flow into another."""
-    copy_into(target.dy, source.dy)
-    for i in range(np.uint64(source.obs.shape[0])):
-        for k in range(np.uint64(source.obs.shape[1])):
-            target.obs[i, k] = source.obs[i, k]
-
-
-def copy_into(y: Vector, new: Vector) -> None:
-    """Copy `new` into `y`."""
-    for i in range(np.uint64(y.shape[0])):
-        y[i] = new[i]
 
 
 def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System, w: Work) -> float:
@@ -126,11 +91,7 @@ def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System,
     """
     t, h, y = step.t, step.h, state.y
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
-    for i in range(n):
-        for j in range(n):
-            w.matrix[i, j] = -w.jacobian[i, j]
-        w.matrix[i, i] += 1.0 / (h * GAMMA)
-    if not factorise(w.matrix, w.pivot):
+    if not factorise_step(1.0 / (h * GAMMA), w):
         return np.inf
     for stage in range(STAGES):
         if stage == 0:
@@ -149,8 +110,23 @@ def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System,
         if segment.moving:
             for i in range(n):
                 w.stages[stage, i] += h * D[stage] * w.f_t[i]
-        solve_factorised(w.matrix, w.pivot, w.stages[stage])
+        if w.elimination.order.shape[0] > 0:
+            solve_eliminated(w.matrix, w.elimination, w.stages[stage])
+        else:
+            solve_factorised(w.matrix, w.pivot, w.stages[stage])
     return finish_step(w)
+
+
+def factorise_step(shift: float, w: Work) -> bool:
+    """Factorise W = shift I - J into ``w.matrix``; False when it is singular or not finite."""
+    n = np.uint64(w.matrix.shape[0])  # unsigned, as in solver.linear
+    if w.elimination.order.shape[0] > 0:
+        return eliminate(w.jacobian, shift, w.matrix, w.elimination)
+    for i in range(n):
+        for j in range(n):
+            w.matrix[i, j] = -w.jacobian[i, j]
+        w.matrix[i, i] += shift
+    return factorise(w.matrix, w.pivot)
 
 
 def stage_state(stage: int, y: Vector, w: Work) -> None:

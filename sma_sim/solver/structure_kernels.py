@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V
+from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V, RANGE
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Structure, numbers, record
 from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
@@ -21,7 +21,6 @@ STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordin
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding
 AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
 MOST_EFFECTS = 64  # on one structure
-RANGE = 4  # numbers that say which segments of a series are evaluated (`StructureTable`)
 CHECKED_POSES = (0.0, 0.7, -1.3)  # relative to the scales of the coordinates
 
 

@@ -18,7 +18,7 @@ from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
-from sma_sim.solver.stepper import Work
+from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
