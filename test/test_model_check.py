@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 from sma_sim import Config, Input, Model  # noqa: E402
 from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES  # noqa: E402
 from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
+from sma_sim.model.structures.spatial import STRUCTURE as SPATIAL  # noqa: E402
 from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
 from sma_sim.solver.columns import sample_columns  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
@@ -376,3 +377,28 @@ def test_wrong_parameters_stop_it(words, message):
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith('sma_model_check: ') and message in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+def test_beside_a_structure_with_a_command_for_each_wire():
+    words = ('-p', 'system:=spatial')
+    channels = SPATIAL.channels
+    with robot(*words) as one:
+        with beside(one, *words) as log:
+            command = one.node.create_publisher(Float64MultiArray, 'J', 10)
+            one.until(lambda: command.get_subscription_count() >= 2 and value(one, 'state') == 'comparing')
+            assert np.nanmax(np.abs([message.data for message in one.seen['channel_residuals']])) == 0.0
+            command.publish(Float64MultiArray(data=[8.0, 0.0, 2.0]))
+            end = time.monotonic() + 2.0
+            one.until(lambda: time.monotonic() > end and value(one, 'J [W]') == '8, 0, 2')
+            assert value(one, 'command') == 'J_applied' and status(one).level == DiagnosticStatus.OK, status(one)
+        moved = np.array([message.position for message in one.seen['joint_states']])[:, 1]
+    residuals = np.array([message.data for message in one.seen['channel_residuals']])
+    assert list(one.seen['residuals'][-1].name) == list(channels[:6]) and residuals.shape[1] == len(channels)
+    assert np.ptp(moved) > 3e-4 and 0.0 < np.nanmax(np.abs(residuals[:, 1])) < 0.02 * np.ptp(moved)
+    assert np.isfinite(residuals[-1]).all() and 'J_applied is published: the model follows it' in log[0]
+
+
+def test_a_wire_on_a_bench_has_no_joints_to_follow():
+    words = [sys.executable, '-m', CHECK, '--ros-args', '-p', 'system:=wire']
+    done = subprocess.run(words, cwd=ros_client.ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and 'a wire has no joints' in done.stderr and 'Traceback' not in done.stderr

@@ -52,8 +52,10 @@ def show_info(arguments: argparse.Namespace) -> int:
     parameters = recorded_parameters(bag)
     if parameters is not None:
         effects = ', '.join(map(str, parameters.get('effects.active') or ['none']))
+        system = parameters.get('system', 'module')
+        of = '' if system == 'module' else f' of system {system}'
         rate = bag.about.get('integration_rate', 'unknown').removesuffix('.0')
-        print(f'recorded by sma_module_sim: {parameters.get("model")} model, effects {effects}, {rate} steps/s')
+        print(f'recorded by sma_module_sim: {parameters.get("model")} model{of}, effects {effects}, {rate} steps/s')
     return 0
 
 

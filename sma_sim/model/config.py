@@ -13,8 +13,9 @@ from typing import Any
 
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
 from sma_sim.model.given import LISTS, SWITCH_WORDS, ConfigError, Given, add_effect, given_values, named_folders, names_in
-from sma_sim.model.parameters import SETTINGS, Parameter
+from sma_sim.model.parameters import SETTINGS, Parameter, Setting, joint_name_setting
 from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures, structure_of_size
+from sma_sim.model.structures.structure import Structure
 
 MODELS = ('hybrid', 'mas')
 
@@ -44,6 +45,12 @@ def default_parameters(system: str = 'module') -> dict[str, float]:
 def default_settings() -> dict[str, str | bool]:
     """The node's texts and switches by full name."""
     return {name: setting.default for name, setting in SETTINGS.items()}
+
+
+def settings_of(structure: Structure) -> dict[str, Setting]:
+    """The nodes' texts and switches by full name: also the names of a structure's joints, for the live check."""
+    names = {name: f'check.name_{name}' for name in structure.coordinate_names}
+    return dict(SETTINGS) | {full: joint_name_setting(name) for name, full in names.items()}
 
 
 @dataclass(frozen=True)
@@ -158,7 +165,7 @@ def checked(given: Mapping[str, Given]) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError."""
     own = checked_structure(given)
     structure = own.structure
-    defaults, ranges = structure.default_values, structure.all_parameters
+    defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
     known = {name: Given(value, 'default') for name, value in defaults.items()}
     folders = given.get('effects.paths', Given([], ''))
     found = find_effects([] if folders.recorded else named_folders('effects.paths', folders))
@@ -166,12 +173,12 @@ def checked(given: Mapping[str, Given]) -> Config:
         check_effects_found(given, found, folders)
     found = effects_on(found, names_of_effects(given), structure, numbers_within(given, defaults, ranges))
     declared = ranges | effect_parameters(found)
-    model, settings = MODELS[0], default_settings()
+    model, settings = MODELS[0], {name: setting.default for name, setting in texts.items()}
     for name, one in given.items():
         if name == 'model':
             model = checked_choice(name, one, MODELS)
-        elif name in SETTINGS:
-            settings[name] = checked_setting(name, one)
+        elif name in texts:
+            settings[name] = checked_setting(name, one, texts[name])
         elif name not in LISTS and name != 'system':
             known[name] = Given(checked_number(name, one, declared), one.where)
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
@@ -213,9 +220,9 @@ def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:
     return str(one.value)
 
 
-def checked_setting(name: str, one: Given) -> str | bool:
+def checked_setting(name: str, one: Given, setting: Setting) -> str | bool:
     """A text or a switch."""
-    wanted = type(SETTINGS[name].default)
+    wanted = type(setting.default)
     value = SWITCH_WORDS.get(str(one.value).lower(), one.value) if wanted is bool else one.value
     if not isinstance(value, wanted):
         kind = 'true or false' if wanted is bool else 'a text'

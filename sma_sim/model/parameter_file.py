@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
-from sma_sim.model.config import MODELS, Config, folders_of
-from sma_sim.model.parameters import GROUPS, PAPER, SETTINGS, Parameter
+from sma_sim.model.config import MODELS, Config, folders_of, settings_of
+from sma_sim.model.parameters import GROUPS, PAPER, Parameter, Setting
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
 
@@ -30,9 +30,10 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
     """
     systems = list(dict.fromkeys([*package_structures(), config.system]))
     lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.model}  # {" | ".join(MODELS)}']
+    settings = settings_of(config.structure.structure).items()
     for group, members in groups_of(config.structure.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
-        lines += [f'  {setting_line(name, config)}' for name in SETTINGS if name.startswith(f'{group}.')]
+        lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
     lines += effect_lines(config, effect_paths)
     lines += ['structures:', f'  paths: {words(folders_of(config.structure))}  # {STRUCTURE_PATHS}']
     return HEAD + ''.join(f'    {one}\n' for one in lines)
@@ -47,6 +48,7 @@ def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
         own.setdefault(group, []).append(replace(parameter, name=short))
     kept = {group: members for group, members in GROUPS.items() if group not in others - set(own)}
     kept['initial'] += tuple(replace(parameter, name=parameter.name.partition('.')[2]) for parameter in structure.initial)
+    kept['check'] += tuple(structure.noise.values())
     return kept | {group: tuple(members) for group, members in own.items()}
 
 
@@ -69,11 +71,11 @@ def line(parameter: Parameter, value: float) -> str:
     return f'{parameter.name}: {yaml_number(value)}  # [{parameter.unit}] {parameter.description}{source}{note}'
 
 
-def setting_line(name: str, config: Config) -> str:
+def setting_line(name: str, setting: Setting, config: Config) -> str:
     """A text or a switch of the node."""
-    value = config.settings[name]
+    value = config.settings.get(name, setting.default)
     text = str(value).lower() if isinstance(value, bool) else words([value])[1:-1]
-    return f'{name.rpartition(".")[2]}: {text}  # {SETTINGS[name].description}'
+    return f'{name.rpartition(".")[2]}: {text}  # {setting.description}'
 
 
 def yaml_number(value: float) -> str:

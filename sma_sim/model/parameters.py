@@ -141,6 +141,11 @@ class Setting:
     description: str
 
 
+def joint_name_setting(name: str) -> Setting:
+    """What a coordinate is called in the robot's joint_states."""
+    return Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states")
+
+
 SETTINGS: Mapping[str, Setting] = {
     f'{group}.{one.name}': one
     for group, one in (
@@ -150,8 +155,7 @@ SETTINGS: Mapping[str, Setting] = {
         ('node', Setting('stamped_topics', False, 'publish variants with a header too, such as wire_forces_stamped')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
         ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),
-        *(('check', Setting(f'name_{name}', name, f"name of {name} in the robot's joint_states"))
-          for name in ('U_x', 'U_y', 'alpha')),
+        *(('check', joint_name_setting(name)) for name in ('U_x', 'U_y', 'alpha')),
     )
 }  # fmt: skip
 

@@ -15,10 +15,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.evidence.monitoring.live_model import (
-    J_EQ,
-    MODULE_CHANNEL_NAMES,
-    T_E,
     DepartureDetector,
     LiveModel,
     RunningError,
@@ -32,7 +30,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, array_layout, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
-from sma_sim.ros.robot_subscriptions import ROBOT_TOPICS, RobotSubscriptions, Sample
+from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError
@@ -54,25 +52,29 @@ class ModelCheck:
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
         self._node, self._config, self._rate = node, config, settings['integration_rate']
-        if config.system != 'module':
-            raise UserError(f'system = {config.system}: the live check runs beside a module')
+        if not config.structure.structure.coordinates:
+            raise UserError(
+                f'system = {config.system}: the live check takes its pace from joint_states, and a {config.system} has no '
+                'joints; compare recordings with sma-sim compare'
+            )
         self._logger, self._model = node.get_logger(), Model(config)
-        self._messages = Messages(self._model.structure)
+        structure = self._model.structure
+        self._messages, self._channels = Messages(structure), structure.channels
         self._values = {name.removeprefix('check.'): value for name, value in config.parameters.items()}
-        self._noise = np.array([self._values[f'noise_{channel}'] for channel in MODULE_CHANNEL_NAMES])
-        self._input = [0.0, config.parameters['environment.T_E']]
+        self._noise = np.array([self._values[f'noise_{channel}'] for channel in self._channels])
+        self._input = [0.0] * (len(structure.input_columns) - 1) + [config.parameters['environment.T_E']]
         for note in FixedRateRun(self._model, self._rate, np.array(self._input)).notes:
             self._logger.info(note)
-        self._error = RunningError(self._values['window'], len(MODULE_CHANNEL_NAMES))
+        self._error = RunningError(self._values['window'], len(self._channels))
         self._live: LiveModel | None = None
         self._before: Sample | None = None
         self._starts, self._samples, self._remind_at = 0, 0, 0.0
         self._reset_requested = threading.Event()
-        self._heated: set[float] = set()  # signs of the commands since the model started
+        self._heated: set[int] = set()  # wires that were heated since the model started
         self._forget_verdict()
         self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in OUTPUT_TOPICS.items()}
         self._diagnostics = Diagnostics(node, 'robot beside the model')
-        self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], ROBOT_TOPICS)
+        self._graph_check = GraphCheck(node, ['joint_states', *OUTPUT_TOPICS], robot_topics(structure))
         self._robot = RobotSubscriptions(node, config)
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
         node.create_service(Trigger, '~/reset', self._reset)
@@ -108,9 +110,9 @@ class ModelCheck:
 
     def _forget_verdict(self) -> None:
         self._error.clear()
-        self._departure = DepartureDetector(self._values['threshold'], self._values['window'], len(MODULE_CHANNEL_NAMES))
+        self._departure = DepartureDetector(self._values['threshold'], self._values['window'], len(self._channels))
         self._settled = False
-        self._last_error = np.full(len(MODULE_CHANNEL_NAMES), np.nan)
+        self._last_error = np.full(len(self._channels), np.nan)
 
     def _take(self, now: Sample) -> None:
         """Bring the model to a sample and compare."""
@@ -147,8 +149,9 @@ class ModelCheck:
         changes = self._robot.changes(before, now)
         for change in changes:
             self._input[change.column] = change.value
-            if change.column == J_EQ and change.value != 0.0:
-                self._heated.add(math.copysign(1.0, change.value))
+            if change.column in self._robot.heating and change.value != 0.0:
+                wire = change.column - self._robot.heating[0]
+                self._heated.add(wire + 1 if change.value < 0.0 else wire)  # J_eq < 0 heats the other one
         return changes
 
     def _start(self, now: Sample, reason: str) -> None:
@@ -158,7 +161,7 @@ class ModelCheck:
         self._heated.clear()
         self._inputs(None, now)
         self._forget_verdict()
-        self._live = LiveModel(self._model, self._rate, now.stamp, (self._input[J_EQ], self._input[T_E]))
+        self._live = LiveModel(self._model, self._rate, now.stamp, self._input)
         self._starts += 1
         self._logger.info(
             'the model starts from rest (initial.*), which the robot may not be in: no verdict for check.burn_in = '
@@ -190,9 +193,11 @@ class ModelCheck:
 
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
-        worst = ', '.join(f'{MODULE_CHANNEL_NAMES[k]} {self._last_error[k]:.3g}' for k in which)
-        caveat = '' if len(self._heated) == 2 else (
-            '; not both bundles were heated since the model started, so its start (initial.*) may be what is wrong'
+        worst = ', '.join(f'{self._channels[k]} {self._last_error[k]:.3g}' for k in which)
+        wires = self._model.wires
+        which_ones = {1: 'the bundle was not', 2: 'not both bundles were'}.get(wires, 'not all bundles were')
+        caveat = '' if len(self._heated) == wires else (
+            f'; {which_ones} heated since the model started, so its start (initial.*) may be what is wrong'
         )  # fmt: skip
         return (
             f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
@@ -203,7 +208,7 @@ class ModelCheck:
         stamp = stamp_of(now.stamp)
         self._topics['model_joint_states'].publish(self._messages.joint_state(stamp, row, sensed=True))
         rates, tau = row[self._messages.where.rates], row[self._messages.where.tau]
-        position, velocity, effort = residual[:3], now.joints[1] - rates, now.joints[2] - tau
+        position, velocity, effort = residual[: len(rates)], now.joints[1] - rates, now.joints[2] - tau
         message = JointState(
             header=Header(stamp=stamp), name=self._messages.joint_names, position=position.tolist(),
             velocity=values_or_none(velocity), effort=values_or_none(effort),
@@ -213,7 +218,7 @@ class ModelCheck:
             ('channel_residuals', 'measured - model of {} [SI]', residual),
             ('error_over_noise', 'running RMSE over noise of {} [-]', self._last_error),
         ):
-            layout = array_layout(what.format(', '.join(MODULE_CHANNEL_NAMES)), len(MODULE_CHANNEL_NAMES))
+            layout = array_layout(what.format(', '.join(self._channels)), len(self._channels))
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
 
     def _diagnose(self) -> None:
@@ -226,17 +231,18 @@ class ModelCheck:
             self._logger.warning(
                 'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
             )
+        command, heating = self._robot.command_topic, self._robot.heating
         state = 'waiting for joint_states' if self._live is None else 'comparing' if self._settled else 'burn-in'
-        errors = zip(MODULE_CHANNEL_NAMES, self._last_error, strict=True)
+        errors = zip(self._channels, self._last_error, strict=True)
         values = {
             'state': state,
             **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
             'samples compared': self._samples,
             'samples waiting': self._robot.waiting,
             'starts of the model': self._starts,
-            'command': 'J_eq_applied' if self._robot.applied[J_EQ] else 'J_eq',
-            'J_eq [W]': f'{self._input[J_EQ]:g}',
-            'T_E [K]': f'{self._input[T_E]:g}',
+            'command': f'{command}{APPLIED}' if self._robot.applied[heating[0]] else command,
+            f'{command} [W]': ', '.join(f'{self._input[column]:g}' for column in heating),
+            'T_E [K]': f'{self._input[-1]:g}',
             **self._robot.rejected(),
         }
         self._diagnostics.publish('; '.join([state, *problems]), warn=bool(problems), values=values)

@@ -14,13 +14,13 @@ from std_msgs.msg import Float64
 
 from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.model.config import Config
-from sma_sim.ros.command import Ambient, Command
+from sma_sim.ros.command import Ambient
 from sma_sim.ros.inbox import Inbox
 from sma_sim.ros.messages import Messages
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.stamped import SUFFIX, StampedCommands
-from sma_sim.ros.wire_commands import SetPoint, WireCommands
+from sma_sim.ros.wire_commands import SetPoint, WireCommands, heating_command
 
 AMBIENT = 'ambient_temperature'
 
@@ -30,8 +30,7 @@ class Inputs:
 
     def __init__(self, node: Node, config: Config, settings: Mapping[str, float], publishers: Publishers) -> None:
         structure = config.structure.structure
-        limits = settings['J_max'], settings['command_timeout']
-        self.command = Command(node, *limits) if structure.antagonistic else WireCommands(node, *limits, structure.wires)
+        self.command = heating_command(node, structure, settings['J_max'], settings['command_timeout'])
         self.ambient = Ambient(node, config.parameters['environment.T_E'])
         self.set_points = [SetPoint(node, drive) for drive in structure.drives]
         self._publishers, self._messages = publishers, Messages(structure)

@@ -12,10 +12,10 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sma_sim.model.config import MODELS, Config, checked, names_of_effects
+from sma_sim.model.config import MODELS, Config, checked, names_of_effects, settings_of
 from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.given import LISTS, ConfigError, Given, belongs_to_ros, named_folders
-from sma_sim.model.parameters import DEFAULTS, SETTINGS
+from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.command import ENVIRONMENT
@@ -70,7 +70,7 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
             additional_constraints=f'one of {", ".join(choices)}',
         )  # fmt: skip
         node.declare_parameter(name, getattr(config, name), words, ignore_override=True)
-    for name, setting in SETTINGS.items():
+    for name, setting in settings_of(config.structure.structure).items():
         kind = ParameterType.PARAMETER_BOOL if isinstance(setting.default, bool) else ParameterType.PARAMETER_STRING
         words = ParameterDescriptor(description=setting.description, read_only=True, type=kind)
         node.declare_parameter(name, config.settings[name], words, ignore_override=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -22,36 +22,27 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.monitoring.live_model import J_EQ, T_E, InputChange
+from sma_sim.evidence.data.rosbag.interface import APPLIED
+from sma_sim.evidence.monitoring.live_model import InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.model.structures.module import STRUCTURE as MODULE
-from sma_sim.ros.command import WARNING_PERIOD, Ambient, Command
+from sma_sim.model.structures.structure import Structure
+from sma_sim.ros.command import WARNING_PERIOD, Ambient
 from sma_sim.ros.qos import LATEST
+from sma_sim.ros.wire_commands import SetPoint, heating_command
 
 Vector = NDArray[np.float64]
-JOINT_NAMES, WIRE_NAMES = MODULE.coordinate_names, ('wire_1', 'wire_2')
 Queue = deque[tuple[int, Any]]
 
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 COMMAND_DEPTH = 100
-ROBOT_TOPICS: Mapping[str, Any] = {
-    'joint_states': JointState,
-    'J_eq': Float64,
-    'J_eq_applied': Float64,
-    'ambient_temperature': Temperature,
-    'T_E_applied': Float64,
-    'wire_forces': Float64MultiArray,
-    'wire_1/temperature': Temperature,
-    'wire_2/temperature': Temperature,
-}
-APPLIED_TOPICS = {'J_eq_applied': J_EQ, 'T_E_applied': T_E}  # what is in force, and so replaces what was asked for
+NUMBERS = {2: 'two', 3: 'three'}  # in messages
 
 
 class Sample(NamedTuple):
-    """One message of joint_states: arrival and stamp [ns]; position, velocity, effort (rows) of U_x, U_y, alpha."""
+    """One message of joint_states: arrival and stamp [ns]; position, velocity, effort (rows) of every coordinate."""
 
     arrival: int
     stamp: int
@@ -67,6 +58,25 @@ class Event(NamedTuple):
     applied: bool
 
 
+def robot_topics(structure: Structure) -> dict[str, Any]:
+    """Message types of the topics of a robot that are heard, by name."""
+    heating = {'J_eq': Float64} if structure.antagonistic else {'J': Float64MultiArray}
+    asked = {**heating, **{drive.name: Float64 for drive in structure.drives}}
+    return {
+        'joint_states': JointState,
+        **{f'{name}{suffix}': kind for name, kind in asked.items() for suffix in ('', APPLIED)},
+        'ambient_temperature': Temperature,
+        'T_E_applied': Float64,
+        'wire_forces': Float64MultiArray,
+        **{f'{wire}/temperature': Temperature for wire in wire_names(structure)},
+    }
+
+
+def wire_names(structure: Structure) -> list[str]:
+    """What the topics of the wires begin with."""
+    return [f'wire_{i + 1}' for i in range(structure.wires)]
+
+
 class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
@@ -74,24 +84,36 @@ class RobotSubscriptions:
     """
 
     def __init__(self, node: Node, config: Config) -> None:
-        parameters = config.parameters
-        self._logger = node.get_logger()
-        self._names = [str(config.settings[f'check.name_{joint}']) for joint in JOINT_NAMES]
+        parameters, structure = config.parameters, config.structure.structure
+        self._logger, self._structure = node.get_logger(), structure
+        self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         if len(set(self._names)) < len(self._names):
-            raise UserError(f'check.name_*: expected three different names, got {", ".join(self._names)}')
+            count = NUMBERS.get(len(self._names), str(len(self._names)))
+            raise UserError(f'check.name_*: expected {count} different names, got {", ".join(self._names)}')
+        drives, columns = len(structure.drives), len(structure.input_columns)
+        self.heating, self.T_E = range(drives, columns - 1), columns - 1  # columns of the input
         self._latency = round(parameters['check.latency'] * 1e9)
         self._timeout = parameters['node.command_timeout']
-        self._command = Command(node, parameters['node.J_max'], self._timeout)
+        self._command = heating_command(node, structure, parameters['node.J_max'], self._timeout)
+        self._set_points = [SetPoint(node, drive) for drive in structure.drives]
         self.ambient = Ambient(node, parameters['environment.T_E'])
         self.counts: Counter[str] = Counter()  # of what was wrong, by words for it
         self._warned_at: dict[str, float] = {}
-        self.applied = [False, False]  # whether the robot publishes the J_EQ, T_E that are in force
+        self.applied = [False] * columns  # whether the robot publishes what is in force in a column
         self._commanded = math.inf  # stamp [ns] of the last command that was asked for
         self._heard: deque[Event] = deque()
         self._events: list[Event] = []
         self._samples: deque[Sample] = deque(maxlen=MAX_QUEUED_MESSAGES)
-        self._companions: list[Queue] = [deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(3)]  # forces, temperatures
+        # of the forces, and of the temperature of each wire
+        self._companions: list[Queue] = [
+            deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(1 + structure.wires)
+        ]  # forces, temperatures
         self._subscribe(node)
+
+    @property
+    def command_topic(self) -> str:
+        """The topic of the heating that is asked for."""
+        return self._command.topic
 
     @property
     def waiting(self) -> int:
@@ -118,19 +140,20 @@ class RobotSubscriptions:
             if self.applied[event.column] and not event.applied:
                 continue
             changes.append(InputChange(self._stamp(event.arrival, before, now), event.column, event.value))
-            if event.column == J_EQ:
+            if event.column in self.heating:
                 self._commanded = math.inf if event.applied else changes[-1].stamp
         if self._timeout > 0.0 and now.stamp > self._commanded + self._timeout * 1e9:
-            changes.append(InputChange(round(self._commanded + self._timeout * 1e9), J_EQ, 0.0))
+            changes += [InputChange(round(self._commanded + self._timeout * 1e9), column, 0.0) for column in self.heating]
             self._commanded = math.inf
         return changes
 
     def companions(self, before: Sample | None, now: Sample) -> Vector:
-        """F_1, F_2 [N], T_1, T_2 [K] that belong to a sample, NaN where there are none (4,)."""
+        """Forces [N] and temperatures [K] of the wires that belong to a sample, NaN where there are none (2 wires,)."""
+        wires = self._structure.wires
         if before is None:
-            return np.full(4, np.nan)
+            return np.full(2 * wires, np.nan)
         forces, *temperatures = self._companions
-        values = [nearest(forces, now.arrival, (now.arrival - before.arrival) // 2, (math.nan, math.nan))]
+        values = [nearest(forces, now.arrival, (now.arrival - before.arrival) // 2, (math.nan,) * wires)]
         half = (now.stamp - before.stamp) // 2
         values += [(nearest(queue, now.stamp, half, math.nan),) for queue in temperatures]
         return np.concatenate(values)
@@ -138,12 +161,12 @@ class RobotSubscriptions:
     def apply_T_E(self) -> None:
         """Take the new value of the parameter environment.T_E."""
         self.ambient.apply()
-        self._hear(time.time_ns(), T_E, self.ambient.T_E, applied=False)
+        self._hear(time.time_ns(), (self.T_E,), (self.ambient.T_E,), applied=False)
 
     def rejected(self) -> dict[str, int]:
         """How often what was wrong, by words for it."""
         return {
-            'rejected commands': self._command.rejected,
+            'rejected commands': self._command.rejected + sum(point.rejected for point in self._set_points),
             'clipped commands': self._command.clipped,
             'rejected ambient temperatures': self.ambient.rejected,
             **self.counts,
@@ -159,23 +182,24 @@ class RobotSubscriptions:
 
     def _subscribe(self, node: Node) -> None:
         quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        heating = (self._command.topic, tuple(self.heating), self._command.accepted)
+        points = [(point.topic, (k,), point.accepted) for k, point in enumerate(self._set_points)]
         receivers: dict[str, Callable[[Any, Any], None]] = {
             'joint_states': self._take_joints,
-            'J_eq': partial(self._take, J_EQ, self._command.accepted),
-            'ambient_temperature': partial(self._take, T_E, self.ambient.accepted),
+            'ambient_temperature': partial(self._take, (self.T_E,), self.ambient.accepted),
+            'T_E_applied': partial(self._take_applied, 'T_E_applied', (self.T_E,)),
             'wire_forces': self._take_forces,
-            **{f'{wire}/temperature': partial(self._take_temperature, i) for i, wire in enumerate(WIRE_NAMES)},
-            **{topic: partial(self._take_applied, topic) for topic in APPLIED_TOPICS},
         }
-        for topic, kind in ROBOT_TOPICS.items():
-            asked = topic in ('J_eq', 'ambient_temperature')
-            qualities = (
-                [LATEST, SENSOR_QOS]
-                if topic in APPLIED_TOPICS
-                else [QoSProfile(depth=COMMAND_DEPTH)]
-                if asked
-                else [SENSOR_QOS]
-            )
+        for topic, columns, accepted in (heating, *points):
+            receivers[topic] = partial(self._take, columns, accepted)
+            receivers[f'{topic}{APPLIED}'] = partial(self._take_applied, f'{topic}{APPLIED}', columns)
+        for i, wire in enumerate(wire_names(self._structure)):
+            receivers[f'{wire}/temperature'] = partial(self._take_temperature, i)
+        asked = {'ambient_temperature', *(topic for topic, *_ in (heating, *points))}
+        for topic, kind in robot_topics(self._structure).items():
+            qualities = [QoSProfile(depth=COMMAND_DEPTH)] if topic in asked else [SENSOR_QOS]
+            if topic.endswith(APPLIED):
+                qualities = [LATEST, SENSOR_QOS]
             for quality in qualities:  # no one quality hears both what was kept for late subscribers and what was not
                 node.create_subscription(kind, topic, receivers[topic], quality, event_callbacks=quiet)
 
@@ -187,27 +211,29 @@ class RobotSubscriptions:
         part = (arrival - before.arrival) / max(now.arrival - before.arrival, 1)
         return before.stamp + round(min(max(part, 0.0), 1.0) * (now.stamp - before.stamp))
 
-    def _hear(self, arrival: int, column: int, value: float, applied: bool) -> None:
-        self._heard.append(Event(arrival, column, value, applied))
+    def _hear(self, arrival: int, columns: Sequence[int], values: Sequence[float], applied: bool) -> None:
+        self._heard.extend(Event(arrival, column, value, applied) for column, value in zip(columns, values, strict=True))
 
-    def _take(self, column: int, accepted: Callable[[Any], float | None], message: Any, info: Any) -> None:
+    def _take(self, columns: Sequence[int], accepted: Callable[[Any], Any], message: Any, info: Any) -> None:
         value = accepted(message)
         if value is not None:
-            self._hear(arrival_of(info), column, value, applied=False)
+            self._hear(arrival_of(info), columns, value if isinstance(value, tuple) else (value,), applied=False)
 
-    def _take_applied(self, topic: str, message: Float64, info: Any) -> None:
-        column = APPLIED_TOPICS[topic]
-        low, high = DEFAULTS['environment.T_E'].bounds if column == T_E else (-math.inf, math.inf)
-        if not (math.isfinite(message.data) and low <= message.data <= high):
-            self.warn_of(f'{topic} that cannot be used', f'got {message.data}')
+    def _take_applied(self, topic: str, columns: Sequence[int], message: Any, info: Any) -> None:
+        values = [message.data] if isinstance(message, Float64) else list(message.data)
+        low, high = DEFAULTS['environment.T_E'].bounds if columns == (self.T_E,) else (-math.inf, math.inf)
+        if len(values) != len(columns) or not all(math.isfinite(value) and low <= value <= high for value in values):
+            got = ', '.join(map(str, values[:5]))
+            self.warn_of(f'{topic} that cannot be used', f'got {got}')
             return
-        if not self.applied[column]:
-            self.applied[column] = True
+        if not self.applied[columns[0]]:
+            for column in columns:
+                self.applied[column] = True
             self._logger.info(f'{topic} is published: the model follows it, and no other topic, in this')
-        self._hear(arrival_of(info), column, float(message.data), applied=True)
+        self._hear(arrival_of(info), columns, [float(value) for value in values], applied=True)
 
     def _take_joints(self, message: JointState, info: Any) -> None:
-        joints = np.full((3, 3), math.nan)
+        joints = np.full((3, len(self._names)), math.nan)
         at = {name: k for k, name in enumerate(message.name)}
         for row, values in enumerate((message.position, message.velocity, message.effort)):
             for column, name in enumerate(self._names):
@@ -230,14 +256,16 @@ class RobotSubscriptions:
 
     def _take_forces(self, message: Float64MultiArray, info: Any) -> None:
         values = tuple(message.data)
-        if len(values) != 2 or not all(map(math.isfinite, values)):
-            self.warn_of('wire_forces that cannot be used', f'expected two finite numbers, got {list(values)[:5]}')
+        wires = self._structure.wires
+        if len(values) != wires or not all(map(math.isfinite, values)):
+            expected = 'one finite number' if wires == 1 else f'{NUMBERS.get(wires, wires)} finite numbers'
+            self.warn_of('wire_forces that cannot be used', f'expected {expected}, got {list(values)[:5]}')
             return
         self._companions[0].append((arrival_of(info), values))
 
     def _take_temperature(self, wire: int, message: Temperature, _: Any) -> None:
         if not math.isfinite(message.temperature):
-            self.warn_of(f'temperatures of {WIRE_NAMES[wire]} that are not finite', 'they are not compared')
+            self.warn_of(f'temperatures of wire_{wire + 1} that are not finite', 'they are not compared')
             return
         self._companions[1 + wire].append((nanoseconds(message.header.stamp), message.temperature + ZERO_CELSIUS))
 

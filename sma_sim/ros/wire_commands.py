@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.rosbag.interface import WIRE_COMMAND
-from sma_sim.model.structures.structure import Drive
+from sma_sim.model.structures.structure import Drive, Structure
 from sma_sim.ros.command import WARNING_PERIOD, Command
 
 MOST_SHOWN = 8  # numbers of a message that is refused
@@ -61,6 +61,11 @@ def shown(numbers: tuple[float, ...]) -> str:
     return ', '.join(f'{number:g}' for number in numbers[:MOST_SHOWN]) + (', ...' if len(numbers) > MOST_SHOWN else '')
 
 
+def heating_command(node: Node, structure: Structure, J_max: float, timeout: float) -> Command:
+    """The command of a structure: J_eq of an antagonistic pair, else one number for each wire."""
+    return Command(node, J_max, timeout) if structure.antagonistic else WireCommands(node, J_max, timeout, structure.wires)
+
+
 class SetPoint:
     """What is imposed beside heating, such as the strain of a wire on a test bench: the last value holds for ever.
 
@@ -76,16 +81,22 @@ class SetPoint:
 
     def receive(self, message: Float64) -> None:
         """Take a value; refuse one out of range."""
+        value = self.accepted(message)
+        if value is not None:
+            self._mailbox.append(value)
+
+    def accepted(self, message: Float64) -> float | None:
+        """The value that a message asks for, None for one out of range."""
         value, (low, high) = float(message.data), self._drive.bounds
         if low <= value <= high and math.isfinite(value):
-            self._mailbox.append(value)
-            return
+            return value
         self.rejected += 1
         unit = self._drive.unit.removeprefix('-')
         self.refusal = (
             f'{self.topic} = {value:g} {unit}'.rstrip() + f' refused: expected {low:g} to {high:g} {unit}'.rstrip()
         )
         self._logger.warning(f'{self.refusal}; the last good value stays in force', throttle_duration_sec=WARNING_PERIOD)
+        return None
 
     def clear(self) -> None:
         """Forget the values so far: as at the start, which the first step does not leave."""

@@ -20,7 +20,7 @@ INITIAL_CAPACITY = 64
 
 
 class InputChange(NamedTuple):
-    """From `stamp` [ns] on, the input `column` (J_EQ [W] or T_E [K]) has the value."""
+    """From `stamp` [ns] on, a column of the input (of a module J_EQ [W] or T_E [K]) has the value."""
 
     stamp: int
     column: int
@@ -30,13 +30,17 @@ class InputChange(NamedTuple):
 class LiveModel:
     """The model from rest at `begin` [ns] on, in fixed steps of 1/rate, under the `first` input (J_eq [W], T_E [K]).
 
+    The input of another structure is what is imposed, its commands and T_E.
+
     Raises SimulationError when there is no start.
     """
 
-    def __init__(self, model: Model, rate: float, begin: int, first: tuple[float, float]) -> None:
+    def __init__(self, model: Model, rate: float, begin: int, first: Sequence[float]) -> None:
         self.begin, self._rate = begin, rate
-        self._run = FixedRateRun(model, rate, np.array([0.0, first[T_E]]))
-        self._u = np.array(first)
+        self._u = np.array(first, dtype=float)
+        at_rest = self._u.copy()
+        at_rest[len(model.structure.drives) : -1] = 0.0
+        self._run = FixedRateRun(model, rate, at_rest)
         self._row = self._run.sample[None, :].copy()
 
     def advance(self, stamp: int, changes: Sequence[InputChange]) -> Vector:

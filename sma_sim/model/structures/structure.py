@@ -19,6 +19,9 @@ from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
 COUPLED = 1e-9  # part of its own stiffness above which a coordinate is coupled to another
+CHECK_PAGE = 'docs/reference/model-check.md'
+CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-')}  # usual sensors
+NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
 MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
 
@@ -217,10 +220,30 @@ class Structure:
         """x_M at the start of the wires beyond the second."""
         return in_group('initial', (initial_fraction(i) for i in range(len(INITIAL_PARAMETERS) + 1, self.wires + 1)))
 
+    @cached_property
+    def noise(self) -> dict[str, Parameter]:
+        """The noise of channels for the live check, by full name, beside that of channels that the module has too."""
+        values = {name: parameter.default for name, parameter in (dict(DEFAULTS) | self.declared).items()}
+        constants, found = self.constants_of(values | dict(self.defaults)), dict(CHANNEL_NOISE)
+        for coordinate in self.coordinates:
+            usual = coordinate.sensor_scale or coordinate.size(constants)
+            found[coordinate.name] = (float(f'{NOISE_PART * usual:.1g}'), coordinate.unit)
+        known = {
+            channel: found.get(channel) or found.get(channel.partition('_')[0], (1.0, '-')) for channel in self.channels
+        }
+        noise = {
+            f'check.noise_{channel}': Parameter(
+                f'noise_{channel}', std, unit, (1e-15, 1e12), f'standard deviation of the noise of {channel}', CHECK_PAGE
+            )
+            for channel, (std, unit) in known.items()
+        }
+        return {name: parameter for name, parameter in noise.items() if name not in DEFAULTS}
+
     @property
     def all_parameters(self) -> dict[str, Parameter]:
         """All parameters of a model with this structure, by full name."""
-        return dict(DEFAULTS) | {parameter.name: parameter for parameter in self.initial} | self.declared
+        initial = {parameter.name: parameter for parameter in self.initial}
+        return dict(DEFAULTS) | initial | self.declared | self.noise
 
     @property
     def default_values(self) -> dict[str, float]:
