@@ -142,3 +142,12 @@ def test_a_set_point_holds_and_one_out_of_range_is_refused():
     assert logger.warnings[0] == 'strain = 0.6 refused: expected -0.5 to 0.5; the last good value stays in force'
     point.clear()
     assert [point.take() for _ in range(2)] == [0.0, 0.0]
+
+
+def test_pairs_in_series_have_a_command_of_either_sign_each():
+    logger = Logger()
+    command = WireCommands(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 3, signed=True)
+    command.receive(heating(-99.0, 0.0, 2.0))
+    assert command.at(0.0) == (-J_MAX, 0.0, 2.0) and command.clipped == 1
+    command.receive(heating(1.0, 2.0))
+    assert 'expected 3 numbers [W], one for each pair of wires, got 2' in command.refusal

@@ -383,7 +383,7 @@ def test_beside_a_structure_with_a_command_for_each_wire():
     words = ('-p', 'system:=spatial')
     channels = SPATIAL.channels
     with robot(*words) as one:
-        with beside(one, *words) as log:
+        with beside(one, *words, '-p', 'check.window:=3.0') as log:
             command = one.node.create_publisher(Float64MultiArray, 'J', 10)
             one.until(lambda: command.get_subscription_count() >= 2 and value(one, 'state') == 'comparing')
             assert np.nanmax(np.abs([message.data for message in one.seen['channel_residuals']])) == 0.0

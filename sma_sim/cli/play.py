@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.input_files import read_structure_input
+from sma_sim.cli.common.input_files import read_input
 from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, config_from
-from sma_sim.evidence.data.rosbag.interface import Interface, interface_of, structure_like
+from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
-from sma_sim.evidence.data.rosbag.reader import interface_of_robot
+from sma_sim.evidence.data.rosbag.reader import interface_of_robot, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
 from sma_sim.evidence.data.tables import Vector, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.entry import NO_ROS
 from sma_sim.solver.inputs import Input, inputs_at
 
@@ -42,9 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the commands and send them."""
     if not 0.0 < arguments.speed <= 1000.0:
         raise UserError(f'--speed {arguments.speed:g}: expected more than 0 and at most 1000')
-    interface = interface_for(arguments)
-    ambient = DEFAULTS['environment.T_E'].default
-    source = read_structure_input(arguments.file, structure_like(interface), ambient, False, arguments.namespace)
+    structure = structure_for(arguments)
+    interface = interface_of(structure) if structure is not None else interface_in(arguments)
+    bag = read_bag(arguments.file, arguments.namespace, structure) if is_bag(arguments.file) else None
+    source = read_input(arguments.file, interface, DEFAULTS['environment.T_E'].default, False, bag)
     heating = arguments.topic or interface.heating_topic
     times, commands = commands_of(source, interface, heating, is_bag(arguments.file))
     try:
@@ -60,11 +62,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def interface_for(arguments: argparse.Namespace) -> Interface:
-    """The topics of what is commanded: of the system that is named, or as the file tells."""
-    if arguments.system or arguments.config or arguments.words:
-        words = [f'system={arguments.system}'] if arguments.system else []
-        return interface_of(config_from(arguments, *words).structure.structure)
+def structure_for(arguments: argparse.Namespace) -> Structure | None:
+    """The structure that is named."""
+    if not (arguments.system or arguments.config or arguments.words):
+        return None
+    words = [f'system={arguments.system}'] if arguments.system else []
+    return config_from(arguments, *words).structure.structure
+
+
+def interface_in(arguments: argparse.Namespace) -> Interface:
+    """The topics of what is commanded, as the file tells."""
     if is_bag(arguments.file):
         return interface_of_robot(arguments.file, arguments.namespace)
     return interface_of_columns(read_header(arguments.file))
@@ -78,7 +85,7 @@ def commands_of(source: Input, of: Interface, heating: str, held: bool) -> tuple
     columns = inputs_at(source, times)
     commands = {drive: columns[column] for drive, column in of.drives.items()}
     powers = [columns[name] for name in of.heating_columns]
-    commands[heating] = powers[0] if of.antagonistic else np.column_stack(powers)
+    commands[heating] = powers[0] if of.heating_topic == PAIR_COMMAND else np.column_stack(powers)
     changes = np.any([np.diff(values.reshape(len(times), -1), axis=0).any(axis=1) for values in commands.values()], axis=0)
     keep = np.unique([0, *(np.flatnonzero(changes) + 1), len(times) - 1])
     return times[keep], {topic: values[keep] for topic, values in commands.items()}

@@ -150,8 +150,10 @@ class ModelCheck:
         for change in changes:
             self._input[change.column] = change.value
             if change.column in self._robot.heating and change.value != 0.0:
-                wire = change.column - self._robot.heating[0]
-                self._heated.add(wire + 1 if change.value < 0.0 else wire)  # J_eq < 0 heats the other one
+                number = change.column - self._robot.heating[0]
+                if self._model.structure.antagonistic:
+                    number = 2 * number + (change.value < 0.0)  # J_eq < 0 heats the second one of a pair
+                self._heated.add(number)
         return changes
 
     def _start(self, now: Sample, reason: str) -> None:

@@ -55,7 +55,8 @@ class Messages:
         if joints:
             at = slice(channels['F_1'], channels['F_1'] + structure.wires)
             self._measured['wire_forces'] = (f'force {self._of_wires} [N]', at)
-        self._heating = f'J {self._of_wires} [W]'
+        of_pairs = ', '.join(structure.commands)
+        self._heating = f'{of_pairs} [W]' if structure.antagonistic else f'J {self._of_wires} [W]'
 
     @property
     def measured_topics(self) -> tuple[str, ...]:
@@ -118,5 +119,5 @@ class Messages:
         return UInt8MultiArray(layout=array_layout(f'mode {self._of_wires} (1 to 5)', len(modes)), data=list(modes))
 
     def heating(self, J: Sequence[float]) -> Float64MultiArray:
-        """The heating of every wire [W]."""
+        """The heating of every wire, or pair of them [W]."""
         return number_array(self._heating, J)

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, Header, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from sma_sim.evidence.data.rosbag.interface import APPLIED
+from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, interface_of
 from sma_sim.model.config import Config
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.graph_check import type_name
@@ -43,7 +43,8 @@ def sample_topics(structure: Structure) -> dict[str, Any]:
 
 def change_topics(structure: Structure) -> dict[str, Any]:
     """Message types of what is published when it changes."""
-    heating = {'J_eq_applied': Float64} if structure.antagonistic else {'J_applied': Float64MultiArray}
+    topic = interface_of(structure).heating_topic
+    heating = {f'{topic}{APPLIED}': Float64 if topic == PAIR_COMMAND else Float64MultiArray}
     return heating | {f'{drive.name}{APPLIED}': Float64 for drive in structure.drives} | {'T_E_applied': Float64}
 
 

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.interface import APPLIED
+from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, interface_of
 from sma_sim.evidence.monitoring.live_model import InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -60,8 +60,11 @@ class Event(NamedTuple):
 
 def robot_topics(structure: Structure) -> dict[str, Any]:
     """Message types of the topics of a robot that are heard, by name."""
-    heating = {'J_eq': Float64} if structure.antagonistic else {'J': Float64MultiArray}
-    asked = {**heating, **{drive.name: Float64 for drive in structure.drives}}
+    topic = interface_of(structure).heating_topic
+    asked = {
+        topic: Float64 if topic == PAIR_COMMAND else Float64MultiArray,
+        **{drive.name: Float64 for drive in structure.drives},
+    }
     return {
         'joint_states': JointState,
         **{f'{name}{suffix}': kind for name, kind in asked.items() for suffix in ('', APPLIED)},

@@ -8,7 +8,7 @@ from collections import deque
 from rclpy.node import Node
 from std_msgs.msg import Float64, Float64MultiArray
 
-from sma_sim.evidence.data.rosbag.interface import WIRE_COMMAND
+from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, WIRE_COMMAND
 from sma_sim.model.structures.structure import Drive, Structure
 from sma_sim.ros.command import WARNING_PERIOD, Command
 
@@ -16,13 +16,16 @@ MOST_SHOWN = 8  # numbers of a message that is refused
 
 
 class WireCommands(Command):
-    """The heating of every wire [W] that is in force, one number each, not negative; else as `Command`."""
+    """The heating of every wire [W] that is in force, one number each, not negative; else as `Command`.
+
+    Of antagonistic pairs in series one number for each pair, of either sign.
+    """
 
     topic, kind = WIRE_COMMAND, Float64MultiArray
 
-    def __init__(self, node: Node, J_max: float, timeout: float, wires: int) -> None:
-        self._wires = wires
-        super().__init__(node, J_max, timeout, (0.0,) * wires)
+    def __init__(self, node: Node, J_max: float, timeout: float, count: int, signed: bool = False) -> None:
+        self._count, self._signed = count, signed
+        super().__init__(node, J_max, timeout, (0.0,) * count)
 
     def accepted(self, message: Float64MultiArray) -> tuple[float, ...] | None:
         """The heating [W] that a message asks for, clipped to J_max; None for one that is refused as a whole."""
@@ -31,7 +34,7 @@ class WireCommands(Command):
         if reason:
             self.refuse(reason)
             return None
-        if max(J) > self.J_max:
+        if self.limited(J) != J:
             self.clipped += 1
             self._logger.warning(
                 f'J = {shown(J)} W clipped to node.J_max = {self.J_max:g} W', throttle_duration_sec=WARNING_PERIOD
@@ -40,20 +43,23 @@ class WireCommands(Command):
 
     def limited(self, J: tuple[float, ...]) -> tuple[float, ...]:
         """The heating, none of it above J_max."""
-        return J if max(J) <= self.J_max else tuple(min(each, self.J_max) for each in J)
+        most = self.J_max
+        return J if max(map(abs, J)) <= most else tuple(min(max(each, -most), most) for each in J)
 
     def _wrong(self, J: tuple[float, ...], message: Float64MultiArray) -> str:
         """What is wrong with a message; empty where nothing is."""
         told = f'J = {shown(J)} W refused: expected '
-        one_each = 'one number [W]' if self._wires == 1 else f'{self._wires} numbers [W], one for each wire'
+        each = 'pair of wires' if self._signed else 'wire'
+        one_each = 'one number [W]' if self._count == 1 else f'{self._count} numbers [W], one for each {each}'
         sizes = [dimension.size for dimension in message.layout.dim]
-        if len(J) != self._wires:
+        if len(J) != self._count:
             return f'{told}{one_each}, got {len(J)}'
         if message.layout.data_offset or sizes and math.prod(sizes) != len(J):
             return f'{told}{one_each}, got a layout of the sizes {sizes} and the offset {message.layout.data_offset}'
         if not all(map(math.isfinite, J)):
             return f'{told}finite numbers'
-        return f'{told}no negative number: a wire is heated or it is not' if min(J) < 0.0 else ''
+        negative = not self._signed and min(J) < 0.0
+        return f'{told}no negative number: a wire is heated or it is not' if negative else ''
 
 
 def shown(numbers: tuple[float, ...]) -> str:
@@ -62,8 +68,10 @@ def shown(numbers: tuple[float, ...]) -> str:
 
 
 def heating_command(node: Node, structure: Structure, J_max: float, timeout: float) -> Command:
-    """The command of a structure: J_eq of an antagonistic pair, else one number for each wire."""
-    return Command(node, J_max, timeout) if structure.antagonistic else WireCommands(node, J_max, timeout, structure.wires)
+    """The command of a structure: J_eq of an antagonistic pair, else one number for each wire or pair."""
+    if structure.commands == (PAIR_COMMAND,):
+        return Command(node, J_max, timeout)
+    return WireCommands(node, J_max, timeout, len(structure.commands), structure.antagonistic)
 
 
 class SetPoint:

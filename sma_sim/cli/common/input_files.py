@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, read_columns
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
 LARGEST_STRAIN = 0.5  # beyond it the column is in percent
@@ -19,33 +19,37 @@ LARGEST_STRAIN = 0.5  # beyond it the column is in percent
 
 def read_input_file(path: Path, config: Config, linear: bool, namespace: str | None = None) -> Input:
     """What is imposed, heating and ambient temperature, from a CSV file or a bag; `linear`: heating between rows."""
-    T_E = config.parameters['environment.T_E']
-    return read_structure_input(path, config.structure.structure, T_E, linear, namespace)
+    structure = config.structure.structure
+    of, T_E = interface_of(structure), config.parameters['environment.T_E']
+    return read_input(path, of, T_E, linear, read_bag(path, namespace, structure) if is_bag(path) else None)
 
 
-def read_structure_input(path: Path, structure: Structure, T_E: float, linear: bool, namespace: str | None = None) -> Input:
-    """As `read_input_file`, of a structure; `T_E` [K] where the file tells none. Raises UserError."""
-    needed, names = structure.needed_columns, structure.input_columns
-    others = tuple(name for name in names if name not in needed)
-    columns = read_bag(path, namespace, structure) if is_bag(path) else read_columns(path, ('time_s', *needed), others)
+def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[str, Vector] | None) -> Input:
+    """As `read_input_file`, of an interface; `T_E` [K] where the file tells none, `bag` the columns of a bag.
+
+    Raises UserError.
+    """
+    imposed, powers = tuple(of.drives.values()), of.heating_columns
+    needed, names = imposed or powers, (*imposed, *powers, 'T_E_K')
+    columns = (
+        bag if bag is not None else read_columns(path, ('time_s', *needed), [name for name in names if name not in needed])
+    )
     missing = [name for name in needed if name not in columns]
     if missing:
-        raise UserError(f'{path} has no {", ".join(missing)}: expected the input of system {structure.name}')
+        raise UserError(f'{path} has no {", ".join(missing)}: expected the input of system {of.system}')
     time = increasing(path, columns['time_s'])
-    imposed = names[: len(structure.drives)]
     values = [columns[name] for name in imposed]
     for name, column in zip(imposed, values, strict=True):
         top = column[np.abs(column).argmax()]
         if name == 'strain' and abs(top) > LARGEST_STRAIN:
             raise UserError(f'{path}, column strain: expected a fraction such as 0.05, got {top:g}')
-    for name in names[len(imposed) : -1]:
+    for name in powers:
         heating = columns.get(name, np.zeros(len(time)))
-        if not structure.antagonistic and (heating < 0.0).any():
+        if not of.signed and (heating < 0.0).any():
             raise UserError(f'{path}, column {name}: heating cannot be negative, got {heating.min():g} W')
         values.append(heating)
     values.append(ambient_of(path, columns, T_E))
-    kinds = [True] * len(imposed) + [linear] * (len(names) - len(imposed) - 1) + [False]
-    return Input(time, np.column_stack(values), tuple(kinds), names)
+    return Input(time, np.column_stack(values), (True,) * len(imposed) + (linear,) * len(powers) + (False,), names)
 
 
 def ambient_of(path: Path, columns: dict[str, Vector], T_E: float) -> Vector:

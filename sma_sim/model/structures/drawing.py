@@ -30,6 +30,7 @@ class Sketch:
         self._structure, self._values = structure, values
         self._constants = structure.constants_of(values)
         self._pose = record('Pose', structure.coordinate_names)
+        self._in_segment = max(1, len(structure.coordinates) // structure.segments)
         self._at_zero = dict.fromkeys(structure.coordinate_names, 0.0)
         self._rest = self._lengths(self._at_zero)
         self.scale = sum(self._rest) / len(self._rest)
@@ -75,15 +76,18 @@ class Sketch:
         drawing, parent = structure.drawing, BASE_FRAME
         origin = (0.0, 0.0, 0.0) if drawing is None or drawing.origin is None else drawing.origin(self._constants)
         links, joints = [Link(BASE_FRAME, Box((size, size, size), (0.0, 0.0, 0.0), BASE_COLOUR))], []
-        for name, motion in zip(names, self._motions(), strict=True):
+        first = origin
+        for k, (name, motion) in enumerate(zip(names, self._motions(), strict=True)):
+            origin = first if k % self._in_segment == 0 else (0.0, 0.0, 0.0)
             links.append(Link(name, Box((size, size, size), (0.0, 0.0, 0.0), END_COLOUR) if name == END_FRAME else None))
             joints.append(Joint(parent, name, origin, motion))
-            parent, origin = name, (0.0, 0.0, 0.0)
+            parent = name
         lines = self.lines(self._at_zero, self._rest)
         for i, (child, end) in enumerate(self.ends(lines).items()):
             links += [Link(f'wire_{i + 1}'), Link(child)]
-            foot = lines.wires[i][0]
-            joints.append(Joint(BASE_FRAME, f'wire_{i + 1}', (foot[0], foot[1], foot[2])))
+            before = i * structure.segments // structure.wires  # segments that carry this one: its frame is parallel to base
+            x, y, z = (at - before * offset for at, offset in zip(lines.wires[i][0], first, strict=True))
+            joints.append(Joint(names[before * self._in_segment - 1] if before else BASE_FRAME, f'wire_{i + 1}', (x, y, z)))
             joints.append(Joint(BASE_FRAME, child, end, free=True))
         return LinkTree(f'sma_{structure.name}', tuple(links), tuple(joints))
 
@@ -91,8 +95,9 @@ class Sketch:
         """What every joint allows; limits for sliders and planners: the model has none."""
         w, found = wire_constants(self._values), []
         force = w.n * w.section * w.E_A * w.eps_T
-        counts = {'rad': 0, '': 0}
-        for coordinate in self._structure.coordinates:
+        counts: dict[str, int] = {}
+        for k, coordinate in enumerate(self._structure.coordinates):
+            counts = counts if k % self._in_segment else {'rad': 0, '': 0}
             revolute, size = coordinate.unit == 'rad', coordinate.size(self._constants)
             moved = self._lengths(self._at_zero | {coordinate.name: DIFFERENCE * size})
             effort = force * sum(abs(a - b) for a, b in zip(moved, self._rest, strict=True)) / (DIFFERENCE * size)

@@ -86,7 +86,8 @@ class Drawing:
     bodies : callable, optional
         ``bodies(q, p)`` returns the lines of everything else; without it, a line that joins the ends of the wires.
     origin : callable, optional
-        ``origin(p)`` is where the frame `end` is while all coordinates are zero; without it, in the origin of `base`.
+        ``origin(p)`` is where the frame `end` is while all coordinates are zero; without it, in the origin of `base`. Of
+        segments in series, the end of each in that of the one before.
     """
 
     wires: Callable[[Any, Any], Sequence[Line]]

@@ -18,10 +18,13 @@ from typing import Any, NamedTuple
 
 from sma_sim.model.parameters import PAPER, BeamConstants, Parameter, beam_constants
 from sma_sim.model.structures import module
+from sma_sim.model.structures.geometry import shape_of
+from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.series import in_series, parts
 from sma_sim.model.structures.structure import Structure
 
 NAME, DEFAULT_MODULES, MOST_MODULES = 'stack', 3, 10
+DRAWN_POINTS = 21  # of a bent beam
 SOURCE = "the paper's module; gravity is off, as there"
 
 
@@ -91,6 +94,22 @@ def energy(q: Any, v: Any, p: StackConstants) -> float:
     return float(total)
 
 
+def drawn(q: Any, p: StackConstants) -> list[tuple[list[Line], list[Line]]]:
+    """The lines of every module: its wires; its beam and plate."""
+    beam, found = BeamConstants(*p[: len(BeamConstants._fields)]), []
+    x = y = angle = 0.0
+    for (part,) in parts(MODULE, q):
+        sine, cosine = math.sin(angle), math.cos(angle)
+        shape = shape_of(part.U_x, part.U_y, part.alpha, beam, DRAWN_POINTS)
+        lines: list[Line] = [
+            [(x + cosine * a - sine * b, y + sine * a + cosine * b, 0.0) for a, b in line.tolist()]
+            for line in (*shape.wires, shape.beam, shape.plate)
+        ]
+        found.append((lines[:2], lines[2:]))
+        (x, y, _), angle = lines[2][-1], angle + part.alpha
+    return found
+
+
 def stack_of(modules: int) -> Structure:
     """A stack of so many modules."""
     return in_series(
@@ -106,6 +125,11 @@ def stack_of(modules: int) -> Structure:
         accelerations=accelerations,
         constants=constants,
         energy=energy,
+        drawing=Drawing(
+            lambda q, p: [line for wires, _ in drawn(q, p) for line in wires],
+            lambda q, p: [line for _, bodies in drawn(q, p) for line in bodies],
+            lambda p: (p.L, 0.0, 0.0),
+        ),
         system=NAME,
         size_name='stack.modules',
         of_size=stack_of,

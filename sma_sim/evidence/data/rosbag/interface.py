@@ -10,7 +10,7 @@ from typing import Any
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.structure import MOST_WIRES, Drive, Structure
+from sma_sim.model.structures.structure import MOST_WIRES, Structure
 
 JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
 FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
@@ -48,14 +48,14 @@ class Interface:
     channels: Mapping[str, str]
 
     @property
-    def antagonistic(self) -> bool:
+    def signed(self) -> bool:
         """Whether one command heats either of two wires."""
-        return self.commands == (PAIR_COMMAND,)
+        return len(self.commands) < self.wires or self.commands == (PAIR_COMMAND,)
 
     @property
     def heating_topic(self) -> str:
         """The topic of the heating."""
-        return PAIR_COMMAND if self.antagonistic else WIRE_COMMAND
+        return PAIR_COMMAND if self.commands == (PAIR_COMMAND,) else WIRE_COMMAND
 
     @property
     def heating_columns(self) -> tuple[str, ...]:
@@ -94,12 +94,6 @@ def interface_of(structure: Structure) -> Interface:
     )
 
 
-def structure_like(of: Interface) -> Structure:
-    """A structure with the inputs of an interface, and nothing else; for one that nobody knows here."""
-    drives = tuple(Drive(name, column.removeprefix(name).removeprefix('_') or '-') for name, column in of.drives.items())
-    return Structure(of.system, of.system, (), of.wires, antagonistic=of.antagonistic, drives=drives)
-
-
 def interface_from(text: str, where: str) -> Interface:
     """The interface that a bag tells. Raises UserError."""
     try:
@@ -107,7 +101,7 @@ def interface_from(text: str, where: str) -> Interface:
         names = (told['joints'], told['drives'], told['channels'])
         wires, commands = told['wires'], tuple(told['commands'])
         good = isinstance(wires, int) and 1 <= wires <= MOST_WIRES and all(isinstance(word, str) for word in commands)
-        good = good and (commands == (PAIR_COMMAND,) and wires == 2 or len(commands) == wires)
+        good = good and len(commands) in (wires, wires / 2)
         good = good and all(isinstance(word, str) for mapping in names for pair in mapping.items() for word in pair)
         if not good:
             raise ValueError
