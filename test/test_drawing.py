@@ -54,7 +54,7 @@ def in_base(transforms, frame, point):
     return point
 
 
-@pytest.mark.parametrize('name', [name for name in FOUND if FOUND[name].structure.coordinates and name != 'module'])
+@pytest.mark.parametrize('name', [name for name in FOUND if FOUND[name].structure.coordinates])
 def test_wires_are_drawn_as_long_as_they_are(name):
     structure = FOUND[name].structure
     sketch = Sketch(structure, structure.default_values)

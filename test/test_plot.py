@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sma_sim import Model, UserError, module_input, simulate
+from sma_sim import Config, Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.structures.geometry import shape_of
@@ -11,6 +11,8 @@ from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.module_figure import draw_module
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 from sma_sim.report.run_figure import draw_run
+from sma_sim.report.structure_figure import draw_structures, pose_of
+from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.inputs import inputs_at
 
 
@@ -179,3 +181,17 @@ def test_heated_wire_is_drawn_on_the_side_to_which_the_module_leans(columns):
     assert beam.get_xdata()[-1] > 0.0
     assert wire_1.get_xdata()[0] > wire_2.get_xdata()[0]
     assert wire_1.get_color() == MODE_COLOURS[int(columns['mode_1'][heated])]
+
+
+def test_structures_are_drawn_at_rest_and_moved():
+    """One panel each; wires in the colour of their mode, grey lines as at rest."""
+    lever, stack = (FixedRateRun(Model(Config(system=name)), 1000.0, np.array(u)) for name, u in
+                    (('lever', [0.0, 298.0]), ('stack', [0.0, 0.0, 0.0, 298.0])))  # fmt: skip
+    at_rest = [pose_of(lever), pose_of(stack)]
+    lever.step(np.array([2.0, 298.0]), 3000, 3000)
+    figure = draw_structures([lever, stack], at_rest)
+    assert [axis.get_title() for axis in figure.axes[:2]] == ['lever', 'stack']
+    lines = figure.axes[0].lines
+    assert len(lines) == 2 * 4 and lines[-2].get_color() == MODE_COLOURS[pose_of(lever).modes[0]]
+    moved = np.abs(np.subtract(lines[4].get_ydata(), lines[0].get_ydata())).max()  # the lever itself comes first
+    assert moved > 5e-3 and len(figure.axes[1].lines) == 2 * (6 + 6)

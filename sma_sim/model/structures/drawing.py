@@ -32,7 +32,7 @@ class Sketch:
         self._pose = record('Pose', structure.coordinate_names)
         self._in_segment = max(1, len(structure.coordinates) // structure.segments)
         self._at_zero = dict.fromkeys(structure.coordinate_names, 0.0)
-        self._rest = self._lengths(self._at_zero)
+        self._rest = self.lengths_at(self._at_zero)
         self.scale = sum(self._rest) / len(self._rest)
         self.tree = structure.links(values) if structure.links is not None else self._chain()
 
@@ -51,8 +51,8 @@ class Sketch:
         """Where the ends of the wires are [m], by their frames."""
         return {f'wire_{i + 1}_end': (wire[-1][0], wire[-1][1], wire[-1][2]) for i, wire in enumerate(lines.wires)}
 
-    def _lengths(self, q: Mapping[str, float]) -> tuple[float, ...]:
-        """Lengths of the wires [m]; of one whose strain is imposed, without strain."""
+    def lengths_at(self, q: Mapping[str, float]) -> tuple[float, ...]:
+        """Lengths of the wires [m] at the coordinates q by name; of one whose strain is imposed, without strain."""
         if self._structure.lengths is None:
             return (wire_constants(self._values).l0,) * self._structure.wires
         return tuple(map(float, numbers(self._structure.lengths(self._pose(**q), self._constants))))
@@ -99,7 +99,7 @@ class Sketch:
         for k, coordinate in enumerate(self._structure.coordinates):
             counts = counts if k % self._in_segment else {'rad': 0, '': 0}
             revolute, size = coordinate.unit == 'rad', coordinate.size(self._constants)
-            moved = self._lengths(self._at_zero | {coordinate.name: DIFFERENCE * size})
+            moved = self.lengths_at(self._at_zero | {coordinate.name: DIFFERENCE * size})
             effort = force * sum(abs(a - b) for a, b in zip(moved, self._rest, strict=True)) / (DIFFERENCE * size)
             most = min(coordinate.limit, MOST_MOTION * size)
             axis = axis_of(coordinate, counts)

@@ -8,6 +8,9 @@ from typing import Any
 from sma_sim.model.parameters import BEAM_PARAMETERS, PAPER, PLATE_PARAMETERS, BeamConstants, beam_constants
 from sma_sim.model.structures.beam import inclined_wire_length, stiffness_forces
 from sma_sim.model.structures.beam_links import beam_links
+from sma_sim.model.structures.geometry import Line as PlaneLine
+from sma_sim.model.structures.geometry import shape_of
+from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, Structure, in_group
 
 STRETCH, DEFLECTION, ROTATION = 3e-4, 0.01, 0.15  # usual changes of U_x/L, U_y/L and alpha
@@ -52,6 +55,22 @@ def energy(q: Any, v: Any, b: BeamConstants) -> float:
     return float(0.5 * (moving + F_x * q.U_x + F_y * q.U_y + M * q.alpha))
 
 
+def in_plane(*lines: PlaneLine) -> list[Line]:
+    """Lines of the plane z = 0."""
+    return [[(x, y, 0.0) for x, y in line.tolist()] for line in lines]
+
+
+def drawn_wires(q: Any, b: BeamConstants) -> list[Line]:
+    """From the clamp to the plate."""
+    return in_plane(*shape_of(q.U_x, q.U_y, q.alpha, b).wires)
+
+
+def drawn_bodies(q: Any, b: BeamConstants) -> list[Line]:
+    """The bent beam, and the plate."""
+    shape = shape_of(q.U_x, q.U_y, q.alpha, b)
+    return in_plane(shape.beam, shape.plate)
+
+
 STRUCTURE = Structure(
     name='module',
     title='beam',
@@ -77,6 +96,7 @@ STRUCTURE = Structure(
     size_parameter='beam.L',
     fitted=('wire.l0', 'beam.E', 'beam.b_y', 'beam.b_alpha'),
     links=beam_links,
+    drawing=Drawing(drawn_wires, drawn_bodies),
     energy=energy,
     description='two bundles, one on each side of the beam, pull on the plate; J_eq > 0 heats bundle 1, J_eq < 0 bundle 2',
     source=PAPER,
