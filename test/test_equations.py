@@ -11,6 +11,8 @@ from simulated_data import command, config
 from sma_sim import Effect, Parameter, find_effects, simulate
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
@@ -19,7 +21,7 @@ from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.propose import propose
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, shape_grid
 from sma_sim.evidence.symbolic_regression.stability import stabilities
-from sma_sim.evidence.symbolic_regression.term_fits import TermFit
+from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
@@ -179,6 +181,22 @@ def test_the_quantity_is_drawn_over_its_variable(ripple):
     for run in plot.runs:
         within = np.abs(run.quantity - run.formula) <= 3.0 * run.std + 0.1 * np.abs(run.formula).max()
         assert within.mean() > 0.9
+
+
+def test_friction_is_tried_against_the_motion_where_it_cannot_drive():
+    """Friction with the wrong sign is unstable; half of it and all of it change the same."""
+    runs = hold_out_last(
+        make_challenge(seed=4, kinds=['gravity'], plan=RecordingPlan(duration=20.0, rate=5.0)).dataset, None
+    )[0]
+    friction = next(term for term in LOCATIONS['force_U_y'].terms if term.name == 'slide_friction')
+    with ThreadPoolExecutor(1) as pool:
+        problem = problem_for(runs, config('mas'), FitOptions(free=('beam.E',), starts=1), 1)
+        linearized = LinearizedFit(problem, start_point(problem), pool)
+        trials = [TermTrial(friction, (3e-4,), c) for c in (0.1, -0.1, -0.05)]
+        drives, brakes, half = linearized.responses(LOCATIONS['force_U_y'], trials)
+        assert linearized._changes(LOCATIONS['force_U_y'], trials[:1]) == [None]
+    assert np.array_equal(drives, -brakes) and np.linalg.norm(brakes) > 1.0
+    assert np.linalg.norm(brakes - 2.0 * half) < 0.2 * np.linalg.norm(brakes)
 
 
 def test_a_constant_variable_has_no_thresholds():

@@ -98,7 +98,19 @@ class LinearizedFit:
         return locations_for(self._problem.config.system, channels)
 
     def responses(self, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
-        """The change of all residuals by each trial at a location, (N,); None where it cannot be run."""
+        """The change of all residuals by each trial at a location, (N,); None where it cannot be run.
+
+        What cannot be run with one sign may be with the other, whose change is turned round: friction that drives diverges.
+        """
+        responses = self._changes(location, trials)
+        lost = [k for k, response in enumerate(responses) if response is None]
+        turned = self._changes(location, [replace(trials[k], coefficient=-trials[k].coefficient) for k in lost])
+        for k, response in zip(lost, turned, strict=True):
+            responses[k] = None if response is None else -response
+        return responses
+
+    def _changes(self, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
+        """The change of all residuals by each trial as it is."""
         futures = []
         for trial in trials:
             effect = universal_term(location.hook, bool(trial.term.rate))
