@@ -139,6 +139,16 @@ def test_variants_are_tried_where_effects_leave_more_than_noise(monkeypatch, lef
     assert len(step.candidate_fits) == (2 if tried else 1)
 
 
+def test_effects_are_screened_from_the_base_where_the_model_does_not_run_without_the_accepted_one(monkeypatch):
+    base, seen = fit(5.0, 5.0, cost=12500.0), []
+    monkeypatch.setattr(forward_selection, 'screen', lambda problem, *rest: seen.append(problem) or ())
+    monkeypatch.setattr(forward_selection, 'without_accepted', lambda accepted, context: fit(9.0, 9.0, cost=np.inf))
+    effect = replace(candidate('gravity', 1.3), fit=fit(1.2, 1.3))
+    first = SelectionStep(base, (), (effect,), effect)
+    step = with_further_candidates(first, candidates_for(Config()), SearchContext(None, Event()))
+    assert seen == [base.problem] and step.accepted.name == 'gravity'
+
+
 def test_no_variant_stands_beside_its_effect():
     both = SimpleNamespace(problem=SimpleNamespace(config=read_config(effects=['beam_creep@rotation', 'gravity'])))
     assert other_effects(both, 'gravity') == {'beam_creep'}

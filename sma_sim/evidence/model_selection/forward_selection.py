@@ -127,6 +127,8 @@ def further_step(first: SelectionStep, candidates: Sequence[Candidate], context:
     if context.variants and base.problem.config.system == 'module':
         variants = variants_of(candidates, {name for run in base.problem.runs for name in run.channels})
     start, trials = base if accepted is None else without_accepted(accepted, context), list[ScreeningResult]()
+    if not math.isfinite(start.cost):
+        start = base  # the model does not run there without its effect
     if variants or accepted is not None:
         context.on_progress(f'screening {len(candidates)} effects and {len(variants)} variants')
         screened = screen(start.problem, start.z, [*candidates, *variants], context.pool, context.seed)
