@@ -12,7 +12,7 @@ from sma_sim.cli.main import main
 from sma_sim.model.structures.stack import accelerations, stack_of
 from sma_sim.model.structures.structure import record
 from sma_sim.solver.linear import DENSE, eliminate, solve_eliminated
-from sma_sim.solver.series import elimination_of, jacobian_pattern
+from sma_sim.solver.series import elimination_of, far_rates, jacobian_pattern
 
 HEATED = 12.0  # [W] bends a module by 0.1 rad
 
@@ -209,7 +209,7 @@ def test_a_step_is_solved_as_with_dense_equations(kind, monkeypatch):
     model = stack(4, kind, stack__g_x=-9.81)
     command = commands(model, [0.0, 3.0, 9.0, 15.0], [[0.0] * 4, [12.0, -8.0, 10.0, 3.0], [-9.0, 0.0, 6.0, 12.0], [0.0] * 4])
     sparse = simulate(model, command, 10.0)
-    monkeypatch.setattr('sma_sim.solver.simulate.elimination_of', lambda p, states: DENSE)
+    monkeypatch.setattr('sma_sim.solver.simulate.elimination_of', lambda *_: DENSE)
     dense = simulate(model, command, 10.0)
     assert sparse.steps == pytest.approx(dense.steps, rel=0.02)
     for coordinate, scale in zip(model.structure.coordinates, model.scales, strict=False):
@@ -223,14 +223,16 @@ def test_elimination_solves_sparse_equations():
         for modules in (2, 3, 7):
             model = stack(modules, kind)
             n = len(model.scales)
-            plan, pattern = elimination_of(model.compiled, n), jacobian_pattern(model.compiled, n)
+            plan = elimination_of(model.compiled, model.structure, n)
+            pattern = jacobian_pattern(model.compiled, far_rates(model.structure), n)
             jacobian = np.where(pattern, random.uniform(-1.0, 1.0, (n, n)), 0.0)
             factors, b = np.full((n, n), np.nan), random.uniform(-1.0, 1.0, n)
             expected = np.linalg.solve(5.0 * np.sqrt(n) * np.eye(n) - jacobian, b)
             assert eliminate(jacobian, 5.0 * np.sqrt(n), factors, plan)
             solve_eliminated(factors, plan, b)
             assert b == pytest.approx(expected, rel=1e-10, abs=1e-14)
-            assert len(plan.entries) < 0.6 * n**2
+            assert len(plan.entries) < 0.6 * n**2 and far_rates(model.structure).tolist() == [False, False, True]
             assert not eliminate(jacobian, np.nan, factors, plan)
     friction = read_config(words=['system=stack'], effects=['natural_convection'])
-    assert len(elimination_of(Model(friction).compiled, 24).order) == 0
+    friction = Model(friction)
+    assert len(elimination_of(friction.compiled, friction.structure, 24).order) == 0

@@ -61,7 +61,8 @@ class Elimination(NamedTuple):
     """In which order unknowns are eliminated, and where the factors are not zero, fill included.
 
     When ``order[k]`` is eliminated, the rows ``rows[first_row[k] : first_row[k + 1]]`` below it and the columns to the right
-    likewise have entries; `entries` (m, 2) are all places of the matrix.
+    likewise have entries; `entries` (m, 2) are all places of the matrix. `reach` is 1 for the rates of a segment (own,) that
+    accelerate all segments beyond it.
     """
 
     order: Integers
@@ -70,13 +71,14 @@ class Elimination(NamedTuple):
     first_column: Integers
     columns: Integers
     entries: Integers
+    reach: Integers
 
 
 NONE = np.zeros(0, dtype=np.int64)
-DENSE = Elimination(NONE, NONE, NONE, NONE, NONE, np.zeros((0, 2), dtype=np.int64))
+DENSE = Elimination(NONE, NONE, NONE, NONE, NONE, np.zeros((0, 2), dtype=np.int64), NONE)
 
 
-def elimination(pattern: NDArray[np.bool_], order: Integers) -> Elimination:
+def elimination(pattern: NDArray[np.bool_], order: Integers, reach: NDArray[np.bool_]) -> Elimination:
     """The elimination of equations with a `pattern` (n, n) of entries in this order, without pivoting."""
     filled = pattern[np.ix_(order, order)].copy()
     rows, columns = [], []
@@ -87,7 +89,7 @@ def elimination(pattern: NDArray[np.bool_], order: Integers) -> Elimination:
         columns.append(order[right])
     firsts = [np.concatenate([[0], np.cumsum([len(part) for part in parts])]) for parts in (rows, columns)]
     entries = np.argwhere(filled)
-    whole = (order, firsts[0], np.concatenate(rows), firsts[1], np.concatenate(columns), order[entries])
+    whole = (order, firsts[0], np.concatenate(rows), firsts[1], np.concatenate(columns), order[entries], reach)
     return Elimination(*(np.ascontiguousarray(part, dtype=np.int64) for part in whole))
 
 

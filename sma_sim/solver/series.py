@@ -1,8 +1,9 @@
 """Segments in series: a Jacobian that evaluates one segment at a time, and an order of elimination with little fill.
 
 A segment's wires depend on nothing but the segment, and its acceleration on that, its neighbours, and the rates of all
-segments before it (`Structure.accelerations`). A column of the Jacobian so costs the evaluation of one segment, and
-eliminating coordinates first, temperatures next and rates last leaves a block Hessenberg matrix of rates.
+segments before it (`Structure.accelerations`). A column of the Jacobian so costs the evaluation of one segment.
+Coordinates are eliminated first, temperatures next, and last the rates, from the end of the series to its base: what the
+rates near the base do to all segments beyond then brings no fill.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.layout import O_F, O_SIGMA, RANGE, InputPoint, System, SystemState
+from sma_sim.model.structures.structure import Structure
 from sma_sim.model.system import (
     LENGTHS,
     PER_WIRE_BITS,
@@ -28,19 +30,21 @@ from sma_sim.model.transformation import phase_and_stress
 from sma_sim.solver.linear import DENSE, Elimination, elimination
 from sma_sim.solver.work import Work, copy_evaluation
 
-Pattern = NDArray[np.bool_]
+Flags = NDArray[np.bool_]
+TRIED_STATES = 3  # in which it is seen what depends on what
 
 
 def linearize_segments(state: SystemState, point: InputPoint, p: System, w: Work) -> None:
     """The Jacobian at a state whose flow is ``w.first``, by forward differences; entries outside the pattern stay zero."""
     n, own, wires, last = p.coordinates, p.coordinates // p.segments, p.wires // p.segments, p.segments
+    reach = w.elimination.reach
     copy_evaluation(w.first, w.stage)
     motion(state.y, point.u, p, w.stage.dy, w.stage.obs)  # leaves the forces on all segments
     for k in range(p.segments):
         near = min(k + 2, last)
         for c in range(own):
             difference(own * k + c, k, near, state, point, p, w)
-            difference(n + own * k + c, k, last, state, point, p, w)
+            difference(n + own * k + c, k, last if reach[c] != 0 else near, state, point, p, w)
         for i in range(wires * k, wires * (k + 1)):
             difference(p.first_T + i, k, near, state, point, p, w)
             if p.mas:
@@ -98,25 +102,43 @@ def ask(first: int, last: int, first_moved: int, last_moved: int, p: System) -> 
     effects[at], effects[at + 1], effects[at + 2], effects[at + 3] = first, last, first_moved, last_moved
 
 
-def elimination_of(p: System, states: int) -> Elimination:
+def elimination_of(p: System, structure: Structure, states: int) -> Elimination:
     """How the equations of a step are eliminated; as dense ones but for segments in series on which no effect acts."""
     if p.segments == 1 or p.effects.port_start[-1] > 0:
         return DENSE
-    order = [*range(p.coordinates), *range(p.first_T, states), *range(p.coordinates, 2 * p.coordinates)]
-    return elimination(jacobian_pattern(p, states), np.array(order))
+    n, reach = p.coordinates, far_rates(structure)
+    rates = np.arange(n, 2 * n).reshape(p.segments, -1)[::-1].ravel()
+    order = np.concatenate([np.arange(n), np.arange(p.first_T, states), rates])
+    return elimination(jacobian_pattern(p, reach, states), order, reach)
 
 
-def jacobian_pattern(p: System, states: int) -> Pattern:
-    """Which entries of the Jacobian (states, states) may differ from zero, with the diagonal."""
+def far_rates(structure: Structure) -> Flags:
+    """Which rates of a segment's coordinates (own,) accelerate segments beyond the next one: tried in some states."""
+    assert structure.segment is not None and structure.accelerations is not None
+    sizes, random = [c.size(structure.default_constants) for c in structure.segment.coordinates], np.random.default_rng(0)
+    found = np.zeros(len(sizes), dtype=bool)
+    for _ in range(TRIED_STATES):
+        q, v, f = (random.uniform(0.5, 1.5, (3, len(sizes))) * sizes for _ in range(3))
+        before = structure.accelerations(2, q, v, f, structure.default_constants)
+        for c in range(len(sizes)):
+            changed = v.copy()
+            changed[0, c] *= 2.0
+            found[c] |= structure.accelerations(2, q, changed, f, structure.default_constants) != before
+    return found
+
+
+def jacobian_pattern(p: System, reach: Flags, states: int) -> Flags:
+    """Which entries of the Jacobian (states, states) may differ from zero, with the diagonal; `reach` as `far_rates`."""
     n, wires = p.coordinates, p.wires
     of = np.concatenate([np.repeat(np.arange(p.segments), n // p.segments)] * 2
                         + [np.repeat(np.arange(p.segments), wires // p.segments)] * (2 if p.mas else 1))  # fmt: skip
     rows, columns = of[:, None], of[None, :]
     rate = (np.arange(states) >= n) & (np.arange(states) < 2 * n)
+    far = np.concatenate([np.zeros(n, dtype=bool), np.tile(reach, p.segments), np.zeros(states - 2 * n, dtype=bool)])
     wire = np.concatenate([np.full(2 * n, -1), *[np.arange(wires)] * (2 if p.mas else 1)])
-    pattern: Pattern = np.eye(states, dtype=bool)
+    pattern: Flags = np.eye(states, dtype=bool)
     pattern |= (wire[:, None] >= 0) & (rows == columns) & ((wire[None, :] < 0) | (wire[:, None] == wire[None, :]))
     pattern |= rate[:, None] & (np.abs(rows - columns) <= 1)
-    pattern |= rate[:, None] & rate[None, :] & (columns < rows)
+    pattern |= rate[:, None] & far[None, :] & (columns < rows)
     pattern[np.arange(n), n + np.arange(n)] = True
     return pattern

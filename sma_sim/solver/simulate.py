@@ -123,7 +123,7 @@ def new_work(model: Model) -> Work:
     n = len(scales)
     return Work(
         jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
-        elimination=elimination_of(p, n),
+        elimination=elimination_of(p, model.structure, n),
         **{name: Evaluation(np.zeros(n), new_findings(p)) for name in ('first', 'stage', 'guard', 'sample')},
         f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(len(model.structure.input_columns)), stages=np.zeros((6, n)),
         y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
