@@ -7,7 +7,6 @@ import textwrap
 from typing import Any
 
 from sma_sim.cli.common.listing import TEXT_WIDTH, Listed, add_listing, chosen_names, print_list
-from sma_sim.evidence.data.rosbag.interface import command_decoders, interface_of, measured_decoders
 from sma_sim.model.given import structure_folders_of
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.model.structures.structure import Structure
@@ -51,6 +50,12 @@ def structure_data(structure: Structure) -> dict[str, Any]:
 
 def topics_of(structure: Structure) -> dict[str, str]:
     """Message types of the node's topics that recordings are read from, by name; those of commands first."""
+    from sma_sim.evidence.data.rosbag.interface import (  # not to list effects
+        command_decoders,
+        interface_of,
+        measured_decoders,
+    )
+
     interface = interface_of(structure)
     decoders = {**command_decoders(interface), **measured_decoders(interface)}
     return {topic: kind for topic, (kind, _) in decoders.items()}
