@@ -165,7 +165,7 @@ def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
     if least.fit.error <= CRITERIA.noise_only:
         good = [candidate for candidate in good if not is_dominated(candidate, least)]
     cost_of_effects = min((candidate.fit.cost for candidate in good if not candidate.is_variant), default=inf)
-    limit = cost_of_effects - CRITERIA.variant_log_odds
+    limit = cost_of_effects - CRITERIA.decisive_log_odds
     good = [candidate for candidate in good if not candidate.is_variant or candidate.fit.cost <= limit]
     best = min(candidate.fit.prediction_error for candidate in good)
     close = [candidate for candidate in good if candidate.fit.prediction_error <= (1.0 + CRITERIA.same_error) * best]
@@ -178,7 +178,13 @@ def simplicity(candidate: CandidateFit) -> tuple[bool, int, float]:
 
 
 def is_dominated(candidate: CandidateFit, best: CandidateFit) -> bool:
-    """Whether the best leaves less in the fitted runs: much less, or less without predicting those left out much worse."""
+    """Whether the best leaves less in the fitted runs: much less, or less without predicting those left out much worse.
+
+    Where a candidate predicts none of those left out, that it does so less badly than the best says nothing: they do not
+    determine the parameters, and the odds of the two in the fitted runs decide.
+    """
     more = candidate.fit.error / best.fit.error
+    if candidate.fit.prediction_error > CRITERIA.unexplained:
+        return more > CRITERIA.noise_only or candidate.fit.cost - best.fit.cost > CRITERIA.decisive_log_odds
     predicts_better = candidate.fit.prediction_error < (1.0 - CRITERIA.min_error_reduction) * best.fit.prediction_error
     return more > CRITERIA.noise_only or (more > 1.0 + CRITERIA.same_error and not predicts_better)

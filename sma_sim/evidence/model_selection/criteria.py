@@ -78,9 +78,9 @@ class SelectionCriteria:
     """Fraction of the cross-validated error and of the fitted squares that needs no score test: chance does not do both."""
     min_explained_by_full_fit: float = 0.4
     """Fraction of the fitted squares that a fit which leaves only noise must explain: its error came from 1.3 or more."""
-    variant_log_odds: float = 10.0
-    """Half the squares by which a variant must fit better than every acceptable effect: chance does not do that where both
-    leave only noise."""
+    decisive_log_odds: float = 10.0
+    """Half the squares by which a variant must fit better than every acceptable effect, and the best candidate than those
+    that predict no run left out either: chance does not do that where both leave only noise."""
     max_effects: int = 4
     """Most effects of a model: it bounds the time of a search, and recordings of few runs seldom tell more."""
 
