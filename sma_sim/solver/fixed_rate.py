@@ -115,26 +115,26 @@ class FixedRateRun:
         self.run.count[:N_JUMPS] = 0
         limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
         if not self._drives or not len(inputs):
-            return self._make_steps(inputs, self._still, every, samples, limits)
+            held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
+            return self._make_steps(held, samples, limits)
         written = 0
         for row in inputs:
             slope, begin = self._still.copy(), row.copy()
             begin[: self._drives] = self._imposed
             slope[: self._drives] = (row[: self._drives] - self._imposed) * self.rate
             self._imposed = row[: self._drives].copy()
-            written += self._make_steps(begin[None, :], slope, every, samples[min(written, len(samples) - 1) :], limits)
+            moving = self.model.uses_time or bool(slope.any())
+            held = HeldInput(self.k, self.rate, begin[None, :], slope, moving, every)
+            written += self._make_steps(held, samples[min(written, len(samples) - 1) :], limits)
         return written
 
-    def _make_steps(
-        self, inputs: NDArray[np.float64], slope: Vector, every: int, samples: NDArray[np.float64], limits: Limits
-    ) -> int:
-        """As `advance`, under inputs that change by `slope` [1/s] within each step."""
-        held = HeldInput(self.k, self.rate, inputs, slope, self.model.uses_time or bool(slope.any()), every)
+    def _make_steps(self, held: HeldInput, samples: NDArray[np.float64], limits: Limits) -> int:
+        """The steps of an input, and samples of them; their count."""
         log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:
             raise SimulationError(f'the run ended after {self.time:g} s: {stop_reason(status, self.model, self.run)}')
-        self.k += len(inputs)
+        self.k += len(held.values)
         return int(log.written[0])
 
     def take_jumps(self) -> tuple[Jump, ...]:
