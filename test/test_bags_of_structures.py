@@ -19,7 +19,8 @@ from sma_sim.solver.inputs import inputs_at
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
-STRUCTURES = {**package_structures(), 'rocker': ROCKER}
+BENCHES = [bench.name for bench in package_structures()['wire'].structure.variants]
+STRUCTURES = {name: found for name, found in package_structures().items() if name not in BENCHES} | {'rocker': ROCKER}
 
 
 @pytest.fixture(scope='module', params=STRUCTURES)

@@ -24,7 +24,8 @@ from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 from sma_sim.model.structures.discovery import package_structures  # noqa: E402
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
-STRUCTURES = {name: found.structure for name, found in package_structures().items() if name != 'module'}
+BENCHES = [bench.name for bench in package_structures()['wire'].structure.variants]
+STRUCTURES = {name: found.structure for name, found in package_structures().items() if name not in ('module', *BENCHES)}
 STRUCTURES['rocker'] = find_structures([EXAMPLE])['rocker'].structure
 TOPICS = (
     (JointState, 'joint_states'), (JointState, 'wire_states'), (MarkerArray, 'markers'),

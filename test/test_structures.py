@@ -24,7 +24,10 @@ from sma_sim.solver.structure_kernels import native_structure
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
-MOVING = {name: found for name, found in package_structures().items() if found.structure.coordinates} | {'rocker': ROCKER}
+MOVING = {
+    name: found for name, found in (*package_structures().items(), ('rocker', ROCKER))
+    if found.structure.coordinates and not found.structure.drives
+}  # fmt: skip
 HEATING = {'spatial': 8.0, 'module': 12.0, 'stack': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2}
 
 

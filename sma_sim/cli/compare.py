@@ -12,6 +12,7 @@ from sma_sim.cli.common.data import (
     add_data_options,
     check_outputs,
     chosen_executor,
+    from_curves,
     print_written,
     read_data,
     system_words,
@@ -56,6 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(systems) > 1:
         raise UserError('one configuration is of a module, the other of a wire: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
+    named = [(label, from_curves(config, fitted)) for label, config in named]
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         found = [compare(fitted, config, held_out, label, not arguments.no_nuisance, executor) for label, config in named]

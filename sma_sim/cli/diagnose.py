@@ -15,6 +15,7 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    from_curves,
     print_progress,
     print_written,
     read_data,
@@ -62,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
     training, held_out = read_data(arguments, config)
+    config = from_curves(config, training)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
     request = DiagnosisRequest(

@@ -16,6 +16,7 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
+    from_curves,
     print_written,
     read_data,
     system_words,
@@ -68,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
+    config = from_curves(config, fitted)
     options = FitOptions(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
     announce_first_compilation()
     progress = ProgressLine('fitting')
@@ -178,6 +180,10 @@ def remarks_on(found: Calibration) -> list[str]:
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         remarks.append(f'error over noise of runs left out in turn: {scores}')
+    if any(fit.zero for fit in found.runs):
+        zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs)
+        remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
+        return remarks
     remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
     return remarks
 
@@ -228,7 +234,14 @@ def interval_data(interval: Any) -> dict[str, Any]:
 
 def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
     """The errors of one run as plain data."""
-    return {'error': fit.error, 'channels': fit.channel_errors, 'held_out': held_out, 'x_M': fit.x_M, 'start': fit.start}
+    return {
+        'error': fit.error,
+        'channels': fit.channel_errors,
+        'held_out': held_out,
+        'x_M': fit.x_M,
+        'start': fit.start,
+        'zero': fit.zero,
+    }
 
 
 def mean_error_of(fits: Sequence[RunFit]) -> float | None:

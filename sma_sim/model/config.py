@@ -179,7 +179,7 @@ def checked(given: Mapping[str, Given]) -> Config:
             model = checked_choice(name, one, MODELS)
         elif name in texts:
             settings[name] = checked_setting(name, one, texts[name])
-        elif name not in LISTS and name != 'system':
+        elif name not in LISTS and name != 'system' and name not in structure.options:
             known[name] = Given(checked_number(name, one, declared), one.where)
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
@@ -206,11 +206,24 @@ def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
     one = given.get('system', Given('module', 'default'))
     if one.value not in found and folders.recorded and names_in('structures.paths', folders):
         raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
-    base = found[checked_choice('system', one, tuple(found))]
+    base = chosen_variant(found[checked_choice('system', one, tuple(found))], given, found)
     size = base.structure.size_name
     if size not in given:
         return base
     return structure_of_size(base, {size: checked_number(size, given[size], base.structure.declared)})
+
+
+def chosen_variant(
+    structure: FoundStructure, given: Mapping[str, Given], found: Mapping[str, FoundStructure]
+) -> FoundStructure:
+    """The variant of a structure that the given options name; itself without any. Raises ConfigError."""
+    own = structure.structure.options
+    family = [one for one in found.values() if own and one.structure.options.keys() == own.keys()]
+    for name in own:
+        if name in given:
+            checked_choice(name, given[name], sorted({one.structure.options[name] for one in family}))
+    wanted = {name: str(given[name].value) if name in given else word for name, word in own.items()}
+    return next((one for one in family if dict(one.structure.options) == wanted), structure)
 
 
 def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:

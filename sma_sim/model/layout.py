@@ -83,3 +83,4 @@ class System(NamedTuple):
     wire: WireConstants
     structure: StructureTable
     effects: EffectTable
+    imposed_T: int  # which of the drives is the temperature of the wires; -1: they have a heat balance

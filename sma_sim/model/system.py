@@ -104,7 +104,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
             obs[i, O_J] = heating(i, y, p, obs, dy)
     for i in range(p.wires):
         if any_effect or changed & (RATES_1 << PER_WIRE_BITS * i):
-            wire_rates(i, state, T_E, p, dy, obs)
+            wire_rates(i, state, point, p, dy, obs)
         if any_effect:
             obs[i, O_F] = p.wire.n * force_passed_on(i, y, p, obs, dy)
     if any_effect:
@@ -164,7 +164,7 @@ def heating(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     return J
 
 
-def wire_rates(i: int, state: SystemState, T_E: float, p: System, dy: Vector, obs: Vector) -> None:
+def wire_rates(i: int, state: SystemState, point: InputPoint, p: System, dy: Vector, obs: Vector) -> None:
     """dT/dt and dx_M/dt of wire `i` (MAS9, L3; X4 to X8 as the total derivative of sigma = sigma_A or sigma_M)."""
     y, mode, w = state.y, state.mode[i], p.wire
     T, x, sigma = y[p.first_T + i], obs[i, O_X], obs[i, O_SIGMA]
@@ -172,11 +172,17 @@ def wire_rates(i: int, state: SystemState, T_E: float, p: System, dy: Vector, ob
     if p.mas:
         dx = mas_rate(sigma, x, T, obs[i, O_S_A], obs[i, O_S_M], w)
         dy[p.first_x + i] = dx
-    heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, dx, y, p)
-    capacity = heat_capacity(T, x, w)
-    latent = latent_heat(T, sigma, w)
-    if not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE):
-        latent += extra_latent_heat(i, 1.0 if mode == TO_MARTENSITE else -1.0, y, p)
+    transforming = not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE)
+    if p.imposed_T >= 0:  # whatever heat it takes
+        heat, capacity, latent = point.du[p.imposed_T], 1.0, 0.0
+    else:
+        T_E = ambient_temperature(point.u, p)
+        heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, dx, y, p)
+        capacity = heat_capacity(T, x, w)
+        latent = latent_heat(T, sigma, w)
+        if transforming:
+            latent += extra_latent_heat(i, 1.0 if mode == TO_MARTENSITE else -1.0, y, p)
+    if transforming:
         dx = fraction_rate(i, HeatBalance(heat, capacity, latent), mode, y, p, obs)
     obs[i, O_DX] = dx
     dy[p.first_T + i] = (heat + latent * dx) / capacity

@@ -57,9 +57,10 @@ def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.in
         return {structure.channel_columns[channel]: samples[:, k] for k, channel in enumerate(channels)}
     where = sample_columns(structure)
     columns = {name: samples[:, where.sensed.start + k] for k, name in enumerate(structure.channel_columns)}
-    for name in ('x_M', 'mode'):
+    imposed = ('T',) if structure.imposed_temperature >= 0 else ()  # no sensor's, but people want to see it
+    for name in (*imposed, 'x_M', 'mode'):
         at = where.wires.start + WIRE_COLUMNS.index(name)
         for i in range(structure.wires):
             numbered = f'{name}_{i + 1}' if structure.coordinates else name
-            columns[numbered] = samples[:, at + PER_WIRE * i]
+            columns[f'{numbered}_K' if name == 'T' else numbered] = samples[:, at + PER_WIRE * i]
     return columns

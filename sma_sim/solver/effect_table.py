@@ -34,11 +34,10 @@ def channel_codes(structure: Structure) -> list[int]:
 
 def channel_scales(structure: Structure) -> list[float]:
     """Size of a change in each channel."""
-    if not structure.coordinates:
-        return [STRESS_SCALE, TEMPERATURE_SCALE]
     constants = structure.default_constants
     own = [c.sensor_size(constants) for c in structure.coordinates]
-    return [*own, *[FORCE_SCALE] * structure.wires, *[TEMPERATURE_SCALE] * structure.wires]
+    forces = [FORCE_SCALE] * structure.wires if structure.coordinates else [STRESS_SCALE]
+    return [*own, *forces, *[TEMPERATURE_SCALE] * structure.wires][: len(structure.channels)]
 
 
 def state_scales(effect: Effect, structure: Structure) -> list[float]:

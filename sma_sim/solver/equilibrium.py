@@ -9,9 +9,10 @@ from sma_sim.model.effects.calls import fill_kernel_state, start_states
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, System, SystemState
 from sma_sim.model.system import ambient_temperature, flow
 from sma_sim.solver.linear import factorise, solve_factorised
-from sma_sim.solver.work import Matrix, Vector, Work
+from sma_sim.solver.work import Matrix, Vector, Work, copy_into
 
-NEWTON_STEPS = 50
+NEWTON_STEPS, MOST_UPDATES = 50, 200
+SETTLED = 1e-2  # change of first values relative to the difference steps: 1e-9 of their size
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
@@ -19,12 +20,16 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
     """Move the pose to static equilibrium in the given modes (Newton); False if it was not found.
 
     `alone`: that of each segment of a series for itself, without what the accelerations add, such as weight.
-    In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero.
+    In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero. First values of
+    effects that depend on a stress take that of the equilibrium before, until they stay.
     """
     y, n, forces = state.y, p.coordinates, p.structure.effects
     last = forces.shape[0] - n  # where a series has the forces on its segments
     matrix, step = w.matrix[:n, :n], w.y_new[:n]
-    for _ in range(NEWTON_STEPS):
+    keep_wires(w, p)
+    steps, updates = 0, 0
+    while steps < NEWTON_STEPS and updates < MOST_UPDATES:
+        steps += 1
         balance(state, point, p, w, w.first.dy)
         for i in range(n):
             step[i] = forces[last + i] if alone else w.first.dy[n + i]
@@ -47,9 +52,29 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
         if not np.isfinite(size):
             return False
         if size < CONVERGED:
-            balance(state, point, p, w, w.first.dy)
-            return True
+            if first_values_stay(state, point, p, w):
+                return True
+            steps, updates = 0, updates + 1
     return False
+
+
+def keep_wires(w: Work, p: System) -> None:
+    """Note the stresses and fractions at which the first values of effects are taken."""
+    for i in range(p.wires):
+        w.guard.obs[i, O_SIGMA], w.guard.obs[i, O_X] = w.first.obs[i, O_SIGMA], w.first.obs[i, O_X]
+
+
+def first_values_stay(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
+    """Whether the first values of effects are those for the stress of this equilibrium; else they are from now on."""
+    y, first = state.y, p.first_T + p.wires
+    balance(state, point, p, w, w.first.dy)
+    copy_into(w.y_dense, y)
+    keep_wires(w, p)
+    balance(state, point, p, w, w.first.dy)
+    for j in range(first, y.shape[0]):
+        if abs(y[j] - w.y_dense[j]) > SETTLED * w.increment[j]:
+            return False
+    return True
 
 
 def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> bool:
@@ -64,6 +89,8 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
         x_frozen[i], mode[i] = 0.5, TO_AUSTENITE if np.isinf(requested[i]) else TO_MARTENSITE
     approach(state, point, p, w)
     found = equilibrium(state, point, p, w)
+    if not found:
+        forget_pose(state, p, w.first.obs)
     for i in range(p.wires):
         if np.isfinite(requested[i]):
             x_frozen[i], mode[i] = requested[i], INNER
@@ -71,8 +98,10 @@ def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w
         start_on_hysteresis_edge(state, point, requested, p, w)
     for _ in range(8 * p.wires):
         if not equilibrium(state, point, p, w):
-            return False
-        if not move_to_admitted(state, p, w.first.obs):
+            if not run_to_end(state, p):
+                return False
+            forget_pose(state, p, w.first.obs)
+        elif not move_to_admitted(state, p, w.first.obs):
             break
     for i in range(p.wires):
         x_frozen[i] = min(max(w.first.obs[i, O_X], 0.0), 1.0)
@@ -105,6 +134,7 @@ def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bo
     """Static equilibrium of the structure; a wire alone has its strain from the input."""
     if p.coordinates > 0:
         return solve_pose(state, point, p, w, False)
+    keep_wires(w, p)
     balance(state, point, p, w, w.first.dy)
     return True
 
@@ -112,9 +142,30 @@ def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bo
 def balance(state: SystemState, point: InputPoint, p: System, w: Work, f: Vector) -> None:
     """The flow at rest into `f`, with the extra states of effects at their first values for this pose."""
     obs = w.first.obs
+    for i in range(p.wires):
+        obs[i, O_SIGMA], obs[i, O_X] = w.guard.obs[i, O_SIGMA], w.guard.obs[i, O_X]
     fill_kernel_state(0.0, state.y, ambient_temperature(point.u, p), p, obs)
     start_states(state.y, p, obs)
     flow(0.0, state, point, p, f, obs)
+
+
+def forget_pose(state: SystemState, p: System, obs: Matrix) -> None:
+    """Back to where nothing was found yet, from a search that failed."""
+    for j in range(p.coordinates):
+        state.y[j] = 0.0
+    for i in range(p.wires):
+        obs[i, O_SIGMA], obs[i, O_X] = 0.0, state.x_frozen[i]
+
+
+def run_to_end(state: SystemState, p: System) -> bool:
+    """Put a wire that has no equilibrium while it transforms, as under a dead weight, at the end; whether there was one."""
+    mode, x_frozen = state.mode, state.x_frozen
+    for i in range(p.wires):
+        if mode[i] == TO_MARTENSITE or mode[i] == TO_AUSTENITE:
+            x_frozen[i] = 1.0 if mode[i] == TO_MARTENSITE else 0.0
+            mode[i] = INNER
+            return True
+    return False
 
 
 def move_to_admitted(state: SystemState, p: System, obs: Matrix) -> bool:

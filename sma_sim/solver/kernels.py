@@ -104,9 +104,9 @@ def own_kernels(effect: Effect, structure: Structure) -> bool:
 
 
 def pose_fields(structure: Structure) -> tuple[str, ...]:
-    """Names of the coordinates and of their rates, as kernels read them."""
-    names = structure.coordinate_names
-    return (*names, *(f'd{name}' for name in names))
+    """Names of the coordinates and of their rates, as kernels read them; a name that the state has already gets a mark."""
+    names = (*structure.coordinate_names, *(f'd{name}' for name in structure.coordinate_names))
+    return tuple(f'{name}_' if name in State._fields[:S_POSE] else name for name in names)
 
 
 def kernel_types(effect: Effect, structure: Structure | None) -> KernelTypes:

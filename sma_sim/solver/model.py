@@ -74,7 +74,7 @@ class Model:
         )  # fmt: skip
         return System(
             n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T, first_x,
-            len(structure.channels), wire, at, table,
+            len(structure.channels), wire, at, table, structure.imposed_temperature,
         )  # fmt: skip
 
     @cached_property

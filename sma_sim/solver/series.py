@@ -19,7 +19,6 @@ from sma_sim.model.system import (
     RATES_1,
     SPEEDS,
     STRESS_1,
-    ambient_temperature,
     depends_on,
     kinematics,
     motion,
@@ -91,7 +90,7 @@ def update_segment(k: int, changed: int, state: SystemState, point: InputPoint, 
             phase_and_stress(i, state, p, obs)
             obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
         if changed & (RATES_1 << PER_WIRE_BITS * i):
-            wire_rates(i, state, ambient_temperature(point.u, p), p, dy, obs)
+            wire_rates(i, state, point, p, dy, obs)
     motion(y, point.u, p, dy, obs)
 
 

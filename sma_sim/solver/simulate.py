@@ -141,7 +141,7 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     y = np.zeros(len(model.scales))
     u = np.array(first_input, dtype=float)
     u[p.drives : -1] = 0.0
-    y[p.first_T : p.first_T + p.wires] = u[-1]
+    y[p.first_T : p.first_T + p.wires] = u[p.imposed_T] if p.imposed_T >= 0 else u[-1]
     requested = fractions
     if requested is None:
         requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])

@@ -19,6 +19,7 @@ from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
+from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves, tests_as_text
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import require
@@ -101,6 +102,14 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     for note in grouped_notes([dataset]):
         print(f'note: {note}', file=sys.stderr)
     return split_dataset(dataset, arguments.hold_out)
+
+
+def from_curves(config: Config, fitted: Dataset) -> Config:
+    """The configuration with starts from the curves of isobaric tests, whose transformation temperatures are printed."""
+    started, tests = started_from_curves(fitted, config)
+    if tests:
+        print(*tests_as_text(tests), '', sep='\n', flush=True)
+    return started
 
 
 def noise_from(words: Sequence[str]) -> dict[str, float]:

@@ -157,7 +157,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
         raise UserError(
             f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows after the first command, got {len(time)}'
         )
-    if file.structure.coordinates:
+    if file.structure.coordinates and file.structure.imposed_temperature < 0:
         notes += slow_sampling(time)
     known = () if exact else tuple(changes[is_exact].tolist())
     return Recording(name, file.system, time, channels, source, exact, tuple(notes), known)
@@ -183,12 +183,15 @@ def sampled_command_note(is_exact: NDArray[np.bool_]) -> str:
 def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> None:
     """Inputs without gaps: commands are held, strain is interpolated, and a note says what was not recorded."""
     rows = len(columns['time_s'])
+    heat_matters = file.structure.imposed_temperature < 0
     for name in file.heating:
         if name not in columns:
-            notes.append(f'{name} is not recorded: taken as 0')
+            if heat_matters:
+                notes.append(f'{name} is not recorded: taken as 0')
             columns[name] = np.zeros(rows)
     if 'T_E_K' not in columns or not np.isfinite(columns['T_E_K']).any():
-        notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
+        if heat_matters:
+            notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
         columns['T_E_K'] = np.full(rows, file.T_E)
     first = 0
     for name in INPUT_COLUMNS[file.system][1:]:

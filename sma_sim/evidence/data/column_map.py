@@ -15,16 +15,22 @@ from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset')
+PACE_KEYS = ('path', 'rate')
+REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a column of the contract comes from: ``scale * column + offset``, or the constant `value` (SI units)."""
+    """Where a column of the contract comes from: ``scale * column + offset``, or the constant `value` (SI units).
+
+    Time of a quasi-static test, in which nobody noted it, comes from a column that changed by `pace` per second.
+    """
 
     column: str | None
     value: float = 0.0
     scale: float = 1.0
     offset: float = 0.0
+    pace: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,8 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
     if isinstance(entry, str):
         return Origin(entry)
     where = f'the map {path}, {name}'
+    if name == 'time_s' and isinstance(entry, dict) and 'path' in entry:
+        return parsed_pace(where, entry)
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
     wrong = [key for key in entry if key not in ENTRY_KEYS]
@@ -75,6 +83,14 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
     if 'value' in entry and len(entry) > 1:
         raise UserError(f'{where}: a value is in SI units already; remove scale and offset')
     return Origin(str(entry['column']) if 'column' in entry else None, **numbers)
+
+
+def parsed_pace(where: str, entry: Mapping[str, Any]) -> Origin:
+    """Time by what moves at a known pace. Raises UserError."""
+    pace = finite_number(where, 'rate', entry.get('rate'))
+    if set(entry) != set(PACE_KEYS) or pace <= 0.0:
+        raise UserError(f'{where}: expected {{path: COLUMN, rate: CHANGE PER SECOND}} with a positive rate, got {entry!r}')
+    return Origin(str(entry['path']), pace=pace)
 
 
 def finite_number(where: str, key: str, given: Any) -> float:
@@ -107,7 +123,17 @@ def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vec
     if entry.column is None:
         return np.full(rows, entry.value)
     values = columns[entry.column]
+    if entry.pace is not None:
+        return time_along(values, entry.pace)
     if entry.scale == 1.0 and entry.offset == 0.0:
         return values
     with np.errstate(over='ignore', invalid='ignore'):  # the reader discards infinite numbers, with a note
         return entry.scale * values + entry.offset
+
+
+def time_along(values: Vector, pace: float) -> Vector:
+    """Times (k,) [s] of a test in which `values` (k,) changed by `pace` per second, up or down; NaN where one is missing."""
+    known = np.isfinite(values)
+    times = np.full(len(values), np.nan)
+    times[known] = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(values[known])) / pace, REST))])[: known.sum()]
+    return times

@@ -23,8 +23,9 @@ from sma_sim.model.structures.discovery import known_structures
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
 # [SI] for channels whose samples are too few or all the same: what common sensors have.
 ASSUMED_NOISE = {
-    'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'F_1': 0.01, 'F_2': 0.01, 'T_1': 0.1, 'T_2': 0.1, 'stress': 1e5, 'T': 0.1,
+    'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5,
 }  # fmt: skip
+ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1}  # of other channels, by the unit in their columns' names
 
 
 def read_dataset(
@@ -112,7 +113,7 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
         return ColumnMap()
     family = known_structures()[system].family
     mapping = read_column_map(path, {**COLUMNS_BY_SYSTEM, family: COLUMNS_BY_SYSTEM[system]})
-    if mapping.system not in (None, family):
+    if mapping.system not in (None, family) and not same_options(str(mapping.system), system):
         raise UserError(f'the map {path} is for --system {mapping.system}, asked for was {system}')
     foreign = [name for name in mapping.origins if name not in COLUMNS_BY_SYSTEM[system]]
     if foreign:
@@ -120,6 +121,13 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
             f'the map {path}: a {system} has no column {foreign[0]}; expected {", ".join(COLUMNS_BY_SYSTEM[system])}'
         )
     return mapping
+
+
+def same_options(one: str, other: str) -> bool:
+    """Whether two systems are one structure with different options."""
+    known = known_structures()
+    keys = known[one].options.keys()
+    return bool(keys) and keys == known[other].options.keys()
 
 
 def unique_files(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]:
@@ -192,8 +200,8 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
         )
         estimate = estimated.get(name)
         if estimate is None or max(estimate.std, least) == 0.0:
-            noise[name] = ASSUMED_NOISE[name]
-            notes.append(f'noise of {name}: {ASSUMED_NOISE[name]:g} assumed, the samples are too few or all the same')
+            noise[name] = assumed_noise(name)
+            notes.append(f'noise of {name}: {noise[name]:g} assumed, the samples are too few or all the same')
         elif estimate.std < least:
             noise[name] = least
             notes.append(f'noise of {name}: not visible, 1e-4 of its range is taken, {least:.3g}')
@@ -208,3 +216,8 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
 def value_range(values: Vector) -> float:
     """From the least to the largest of the values (k,), NaN where missing."""
     return float(np.nanmax(values) - np.nanmin(values))
+
+
+def assumed_noise(channel: str) -> float:
+    """What a common sensor of a channel has, in its unit."""
+    return ASSUMED_NOISE.get(channel) or ASSUMED_NOISE_IN.get(CHANNEL_COLUMNS[channel].rpartition('_')[2], 1e-5)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.estimation.cross_validation import RunFit
-from sma_sim.evidence.estimation.residuals import Nuisance
+from sma_sim.evidence.estimation.cross_validation import nuisances_of
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, compared_run
 
 
@@ -37,8 +35,8 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
     worst = max((fit for fit in first if channel in fit.channel_errors), key=lambda fit: fit.channel_errors[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in dataset.recordings].index(worst.name)
-    run_before = compared_run(dataset, k, before.config, nuisances(first, before.delay))
-    run_after = compared_run(dataset, k, after.config, nuisances(then, after.delay))
+    run_before = compared_run(dataset, k, before.config, nuisances_of(before.config, before.delay, first))
+    run_after = compared_run(dataset, k, after.config, nuisances_of(after.config, after.delay, then))
     return StageChange(channel, out, run_before, run_after, (worst.channel_errors[channel], same.channel_errors[channel]))
 
 
@@ -49,8 +47,3 @@ def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
     else:
         first, then = before.channel_errors, after.channel_errors
     return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)
-
-
-def nuisances(fits: Sequence[RunFit], delay: float) -> dict[str, Nuisance]:
-    """What is unknown of each run, by name."""
-    return {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}

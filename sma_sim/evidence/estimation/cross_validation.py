@@ -17,7 +17,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import FitData, error_over_noise, fit_data, with_start
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, error_over_noise, fit_data, with_start, zero_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
@@ -35,7 +35,7 @@ class RunFit:
 
     `start`: per wire the part of the hysteresis (0 on sigma_A, 1 on sigma_M) and `x_M` the phase fraction there;
     `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
-    over noise; `error`: sqrt(mean over channels of its square).
+    over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much.
     """
 
     name: str
@@ -44,6 +44,13 @@ class RunFit:
     switches: tuple[float, ...]
     channel_errors: Mapping[str, float]
     error: float
+    zero: float = 0.0
+
+
+def nuisances_of(config: Config, delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
+    """What was estimated of each run beside the parameters, by its name."""
+    unknown_zero = config.structure.structure.is_set
+    return {fit.name: Nuisance(delay, fit.start, fit.switches, unknown_zero) for fit in fits}
 
 
 def own_unknowns(fit: RunFit) -> list[float]:
@@ -77,7 +84,8 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
         initial = with_start(config, run.source, nuisance.start).parameters if found is not None else config.parameters
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires))
-        fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors)))
+        zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
+        fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero))
     return tuple(fits)
 
 
@@ -90,6 +98,8 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
 
     def predicted(run: FitData) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
+        if not problem.unknowns:
+            return run_fits(problem, start_point(problem), context.pool)[0]
         found: list[RunFit] = []
         for guess in INITIAL_GUESSES:
             z = start_point(problem)

@@ -18,6 +18,7 @@ MATERIAL_NAMES = (
     'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
 )  # fmt: skip
 KINETICS_NAMES = ('wire.V_L', 'wire.omega_x')
+HEAT_NAMES = ('wire.c_V', 'wire.lambda', 'wire.rho')
 STRESS_SCALE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
 
 
@@ -80,13 +81,17 @@ def why_unidentifiable(name: str, config: Config) -> str:
         return 'the hybrid model has no kinetics'
     if not config.structure.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
         return 'one wire on a test bench has no structure'
+    if name in HEAT_NAMES and config.structure.structure.imposed_temperature >= 0:
+        return 'the temperature of the wire is imposed, whatever heat it takes'
     return ''
 
 
 def default_names(config: Config) -> tuple[str, ...]:
     """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths."""
     kinetics = ('wire.V_L',) if config.model == 'mas' else ()
-    return MATERIAL_NAMES + kinetics + config.structure.structure.fitted
+    structure = config.structure.structure
+    material = tuple(name for name in MATERIAL_NAMES if structure.imposed_temperature < 0 or name not in HEAT_NAMES)
+    return material + kinetics + structure.fitted
 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:

@@ -86,7 +86,7 @@ def robust_weights(residuals: Matrix) -> Matrix:
 
 def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
     """The normal equations of one run."""
-    jacobian = linear.jacobian.reshape(len(linear.indices), -1)
+    jacobian = linear.jacobian.reshape(len(linear.indices), linear.residuals.size)
     residuals = linear.residuals.ravel()
     cost = robust_cost(residuals, robust)
     if robust:

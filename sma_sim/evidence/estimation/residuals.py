@@ -21,6 +21,7 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_wo
 from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
+ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
@@ -76,11 +77,14 @@ class Nuisance:
         ``initial.x_M_*`` say.
     switches : tuple of float
         By (group of) sampled change of the command: the part of its sampling interval by which it preceded its row.
+    unknown_zero : bool
+        Whether the zero of the strain gauge is unknown: it is then where the residuals have no mean, within ZERO_LIMIT.
     """
 
     delay: float = 0.0
     start: tuple[float, ...] = ()
     switches: tuple[float, ...] = ()
+    unknown_zero: bool = False
 
 
 def fit_data(
@@ -239,8 +243,10 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
     """
     source, trajectory, index = simulated(config, recording, nuisance)
-    columns = inputs_at(source, trajectory.time) | trajectory.columns
-    return {name: column[index] for name, column in columns.items()}
+    columns = {name: column[index] for name, column in (inputs_at(source, trajectory.time) | trajectory.columns).items()}
+    if nuisance and nuisance.unknown_zero and isinstance(recording, FitData):
+        columns['strain'] = columns['strain'] + strain_zero(recording, columns['strain'])
+    return columns
 
 
 def simulated(
@@ -273,7 +279,25 @@ def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None =
         raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
     _, trajectory, index = simulated(config, run, nuisance, run.channels)
     shown = np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])
+    if nuisance and nuisance.unknown_zero and 'strain' in run.channels:
+        k = run.channels.index('strain')
+        shown[k] += strain_zero(run, shown[k])
     return (shown - run.measured) * run.weight
+
+
+def zero_of(config: Config, run: FitData, nuisance: Nuisance) -> float:
+    """What the strain gauge of a run shows too much beside the model [-]. Raises SimulationError."""
+    _, trajectory, index = simulated(config, run, nuisance, ('strain',))
+    return strain_zero(run, trajectory['strain'][index])
+
+
+def strain_zero(run: FitData, shown: Vector) -> float:
+    """What the strain gauge of a recording shows too much, when the model's is `shown` (k,): the mean of the difference."""
+    if 'strain' not in run.channels:
+        return 0.0
+    k = run.channels.index('strain')
+    known = run.weight[k] > 0.0
+    return float(np.clip(np.mean(run.measured[k][known] - shown[known]), -ZERO_LIMIT, ZERO_LIMIT))
 
 
 def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
-from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
+from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, nuisances_of
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.config import Config
@@ -101,7 +101,7 @@ def comparison_of_runs(
     for (dataset, fits), is_held_out in ((fitted, False), (held_out, True)):
         if dataset is None:
             continue
-        known = {fit.name: Nuisance(delay, fit.start, fit.switches) for fit in fits}
+        known = nuisances_of(config, delay, fits)
         compared_runs = [compared_run(dataset, k, config, known) for k in range(len(dataset.recordings))]
         runs += [replace(run, held_out=is_held_out) for run in compared_runs]
     return Comparison(label, config, delay, tuple(runs))

@@ -6,12 +6,15 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.structures.structure import Structure
 
+HEATING = ('actuation', 'wire_heat')  # ports without a meaning where the temperature is imposed
 POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels take
 
 
 def acts_on(effect: Effect, structure: Structure) -> bool:
     """Whether an effect has a meaning on a structure."""
     if effect.systems and structure.family not in effect.systems or structure.wires < effect.wires:
+        return False
+    if structure.imposed_temperature >= 0 and effect.port in HEATING:
         return False
     if 'stiffness' in effect.needs and not structure.stiffness or 'gravity' in effect.needs and not structure.gravity:
         return False

@@ -37,7 +37,11 @@ class FoundStructure:
 def package_structures() -> dict[str, FoundStructure]:
     """The structures of the package and of installed packages that declare an entry point, by name."""
     plugins = package_plugins(package, 'STRUCTURE', ENTRY_POINTS)
-    return {plugin.value.name: FoundStructure(plugin.value, plugin.files, plugin.packages) for plugin in plugins}
+    return {
+        structure.name: FoundStructure(structure, plugin.files, plugin.packages)
+        for plugin in plugins
+        for structure in (plugin.value, *plugin.value.variants)
+    }
 
 
 def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
@@ -72,12 +76,13 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
                 raise StructureError(
                     f'{plugin.file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}'
                 )
-            if structure.name in found:
-                raise StructureError(
-                    f'{plugin.file}: a structure named {structure.name!r} exists already; choose another name'
-                )
-            check_channels(structure, found.values(), plugin.file)
-            found[structure.name] = KNOWN[structure.name] = FoundStructure(structure, plugin.files, plugin.packages)
+            for one in (structure, *structure.variants):
+                if one.name in found:
+                    raise StructureError(
+                        f'{plugin.file}: a structure named {one.name!r} exists already; choose another name'
+                    )
+                check_channels(one, found.values(), plugin.file)
+                found[one.name] = KNOWN[one.name] = FoundStructure(one, plugin.files, plugin.packages)
     return found
 
 

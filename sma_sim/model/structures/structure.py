@@ -158,6 +158,11 @@ class Structure:
         default one, and the full name of that parameter.
     of_size : callable, optional
         From the value of that parameter, a whole number, to the structure.
+    options : mapping
+        Words by the name of a parameter, such as ``bench.control: strain``, by which this structure is chosen among its
+        `variants`.
+    variants : tuple of Structure
+        What the structure becomes with other options.
     description, source : str
         Remarks, and where the equations come from.
     """
@@ -187,6 +192,8 @@ class Structure:
     system: str = ''
     size_name: str = ''
     of_size: Callable[[int], Structure] | None = None
+    options: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    variants: tuple[Structure, ...] = ()
     description: str = ''
     source: str = ''
 
@@ -301,21 +308,36 @@ class Structure:
         return columns[: len(self.drives) or len(self.commands)]
 
     @property
+    def imposed_temperature(self) -> int:
+        """Number of the drive that imposes the temperature of the wires, -1 where they have a heat balance."""
+        names = [drive.name for drive in self.drives]
+        return names.index('T') if 'T' in names else -1
+
+    @property
+    def is_set(self) -> bool:
+        """Whether both stress and temperature of the wires are imposed, as in an isobaric test, whose time says nothing."""
+        return self.imposed_temperature >= 0 and bool(self.coordinates)
+
+    @property
+    def _channels(self) -> tuple[tuple[str, str], ...]:
+        """The channels with their columns; a temperature that is imposed is none."""
+        numbers = range(1, self.wires + 1)
+        if not self.coordinates:
+            shown, temperatures = [('stress', 'stress_Pa')], [('T', 'T_K')]
+        else:
+            shown = [(c.name, c.column) for c in self.coordinates] + [(f'F_{i}', f'F_{i}_N') for i in numbers]
+            temperatures = [(f'T_{i}', f'T_{i}_K') for i in numbers]
+        return (*shown, *(temperatures if self.imposed_temperature < 0 else ()))
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """What sensors can show: the coordinates, the force and the temperature of every wire."""
-        if not self.coordinates:
-            return ('stress', 'T')
-        numbers = range(1, self.wires + 1)
-        return (*self.coordinate_names, *(f'F_{i}' for i in numbers), *(f'T_{i}' for i in numbers))
+        return tuple(name for name, _ in self._channels)
 
     @property
     def channel_columns(self) -> tuple[str, ...]:
         """Columns of the channels in files."""
-        if not self.coordinates:
-            return ('stress_Pa', 'T_K')
-        numbers = range(1, self.wires + 1)
-        columns = (coordinate.column for coordinate in self.coordinates)
-        return (*columns, *(f'F_{i}_N' for i in numbers), *(f'T_{i}_K' for i in numbers))
+        return tuple(column for _, column in self._channels)
 
 
 def in_group(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:

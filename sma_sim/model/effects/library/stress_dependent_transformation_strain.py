@@ -1,0 +1,52 @@
+"""Transformation strain that depends on the stress under which martensite forms.
+
+H(sigma)/eps_T = 1 - deficit exp(-max(sigma - sigma_crit, 0)/k),   eps_T the strain at high stress (H_sat)
+Memory: e = h - eps_T x_M with dh = H(sigma) dx_M while martensite forms, dh = (h/x_M) dx_M while it turns back   [-]
+Without stress, martensite variants form that cancel each other; stress selects those along it. What formed keeps its strain
+until it turns back, all of it in the same proportion.
+"""
+
+import math
+from typing import Any
+
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import State
+from sma_sim.model.parameters import Parameter, WireConstants
+
+LEAST_FRACTION = 1e-6  # of martensite, below which the strain per fraction is that of this much
+
+
+def missing(sigma: float, eps_T: float, p: Any) -> float:
+    """eps_T - H(sigma) [-]."""
+    return float(eps_T * p.deficit * math.exp(-max(sigma - p.sigma_crit, 0.0) / p.k))
+
+
+def rate(s: State, w: WireConstants, p: Any, m: Any) -> float:
+    """de/dt [1/s]: what forms lacks `missing`, what turns back takes its part of e with it."""
+    if s.dx > 0.0:
+        return -missing(s.sigma, w.eps_T, p) * s.dx
+    return float(m.e / max(s.x, LEAST_FRACTION) * s.dx)
+
+
+EFFECT = Effect(
+    name='stress_dependent_transformation_strain',
+    title='transformation strain that depends on stress',
+    port='wire_strain',
+    equation='H(sigma) = eps_T (1 - deficit exp(-max(sigma - sigma_crit, 0)/k)), kept by what formed until it turns back',
+    source='Lagoudas et al., Int. J. Plast. 32-33 (2012) 155: H_cur, with H_sat = eps_T, H_min = (1 - deficit) eps_T',
+    parameters=(
+        Parameter('deficit', 0.7, '-', (0.0, 1.0), '1 - H_min/H_sat: share of eps_T missing without stress', '', 0.0,
+                  (0.1, 1.0)),
+        Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', '', None, (2e7, 5e8)),
+        Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
+    ),
+    states=('e',),
+    scale=(0.01,),
+    start=lambda s, w, p: -missing(s.sigma, w.eps_T, p) * s.x,
+    rate=rate,
+    kernel=lambda s, w, p, m: m.e,
+    energy='latent heat with eps_T; Om sigma de/dt is left out, up to `deficit` of the mechanical part of the latent heat',
+    description='at the start, martensite is as if it had formed under the stress that it has',
+    signature='less strain at low stress than at high stress between the same phases; plateaus start where they did',
+    confused_with=('wire.eps_T',),
+)  # fmt: skip
