@@ -28,7 +28,9 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
 
     `effect_paths` are the folders of the user's effects, as they are to stand in the file.
     """
-    systems = list(dict.fromkeys([*package_structures(), config.system]))
+    found = package_structures()
+    variants = {one.name for each in found.values() for one in each.structure.variants}
+    systems = list(dict.fromkeys([*(name for name in found if name not in variants), config.system]))
     lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.model}  # {" | ".join(MODELS)}']
     settings = settings_of(config.structure.structure).items()
     for group, members in groups_of(config.structure.structure).items():

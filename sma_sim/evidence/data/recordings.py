@@ -13,6 +13,7 @@ import numpy as np
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.noise import noise_by_channel
+from sma_sim.evidence.data.quasi_static import ACCURACY, error_by_temperature
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
@@ -25,6 +26,7 @@ NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below th
 ASSUMED_NOISE = {
     'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5,
 }  # fmt: skip
+RESPONDING = ('strain',)  # channels of quasi-static tests that follow the temperature
 ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1}  # of other channels, by the unit in their columns' names
 
 
@@ -210,7 +212,21 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
             reason = f', most of it the resolution {estimate.step:.3g}' if estimate.quantised else ''
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
             notes.append(f'noise of {name}: {estimate.std:.3g}, estimated from the data{reason}')
+        if known_structures()[recordings[0].system].is_set and name in RESPONDING:
+            noise[name] = with_temperature_error(name, noise[name], recordings, notes)
     return noise
+
+
+def with_temperature_error(channel: str, noise: float, recordings: Sequence[Recording], notes: list[str]) -> float:
+    """The noise of a channel, and what a specimen's temperature, known so well, adds where the channel is steep."""
+    drive = known_structures()[recordings[0].system].imposed_temperature
+    found = [error_by_temperature(one, channel, drive) for one in recordings if channel in one.channels]
+    errors = [error for error in found if error is not None]
+    if not errors:
+        return noise
+    total = sqrt(noise**2 + sum(error**2 for error in errors) / len(errors))
+    notes.append(f'noise of {channel}: {total:.3g} with a temperature of the specimen that is known to {ACCURACY:g} K')
+    return total
 
 
 def value_range(values: Vector) -> float:

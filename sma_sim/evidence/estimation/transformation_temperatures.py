@@ -14,14 +14,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.config import Config
 from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
-GRID = 200  # temperatures to which one way is interpolated
 END = 0.12  # part of the temperatures, at either end, through which a baseline goes
-SMOOTHED = 0.02  # part of the temperatures over which the slope is taken
 LEAST_RANGE = 20.0  # [K] of temperatures and ...
 LEAST_STRAIN = 2e-4  # ... of strain, below which nothing transforms
 STEADY_STRESS = 0.05  # relative change of a stress that counts as constant
@@ -91,27 +90,13 @@ def isobaric_test(recording: Recording) -> IsobaricTest | None:
     return IsobaricTest(recording.name, middle, heating, cooling, float(strain[np.argmax(T)]))
 
 
-def both_ways(T: Vector, strain: Vector) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]] | None:
-    """Heating and cooling; None where the test has one of them only. A test is split where its temperature turns."""
-    inner = [at for at in (int(np.argmax(T)), int(np.argmin(T))) if 0.1 * len(T) < at < 0.9 * len(T)]
-    if not inner:
-        return None
-    first, second = ((T[part], strain[part]) for part in (slice(0, inner[0] + 1), slice(inner[0], None)))
-    return (first, second) if T[inner[0]] > 0.5 * (T[0] + T[-1]) else (second, first)
-
-
 def tangents(T: Vector, strain: Vector) -> Tangents:
     """The evaluation of one way, `strain` (k,) at `T` (k,) [K]."""
-    order = np.argsort(T, kind='stable')
-    grid = np.linspace(T.min(), T.max(), GRID)
-    at = np.interp(grid, T[order], strain[order])
-    width = max(2, int(SMOOTHED * GRID))
-    smooth = np.convolve(np.pad(at, width, mode='edge'), np.ones(2 * width + 1) / (2 * width + 1), 'valid')
-    slope = np.gradient(smooth, grid)
-    inside = slice(width, GRID - width)
-    k = width + int(np.argmin(slope[inside]))
-    ends = max(3, int(END * GRID))
-    cold, hot = (np.polyfit(grid[part], at[part], 1) for part in (slice(0, ends), slice(-ends, None)))
+    grid, smooth, slope = smoothed_way(T, strain)
+    ends = int(END * len(grid))
+    edge = ends // 4  # smoothing bends what is outside
+    k = edge + int(np.argmin(slope[edge:-edge]))
+    cold, hot = (np.polyfit(grid[part], smooth[part], 1) for part in (slice(edge, ends), slice(-ends, -edge)))
     low, high = (crossing(line, slope[k], grid[k], smooth[k]) for line in (cold, hot))
     middle = float(grid[k])
     low, high = min(max(low, grid[0]), middle), max(min(high, grid[-1]), middle)
