@@ -78,6 +78,8 @@ class Diagnosis:
         Parameters that left their plausible range in the nominal fit; those of the last fit are in its `calibration`.
     by_held_out_run : mapping
         By recording, the verdict and effects if it were held out; empty where a single one was fitted.
+    limit : float
+        Error over noise above which something counts as missing that no accepted effect explains.
     """
 
     verdict: str
@@ -98,6 +100,7 @@ class Diagnosis:
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
     similar: SimilarEffect | None = None
+    limit: float = CRITERIA.unexplained
 
     @property
     def calibration(self) -> Calibration:
@@ -220,11 +223,11 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         elimination_steps=eliminations, held_out_ratio=ratios, confounding=confounding,
         training=tuple(recording.name for recording in data.training.recordings),
         held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
-        noise_std=dict(data.training.noise_std), interrupted=False, seconds=0.0, proposal=end.proposal,
+        noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0, proposal=end.proposal,
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
         similar=similar, implausible=() if context.stop.is_set() else implausible_in(nominal, context),
-        by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations)),
+        by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations), data.limit),
     )  # fmt: skip
 
 
@@ -263,16 +266,17 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     if data.held_out and reaches_beyond_fitted(stages[-1]):
         predicted = stages[-1].predicted
         pooled = pooled_refit(data.training, data.held_out, last, predicted, request.options, context)
-    verdict = verdict_of(stages[-1], pooled)
+    verdict = verdict_of(stages[-1], pooled, data.limit)
     best = predicts_best(stages)
     if verdict == 'unknown_effect' and not context.stop.is_set() and best < len(path) - 1:
         _, last = path[best]
         context.on_progress('the held-out runs are predicted better with fewer effects')
         provisional = replace(stages[best], kind='taken_back')
         stages.append(final_stage(data, 'taken_back', last, context) if stages[-1].final else provisional)
-        verdict = verdict_after_removal(stages[-1])
+        verdict = verdict_after_removal(stages[-1], data.limit)
     proposal = None
-    if request.equation and not context.stop.is_set():
+    adequate = verdict != 'unknown_effect' and data.limit > CRITERIA.unexplained
+    if request.equation and not adequate and not context.stop.is_set():
         verdict, proposal = with_equation(verdict, nominal, last, context)
     if proposal is not None:
         last = nominal if proposal.fit.effects[:-1] == nominal.effects else last
@@ -282,7 +286,7 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     return Conclusion(verdict, last, tuple(stages), pooled, proposal)
 
 
-def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]) -> dict[str, HeldOutVerdict]:
+def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep], limit: float) -> dict[str, HeldOutVerdict]:
     """By recording, the verdict if it were held out, among the models up to the last one and its formula."""
     fits = [fit for _, fit in path]
     fits = fits[: next(k for k, fit in enumerate(fits) if fit is end.last) + 1]
@@ -292,7 +296,7 @@ def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]
     if end.pooled_errors is not None:
         together = {run.name: end.pooled_errors.held_out for run in end.stages[-1].predicted}
         models[-1] = replace(models[-1], fitted={**models[-1].fitted, **together})
-    return verdicts_by_run(models)
+    return verdicts_by_run(models, limit)
 
 
 def last_stage(
@@ -356,7 +360,7 @@ def reaches_beyond_fitted(last: ModelStage) -> bool:
     return last.train <= CRITERIA.noise_only and last.held_out > CRITERIA.unexplained
 
 
-def verdict_of(last: ModelStage, pooled: PooledErrors | None) -> str:
+def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRITERIA.unexplained) -> str:
     """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
 
     Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
@@ -364,11 +368,11 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None) -> str:
     fitted to all runs (`pooled`).
     """
     error = last.train if isnan(last.held_out) else last.held_out
-    if error > CRITERIA.unexplained and not (pooled is not None and pooled.explained):
+    if error > limit and not (pooled is not None and pooled.explained):
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
 
 
-def verdict_after_removal(last: ModelStage) -> str:
+def verdict_after_removal(last: ModelStage, limit: float = CRITERIA.unexplained) -> str:
     """The verdict on a model from which effects were taken back: what is left in the fitted runs asked for them."""
-    return 'unknown_effect' if last.train > CRITERIA.unexplained else verdict_of(last, None)
+    return 'unknown_effect' if last.train > limit else verdict_of(last, None, limit)

@@ -64,7 +64,7 @@ def rivals_of(fit: FitResult, steps: Sequence[SelectionStep]) -> list[JudgedMode
     return found
 
 
-def verdicts_by_run(path: Sequence[JudgedModel]) -> dict[str, HeldOutVerdict]:
+def verdicts_by_run(path: Sequence[JudgedModel], limit: float = CRITERIA.unexplained) -> dict[str, HeldOutVerdict]:
     """By run, fitted and held out; `path` leads from the nominal model to the last.
 
     Empty for a single fitted run, and where the first or the last model was not refitted without each run.
@@ -73,10 +73,10 @@ def verdicts_by_run(path: Sequence[JudgedModel]) -> dict[str, HeldOutVerdict]:
     compared = [model for model in path if set(fitted) <= set(model.predicted)]
     if len(fitted) < 2 or len(compared) < 1 or compared[0] is not path[0] or compared[-1] is not path[-1]:
         return {}
-    return {run: verdict_without(run, fitted, compared) for run in path[0].predicted}
+    return {run: verdict_without(run, fitted, compared, limit) for run in path[0].predicted}
 
 
-def verdict_without(run: str, fitted: Sequence[str], path: Sequence[JudgedModel]) -> HeldOutVerdict:
+def verdict_without(run: str, fitted: Sequence[str], path: Sequence[JudgedModel], limit: float) -> HeldOutVerdict:
     """What the others say, and how that predicts the run."""
     best, least = path[0], path[0].error_without(run, fitted)
     for model in path[1:]:
@@ -89,7 +89,7 @@ def verdict_without(run: str, fitted: Sequence[str], path: Sequence[JudgedModel]
         if lowers_enough(error, least, CRITERIA.min_error_reduction):
             best, least = rival, error
     error, together = best.predicted[run], path[-1].fitted.get(run)
-    explained = error <= CRITERIA.unexplained or (together is not None and together <= CRITERIA.pooled_noise_only)
+    explained = error <= limit or (together is not None and together <= CRITERIA.pooled_noise_only)
     known = best.effects[:-1] if best.formula else best.effects
     verdict = 'unknown_effect' if best.formula or not explained else 'missing_effect' if known else 'none'
     return HeldOutVerdict(verdict, known, error)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     Calibration,
@@ -17,7 +19,9 @@ from sma_sim.evidence.estimation.calibrate import (
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
+from sma_sim.model.structures.discovery import known_structures
 
 StageKind = Literal['nominal', 'added', 'replaced', 'dropped', 'taken_back', 'formula']
 
@@ -90,6 +94,20 @@ class StageData:
     training: Dataset
     held_out: Dataset | None
     options: FitOptions
+
+    @property
+    def limit(self) -> float:
+        """The error over noise above which something is missing that no accepted effect explains.
+
+        A quasi-static test has far less noise than a model of one homogeneous wire can follow: there the least is a part
+        of what the strain spans.
+        """
+        structure = known_structures()[self.training.system]
+        if not structure.is_set or 'strain' not in self.training.noise_std:
+            return CRITERIA.unexplained
+        span = max(float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
+                   for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip
+        return max(CRITERIA.unexplained, CRITERIA.adequate_part * span / self.training.noise_std['strain'])
 
     def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs under a model."""

@@ -21,6 +21,10 @@ NOTHING_MISSING = 'Nothing is missing that these data could show.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
+ADEQUATE = (
+    'The model leaves {ratio:.1f} times the noise in {channel}; in such quasi-static tests up to {limit:.1f} times count as '
+    'explained, 5 % of what it spans, since a specimen is not as homogeneous as its model.'
+)
 ONLY_HELD_OUT = (
     'The fitted runs are explained; what is missing shows only in the held-out runs: fit those too, and hold out others.'
 )
@@ -185,8 +189,10 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     last = diagnosis.with_known_effects
     channels = last.held_out_channel_errors or last.channel_errors
     worst = max(channels, key=lambda name: channels[name])
-    limit = CRITERIA.unexplained
-    if channels[worst] > limit:
+    limit = diagnosis.limit
+    if channels[worst] > CRITERIA.unexplained and limit > CRITERIA.unexplained:
+        yield ADEQUATE.format(ratio=channels[worst], channel=worst, limit=limit)
+    elif channels[worst] > limit:
         yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
     if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
         yield ONLY_HELD_OUT

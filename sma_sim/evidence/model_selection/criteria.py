@@ -94,6 +94,9 @@ class SelectionCriteria:
     unexplained: float = 1.3
     """Error above which something is missing that no accepted effect explains: parameters that few runs tell, and noise that
     was estimated, can raise the error of a right model up to there."""
+    adequate_part: float = 0.05
+    """Part of what strain spans in a quasi-static test within which a model of one homogeneous wire predicts it: specimens
+    have gradients of temperature and texture that no such model has."""
     clearly_unexplained: float = 1.5
     """Error above which a fit on all samples does not change the verdict, so that it is not made first."""
     min_named_reduction: float = 0.1

@@ -10,7 +10,6 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.report.html.candidates import elimination_section, selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -103,6 +102,6 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     yield f'Fitted: {", ".join(diagnosis.training)}. Held out, evaluated only at the end: {held_out}.'
     if diagnosis.verdict == 'none' and not diagnosis.effects:
         yield 'No effect of the library lowers the cross-validated error by more than chance would.'
-    rule = f'An error over noise above {CRITERIA.unexplained:g} at the end counts as unexplained'
+    rule = f'An error over noise above {diagnosis.limit:.3g} at the end counts as unexplained'
     explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained
     yield rule + (', except in runs that one model explains together.' if explained else '.')
