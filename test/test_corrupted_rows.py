@@ -20,6 +20,8 @@ from corrupted import (
 )
 from made_recordings import RATE, cells_of, text_of
 
+from sma_sim.evidence.data.recordings import read_recording
+
 
 def test_the_file_itself_is_fine(tmp_path):
     (recording,) = read(write(tmp_path, TEXT))
@@ -169,3 +171,18 @@ def test_two_recordings_mixed(tmp_path):
     """Row by row from two robots: nothing can tell them apart."""
     rows = [row for k in range(COUNT // 2) for row in (ROWS[k], ROWS[k + COUNT // 4])]
     refused(write(tmp_path, text_of(HEADER, rows)), 'are two mixed in this file?')
+
+
+def test_spikes_of_a_command_are_repaired_and_said(tmp_path):
+    """Single rows far beyond all that lasts; a short pulse of the usual size stays."""
+    J = np.repeat([0.0, 1.0, 2.0, 0.5], 100)
+    J[250] = 0.0
+    clean, J = J.copy(), J.copy()
+    J[[40, 180, 333]] = 100.0, 1000.0, 12.0
+    rows = [f'{k / 10},{power},{300 + 0.01 * k}' for k, power in enumerate(J)]
+    file = tmp_path / 'run.csv'
+    file.write_text('\n'.join(['time_s,J_W,T_K,strain', *(f'{row},0.03' for row in rows), '']))
+    (found,) = read_recording(file, 'wire', 298.0)
+    assert any('3 spikes of one row, the first at 4 s' in note for note in found.notes)
+    held = np.searchsorted(found.source.times, np.arange(400) / 10, side='right') - 1
+    assert found.source.values[held, 1] == pytest.approx(clean)

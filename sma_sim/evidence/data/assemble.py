@@ -28,6 +28,7 @@ from sma_sim.solver.inputs import Input
 
 LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
+MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MOST_SPIKES = 100, 2.0, 0.02  # rows; beyond what lasts; part of the rows
 MIN_SESSION_SAMPLES = 2  # fewer span no time
 
 
@@ -193,6 +194,8 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         if heat_matters:
             notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
         columns['T_E_K'] = np.full(rows, file.T_E)
+    for name in file.heating:
+        discard_spikes(name, columns, notes)
     first = 0
     for name in INPUT_COLUMNS[file.system][1:]:
         values = columns[name]
@@ -215,6 +218,24 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         if not file.structure.antagonistic and (columns[name] < 0.0).any():
             notes.append(f'{name}: slightly negative values, {columns[name].min():.3g} W at the least: taken as 0')
             columns[name] = np.maximum(columns[name], 0.0)
+
+
+def discard_spikes(name: str, columns: Mapping[str, Vector], notes: list[str]) -> None:
+    """NaN for spikes in a command, changed in place: single rows, far beyond all that lasts, between equal neighbours.
+
+    A serial line that loses or doubles a character makes them.
+    """
+    values = columns[name]
+    if len(values) < MIN_ROWS_WITH_SPIKES:
+        return
+    lasting = values[1:][values[1:] == values[:-1]]
+    top = float(np.abs(lasting).max()) if len(lasting) else 0.0
+    spikes = np.zeros(len(values), dtype=bool)
+    spikes[1:-1] = (values[:-2] == values[2:]) & (np.abs(values[1:-1]) > SPIKE_RATIO * top)
+    if top > 0.0 and 0 < spikes.sum() <= MOST_SPIKES * len(values):
+        at = columns['time_s'][int(np.argmax(spikes))]
+        notes.append(f'{name}: {int(spikes.sum())} spikes of one row, the first at {at:.6g} s: the value before holds')
+        values[spikes] = np.nan
 
 
 def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
