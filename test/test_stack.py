@@ -154,6 +154,18 @@ def test_free_undamped_motion_keeps_its_energy():
     assert np.ptp(energies) < 1e-8 * np.ptp([structure.energy(pose(*y[:9]), pose(*np.zeros(9)), p) for y in run.y.T])
 
 
+def test_ten_modules_hang():
+    """Whole steps of Newton's method from the straight pose lead away from this equilibrium."""
+    model = stack(
+        10, stack__g_x=7.894433660685721, stack__g_y=-0.9043158102648388, beam__E=1614836273.9584188,
+        beam__b_x=2.253178665061274, beam__b_y=1.8620020191337914, beam__b_alpha=1.712762868914699,
+        plate__m_H=0.009334409401023272,
+    )  # fmt: skip
+    run = simulate(model, commands(model, [0.0, 1.0], [0.0, 0.0]), 10.0)
+    assert run.completed and -0.03 < run['alpha_1_rad'][0] < -0.02 and abs(run['alpha_10_rad'][0]) < 1e-3
+    assert np.ptp(run['alpha_1_rad']) < 1e-5
+
+
 def test_random_stacks_come_to_their_end():
     random = np.random.default_rng(3)
     for turn in range(24):

@@ -13,13 +13,15 @@ from sma_sim.solver.work import Matrix, Vector, Work, copy_into
 
 NEWTON_STEPS, MOST_UPDATES = 50, 200
 SETTLED = 1e-2  # change of first values relative to the difference steps: 1e-9 of their size
+LONGEST_STEP = 1e6  # relative to the difference steps, where whole steps lead away: a tenth of the size of the pose
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
-def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone: bool) -> bool:
+def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone: bool, careful: bool) -> bool:
     """Move the pose to static equilibrium in the given modes (Newton); False if it was not found.
 
     `alone`: that of each segment of a series for itself, without what the accelerations add, such as weight.
+    `careful`: no coordinate moves far at once.
     In modes 4 and 5 x_M follows from sigma = sigma_A or sigma_M. Temperatures stay; rates must be zero. First values of
     effects that depend on a stress take that of the equilibrium before, until they stay.
     """
@@ -47,7 +49,8 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
         solve_factorised(matrix, w.pivot, step)
         size = 0.0
         for j in range(n):
-            y[j] -= step[j]
+            most = LONGEST_STEP * w.increment[j]
+            y[j] -= min(max(step[j], -most), most) if careful else step[j]
             size = max(size, abs(step[j]) / w.increment[j])
         if not np.isfinite(size):
             return False
@@ -127,13 +130,20 @@ def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: V
 def approach(state: SystemState, point: InputPoint, p: System, w: Work) -> None:
     """Bring segments in series near equilibrium: straight ones push on each other so hard that Newton's method is lost."""
     if p.segments > 1:
-        solve_pose(state, point, p, w, True)
+        solve_pose(state, point, p, w, True, False)
 
 
 def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bool:
     """Static equilibrium of the structure; a wire alone has its strain from the input."""
     if p.coordinates > 0:
-        return solve_pose(state, point, p, w, False)
+        if solve_pose(state, point, p, w, False, False):
+            return True
+        if p.segments == 1:
+            return False
+        for j in range(p.coordinates):
+            state.y[j] = 0.0
+        approach(state, point, p, w)
+        return solve_pose(state, point, p, w, False, True)
     keep_wires(w, p)
     balance(state, point, p, w, w.first.dy)
     return True
