@@ -84,6 +84,7 @@ def test_the_library_is_read_exactly():
     assert {name for name in shifting if 'x' in fields_read(effects[name].kernel)} == {
         'attachment_compliance',
         'polycrystal',
+        'smooth_transformation',
     }
     assert not any(uses_time(effect) for effect in effects.values())
     for effect in effects.values():

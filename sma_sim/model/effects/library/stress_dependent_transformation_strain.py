@@ -40,6 +40,7 @@ EFFECT = Effect(
         Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', '', None, (2e7, 5e8)),
         Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
     ),
+    systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T'),
     states=('e',),
     scale=(0.01,),
     start=lambda s, w, p: -missing(s.sigma, w.eps_T, p) * s.x,
