@@ -156,3 +156,18 @@ def test_a_map_without_a_pace_is_refused(tmp_path, capsys):
     wrong.write_text((EXAMPLE / 'map.yaml').read_text().replace('rate: 0.1667', 'speed: 1'))
     assert main(['compare', str(tmp_path / '50MPa.csv'), '--config', str(EXAMPLE / 'config.yaml'), '--map', str(wrong)]) != 0
     assert 'expected' in capsys.readouterr().err
+
+
+def test_temperatures_in_celsius_are_refused(tmp_path, capsys):
+    (tmp_path / 'in.csv').write_text('time_s,stress_Pa,T_K\n0,1e8,20\n100,1e8,90\n')
+    words = ['--system', 'wire_under_load_at_T', '--input', str(tmp_path / 'in.csv'), '--out', str(tmp_path / 'out.csv')]
+    assert main(['simulate', *words]) == 2
+    assert 'column T_K: expected kelvin' in capsys.readouterr().err and not (tmp_path / 'out.csv').exists()
+
+
+def test_two_configurations_start_from_one_table_of_temperatures(tmp_path, capsys):
+    write_levels(tmp_path, [5e7])
+    config = str(EXAMPLE / 'config.yaml')
+    words = ['--config', config, '--config', config, '--map', str(EXAMPLE / 'map.yaml'), '--model', 'hybrid']
+    assert main(['compare', str(tmp_path / '50MPa.csv'), *words]) == 0
+    assert capsys.readouterr().out.count('transformation temperatures by tangents') == 1

@@ -57,7 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     if len(systems) > 1:
         raise UserError('one configuration is of a module, the other of a wire: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
-    named = [(label, from_curves(config, fitted)) for label, config in named]
+    labels, configs = zip(*named, strict=True)
+    named = list(zip(labels, from_curves(fitted, *configs), strict=True))
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         found = [compare(fitted, config, held_out, label, not arguments.no_nuisance, executor) for label, config in named]

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
     training, held_out = read_data(arguments, config)
-    config = from_curves(config, training)
+    (config,) = from_curves(training, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
     request = DiagnosisRequest(

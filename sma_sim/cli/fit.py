@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out)
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
-    config = from_curves(config, fitted)
+    (config,) = from_curves(fitted, config)
     options = FitOptions(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
     announce_first_compilation()
     progress = ProgressLine('fitting')
@@ -183,8 +183,8 @@ def remarks_on(found: Calibration) -> list[str]:
     if any(fit.zero for fit in found.runs):
         zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs)
         remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
-        return remarks
-    remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
+    else:  # a quasi-static test has no delay
+        remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
     return remarks
 
 

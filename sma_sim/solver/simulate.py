@@ -110,10 +110,8 @@ class Trajectory:
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
-NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
-NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 DIFFERENCE = 1e-7  # difference steps relative to the scales
 
 

@@ -104,12 +104,12 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     return split_dataset(dataset, arguments.hold_out)
 
 
-def from_curves(config: Config, fitted: Dataset) -> Config:
-    """The configuration with starts from the curves of isobaric tests, whose transformation temperatures are printed."""
-    started, tests = started_from_curves(fitted, config)
-    if tests:
+def from_curves(fitted: Dataset, *configs: Config) -> list[Config]:
+    """The configurations with starts from the curves of isobaric tests, whose transformation temperatures are printed."""
+    started = [started_from_curves(fitted, config) for config in configs]
+    if tests := started[0][1]:
         print(*tests_as_text(tests), '', sep='\n', flush=True)
-    return started
+    return [config for config, _ in started]
 
 
 def noise_from(words: Sequence[str]) -> dict[str, float]:

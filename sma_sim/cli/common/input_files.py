@@ -10,11 +10,10 @@ from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, read_columns
+from sma_sim.evidence.data.units import mismatch_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
-
-LARGEST_STRAIN = 0.5  # beyond it the column is in percent
 
 
 def read_input_file(path: Path, config: Config, linear: bool, namespace: str | None = None) -> Input:
@@ -40,9 +39,8 @@ def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[st
     time = increasing(path, columns['time_s'])
     values = [columns[name] for name in imposed]
     for name, column in zip(imposed, values, strict=True):
-        top = column[np.abs(column).argmax()]
-        if name == 'strain' and abs(top) > LARGEST_STRAIN:
-            raise UserError(f'{path}, column strain: expected a fraction such as 0.05, got {top:g}')
+        if mismatch := mismatch_of(name, column):
+            raise UserError(f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}')
     for name in powers:
         heating = columns.get(name, np.zeros(len(time)))
         if not of.signed and (heating < 0.0).any():

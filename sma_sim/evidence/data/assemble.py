@@ -28,7 +28,7 @@ from sma_sim.solver.inputs import Input
 
 LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
-MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MOST_SPIKES = 100, 2.0, 0.02  # rows; beyond what lasts; part of the rows
+MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MOST_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
 MIN_SESSION_SAMPLES = 2  # fewer span no time
 
 
@@ -194,7 +194,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         if heat_matters:
             notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
         columns['T_E_K'] = np.full(rows, file.T_E)
-    for name in file.heating:
+    for name in file.heating if not file.stamped else ():  # what has a stamp of its own was commanded
         discard_spikes(name, columns, notes)
     first = 0
     for name in INPUT_COLUMNS[file.system][1:]:

@@ -212,7 +212,7 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
             reason = f', most of it the resolution {estimate.step:.3g}' if estimate.quantised else ''
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
             notes.append(f'noise of {name}: {estimate.std:.3g}, estimated from the data{reason}')
-        if known_structures()[recordings[0].system].is_set and name in RESPONDING:
+        if known_structures()[recordings[0].system].is_quasi_static and name in RESPONDING:
             noise[name] = with_temperature_error(name, noise[name], recordings, notes)
     return noise
 

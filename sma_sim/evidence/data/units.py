@@ -105,16 +105,18 @@ SIGNED_POWER = 'J_eq'  # what the names of commands of antagonistic pairs begin 
 BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch}
 
 
-def check_unit(path: Path, name: str, values: Vector) -> None:
-    """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with."""
+def mismatch_of(name: str, values: Vector) -> UnitMismatch | None:
+    """How the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with; None where they can."""
     known = values[np.isfinite(values)]
     check = CHECKS.get('J_eq_W' if name.startswith(SIGNED_POWER) else name) or next(
         (one for suffix, one in BY_SUFFIX.items() if name.endswith(suffix)), None
     )
-    if check is None or len(known) == 0:
-        return
-    mismatch = check(known)
-    if mismatch:
+    return None if check is None or len(known) == 0 else check(known)
+
+
+def check_unit(path: Path, name: str, values: Vector) -> None:
+    """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with."""
+    if mismatch := mismatch_of(name, values):
         raise UserError(
             f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}, which looks like '
             f'{mismatch.looks_like}; a map (--map) can convert: {name}: {{column: {name}, {mismatch.conversion}}}'

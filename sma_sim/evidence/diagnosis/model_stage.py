@@ -103,7 +103,7 @@ class StageData:
         of what the strain spans.
         """
         structure = known_structures()[self.training.system]
-        if not structure.is_set or 'strain' not in self.training.noise_std:
+        if not structure.is_quasi_static or 'strain' not in self.training.noise_std:
             return CRITERIA.unexplained
         span = max(float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
                    for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip

@@ -220,7 +220,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
-    delay = 0.0 if config.structure.structure.is_set else None
+    delay = 0.0 if config.structure.structure.is_quasi_static else None
     return Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
 
 

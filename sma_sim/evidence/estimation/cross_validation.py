@@ -49,7 +49,7 @@ class RunFit:
 
 def nuisances_of(config: Config, delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
     """What was estimated of each run beside the parameters, by its name."""
-    unknown_zero = config.structure.structure.is_set
+    unknown_zero = config.structure.structure.is_quasi_static
     return {fit.name: Nuisance(delay, fit.start, fit.switches, unknown_zero) for fit in fits}
 
 

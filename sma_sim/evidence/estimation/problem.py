@@ -44,7 +44,7 @@ class Problem:
     def wires(self) -> int:
         """Wires whose start is unknown: none where stress and temperature say what a wire was before."""
         structure = self.config.structure.structure
-        return 0 if structure.is_set else structure.wires
+        return 0 if structure.is_quasi_static else structure.wires
 
     @property
     def shared(self) -> tuple[FreeParameter, ...]:
@@ -87,7 +87,7 @@ class Problem:
         at, wires = len(self.shared), self.wires
         start = tuple(START.value(float(x)) for x in part[at : at + wires])
         switches = tuple(SWITCH.value(float(x)) for x in part[at + wires :])
-        return Nuisance(self.delay_at(part), start, switches, self.config.structure.structure.is_set)
+        return Nuisance(self.delay_at(part), start, switches, self.config.structure.structure.is_quasi_static)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""

@@ -314,7 +314,7 @@ class Structure:
         return names.index('T') if 'T' in names else -1
 
     @property
-    def is_set(self) -> bool:
+    def is_quasi_static(self) -> bool:
         """Whether both stress and temperature of the wires are imposed, as in an isobaric test, whose time says nothing."""
         return self.imposed_temperature >= 0 and bool(self.coordinates)
 

@@ -1,0 +1,106 @@
+"""Structures of one's own: they join without an edit of the package, and what is wrong with a file is told."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sma_sim import UserError, find_structures, read_config
+from sma_sim.cli.main import main
+from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
+from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.structure_kernels import native_structure
+
+EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
+
+
+def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):
+    lines = (EXAMPLE / 'rocker.py').read_text().splitlines()
+    assert len([line for line in lines if line.strip()]) <= 40
+    (tmp_path / 'c.csv').write_text('time_s,J_eq_W\n0,0\n2,1.2\n10,0\n12,0\n')
+    out = tmp_path / 'out.csv'
+    words = ['--config', str(EXAMPLE / 'robot.yaml')]
+    assert main(['simulate', '--input', str(tmp_path / 'c.csv'), '--out', str(out), *words]) == 0
+    header = out.read_text().splitlines()[0]
+    assert header == 'time_s,J_eq_W,T_E_K,angle_rad,F_1_N,F_2_N,T_1_K,T_2_K,x_M_1,x_M_2,mode_1,mode_2'
+    capsys.readouterr()
+    assert main(['systems', 'rocker', '--json', *words]) == 0
+    found = json.loads(capsys.readouterr().out)[0]
+    assert found['inputs'] == ['time_s', 'J_eq_W', 'T_E_K'] and found['coordinates'][0]['name'] == 'angle'
+    assert main(['compare', str(out), *words, '--noise', 'angle=1e-4']) == 0
+    assert 'angle' in capsys.readouterr().out
+    for verb in ('latent', 'next'):  # which know the module and a wire only
+        assert main([verb, str(out), *words, '--noise', 'angle=1e-4']) == 2
+        assert verb in capsys.readouterr().err
+
+
+def test_systems_are_listed(capsys):
+    assert main(['systems']) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in package_structures()) and 'slider.k' in text
+    assert main(['systems', 'slidr']) == 2
+    assert 'did you mean slider' in capsys.readouterr().err
+
+
+def test_init_writes_the_file_of_a_structure(tmp_path, capsys):
+    out = tmp_path / 'slider.yaml'
+    words = ['init', '--system', 'slider', '--out', str(out), '--no-questions']
+    assert main([*words, '--set', 'slider.k=55']) == 0
+    config = read_config(out)
+    assert config.system == 'slider' and config.parameters['slider.k'] == 55.0 and config.parameters['wire.n'] == 1.0
+    assert 'beam:' not in out.read_text()
+    for flags, message in (
+        (['--beam-length', '100'], 'a slider has none; give its own with --set, which are slider.L'),
+        (['--set', 'slider.L=0.3', '--set', 'slider.k=1e6'], 'against slider.L = 0.3 m'),
+    ):
+        assert main([*words, '--overwrite', *flags]) == 2
+        assert message in capsys.readouterr().err
+
+
+def changed(**fields):
+    """The slider with some fields changed, as a file of the user's would have it."""
+    structure = package_structures()['slider'].structure
+    return Structure(**{name: getattr(structure, name) for name in structure.__dataclass_fields__} | fields)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'gradients': lambda q, p: 1.0}, 'its gradients give 1 for wire 1 in position, differences of its lengths -1'),
+        ({'forces': lambda q, v, p: (0.0, 0.0)}, r'its forces returns 2 number\(s\); expected 1'),
+        ({'lengths': lambda q, p: p.nothing}, "its lengths fails: AttributeError: .*'nothing'"),
+        ({'lengths': lambda q, p: sorted([p.L - q.position])[0]}, 'cannot be compiled'),
+    ],
+)
+def test_wrong_structures_are_told(fields, words):
+    with pytest.raises(StructureError, match=words):
+        native_structure(FoundStructure(changed(name=f'wrong_{len(words)}', **fields), (), ('sma_sim.', __name__)))
+
+
+def test_structures_that_cannot_be_declared():
+    for fields in ({'forces': None}, {'antagonistic': True}, {'wires': 0}, {'wires': 30}):
+        with pytest.raises(ValueError, match='structure'):
+            changed(**fields)
+
+
+def test_files_of_structures_that_cannot_be_used(tmp_path):
+    with pytest.raises(StructureError, match=r'structures\.paths: .* is not a folder'):
+        find_structures([tmp_path / 'nowhere'])
+    text = (EXAMPLE / 'rocker.py').read_text()
+    for content, words in (
+        (text.replace("name='rocker'", "name='lever'"), "a structure named 'lever' exists already"),
+        (text.replace("'angle', 'rad'", "'angle', 'deg'"), 'the coordinate angle would be the column angle_deg'),
+        ('STRUCTURE = 1', 'STRUCTURE must be an sma_sim.Structure'),
+    ):
+        (tmp_path / 'own.py').write_text(content)
+        with pytest.raises(StructureError, match=words):
+            find_structures([tmp_path])
+
+
+def test_data_do_not_say_which_structure_files_are_run(tmp_path):
+    (tmp_path / 'rocker2.py').write_text((EXAMPLE / 'rocker.py').read_text().replace("name='rocker'", "name='rocker2'"))
+    recorded = {'system': 'rocker2', 'structures.paths': [str(tmp_path)]}
+    with pytest.raises(UserError, match=r'the structure rocker2 is needed, but only data name its folder'):
+        read_config(recorded=recorded)
+    named = read_config(words=[f'structures.paths={tmp_path}'], recorded={'system': 'rocker2'})
+    assert named.system == 'rocker2' and named.parameters['rocker2.k'] == 50.0
