@@ -11,7 +11,9 @@ from flows import Point, active, make_model
 from sma_sim import UserError, find_effects, read_config, simulate
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, with_scopes
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.parameter_file import parameter_file
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import module_input
 from sma_sim.solver.kernels import native_effect
 
@@ -21,9 +23,10 @@ from other_form_truths import FORMS  # noqa: E402
 COMMAND = module_input([0.0, 1.0, 8.0, 14.0, 20.0], [0.0, 12.0, -10.0, 4.0, 0.0])
 SAMPLES = np.arange(0.0, 20.0, 0.1)
 NOISE = {'U_x_m': 2e-6, 'U_y_m': 1e-5, 'alpha_rad': 3.5e-4, 'T_1_K': 0.1, 'T_2_K': 0.1}
+MODULE = package_structures()['module'].structure
 BY_WIRE = [  # and not only in wires that would push
     name for name, one in find_effects().items()
-    if one.effect.port in ('wire_heat', 'wire_strain', 'wire_force') and name != 'slack'
+    if one.effect.port in ('wire_heat', 'wire_strain', 'wire_force') and name != 'slack' and acts_on(one.effect, MODULE)
 ]  # fmt: skip
 
 
