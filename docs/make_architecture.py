@@ -20,6 +20,8 @@ QUESTIONS = {
     'cli': 'How is it called? One file per command',
     'cli/common': 'What do the commands share?',
     'ros': 'How does it talk to ROS 2?',
+    'explore': 'How is a model explored? Sessions with a history, and their page',
+    'workflow': 'Which steps do commands and page share? From a request to results and files',
     'report': 'How are results shown? Figures and HTML pages',
     'challenge': 'Would the diagnosis find what is hidden?',
     'evidence/diagnosis': 'Which effect is missing?',
@@ -34,9 +36,18 @@ QUESTIONS = {
     'solver': 'How do the equations evolve? Compilation, steps, events',
     'model': 'What are the equations? Material, structures, effects',
 }
-COLOURS = {'cli': '#cfe0f5', 'ros': '#cfe0f5', 'report': '#cfe0f5', 'evidence': '#d9efd9', 'challenge': '#f3e3c3'}
+COLOURS = {
+    'cli': '#cfe0f5',
+    'ros': '#cfe0f5',
+    'report': '#cfe0f5',
+    'workflow': '#cfe0f5',
+    'explore': '#cfe0f5',
+    'evidence': '#d9efd9',
+    'challenge': '#f3e3c3',
+}
 COLUMNS = {  # where the boxes stand, so that no arrow crosses one
     'challenge': -3.4, 'cli/common': -2.4, 'evidence/experiment_design': -1.3, 'evidence/diagnosis': 1.3, 'ros': 3.4,
+    'explore': 1.0, 'workflow': 1.0,
     'evidence/symbolic_regression': 1.3, 'evidence/residual_analysis': 2.4, 'evidence/monitoring': 3.4,
 }  # fmt: skip
 

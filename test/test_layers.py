@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
 ROOMS = (
     'model', 'solver', 'evidence.data', 'evidence.estimation', 'evidence.monitoring', 'evidence.residual_analysis',
     'evidence.model_selection', 'evidence.latent_input', 'evidence.symbolic_regression', 'evidence.experiment_design',
-    'evidence.diagnosis', 'challenge', 'report', 'ros', 'cli.common', 'cli',
+    'evidence.diagnosis', 'challenge', 'report', 'workflow', 'ros', 'explore', 'cli.common', 'cli',
 )  # fmt: skip
 SOURCES = {file: ast.parse(file.read_text()) for file in sorted(PACKAGE.rglob('*.py')) if file.stat().st_size}
 COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py', 'fields_read.py'}
