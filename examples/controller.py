@@ -13,7 +13,6 @@ import atexit
 import math
 import signal
 import sys
-import threading
 import time
 
 import rclpy
@@ -156,21 +155,21 @@ class AlphaController(Node):
 
 def run(kind):
     """Run a controller of a kind until Ctrl-C or SIGTERM; the last word is a command of zero."""
-    stop = threading.Event()
+    signals = []  # a list, since a signal may interrupt the one before it, and an Event would wait for its own lock
     for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *given: signals.append(given[0]))
         atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = kind()
     try:
-        while not stop.is_set():
+        while not signals:
             rclpy.spin_once(node, timeout_sec=WATCH_PERIOD)
         node.get_logger().info('stopped: heating off')
     finally:
         node.heating_off()
         node.command.wait_for_all_acked(rclpy.duration.Duration(seconds=1.0))
         node.destroy_node()
-        rclpy.shutdown()
+        rclpy.shutdown(uninstall_handlers=False)  # uninstalling lets Ctrl-C kill for a moment
     return 0
 
 

@@ -9,7 +9,6 @@ import atexit
 import math
 import signal
 import sys
-import threading
 
 import rclpy
 from rclpy.node import Node
@@ -39,16 +38,16 @@ class SineTarget(Node):
 
 def main():
     """Run until Ctrl-C or SIGTERM."""
-    stop = threading.Event()
+    signals = []  # a list, since a signal may interrupt the one before it, and an Event would wait for its own lock
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *given: signals.append(given[0]))
         atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = SineTarget()
-    while not stop.is_set():
+    while not signals:
         rclpy.spin_once(node, timeout_sec=0.1)
     node.destroy_node()
-    rclpy.shutdown()
+    rclpy.shutdown(uninstall_handlers=False)  # uninstalling lets Ctrl-C kill for a moment
     return 0
 
 

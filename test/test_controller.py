@@ -145,7 +145,8 @@ def test_ctrl_c_that_is_repeated_kills_nothing_that_is_ending():
             while process.poll() is None:
                 process.send_signal(signal.SIGINT)
                 time.sleep(0.001)
-        assert (loop.control.returncode, loop.process.returncode) == (0, 0)
+        codes = loop.control.returncode, loop.process.returncode
+        assert codes == (0, 0), loop.control.stdout.read() + loop.process.stdout.read()
 
 
 def test_heating_off_after_the_controller_was_killed():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import queue
 import shlex
 import signal
 import sys
@@ -111,15 +112,7 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
     from rclpy.signals import SignalHandlerOptions
 
     stop, working = threading.Event(), threading.Event()
-
-    def end(*_: object) -> None:
-        stop.set()
-        if not working.is_set():  # compiling: do not wait for its end (an exception would get lost in LLVM)
-            os._exit(0)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
-        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
+    end_by_signals(stop, working)
     try:
         compile_first(name)
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -135,7 +128,27 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
         print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
         return 1
     finally:
-        rclpy.try_shutdown()
+        rclpy.try_shutdown(uninstall_handlers=False)  # uninstalling sets the default for a moment, in which Ctrl-C kills
+
+
+def end_by_signals(stop: threading.Event, working: threading.Event) -> None:
+    """Let Ctrl-C and SIGTERM set `stop`, however often they come; before `working` is set they end the process."""
+    arrived: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+    def note(number: int, _: object) -> None:
+        # not stop.set(): a signal that interrupts another one, or a wait, would wait for ever for the lock of the event
+        arrived.put(number)
+        if not working.is_set():  # compiling: do not wait for its end (an exception would get lost in LLVM)
+            os._exit(0)
+
+    def tell() -> None:
+        arrived.get()
+        stop.set()
+
+    threading.Thread(target=tell, daemon=True).start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
+        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
 
 
 def compile_first(name: str) -> None:
