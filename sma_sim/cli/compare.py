@@ -24,7 +24,7 @@ from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes
-from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
+from sma_sim.evidence.residual_analysis.summary import Summary, comparison_result, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page
@@ -66,10 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     pairs = error_changes(found[0], found[1]) if len(found) == 2 else ()
     print(compare_text(summaries, pairs))
     if arguments.json:
-        write_json(arguments.json, {
-            'comparisons': [comparison_data(summary) for summary in summaries],
-            'changes': [vars(change) for change in pairs], 'noise_std': fitted.noise_std,
-        })  # fmt: skip
+        write_json(arguments.json, comparison_result(summaries, pairs, fitted.noise_std))
     if arguments.report:
         write_compare_page(arguments.report, summaries, pairs, (fitted, held_out))
     print_written(arguments.report, arguments.json)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,19 +23,17 @@ from sma_sim.cli.common.data import (
 )
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from, folders_beside
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
-from sma_sim.evidence.diagnosis.proposed_equation import effect_values
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.given import effect_folders_of
-from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.workflow.diagnosis import command_between, write_improved
 
 
 def add_parser(verbs: Any) -> None:
@@ -82,7 +79,9 @@ def write_outputs(
     arguments: argparse.Namespace, found: Diagnosis, training: Dataset, held_out: Dataset | None
 ) -> Path | None:
     """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
-    written = write_improved(arguments, found) if arguments.out else None
+    written = None
+    if arguments.out:
+        written = write_improved(arguments.out, found, folders_beside(arguments, arguments.out))
     rivals = confounded(found)
     command = next_command(arguments, rivals) if rivals else ''
     if arguments.json:
@@ -97,30 +96,9 @@ def write_outputs(
 
 def next_command(arguments: argparse.Namespace, rivals: Sequence[str]) -> str:
     """The command that designs an experiment between these explanations, on the same data and model."""
-    words = ['sma-sim', 'next', *map(str, arguments.data)]
-    for option, values in (
-        ('--between', rivals), ('--config', arguments.config), ('--map', arguments.map), ('--system', arguments.system),
-    ):  # fmt: skip
-        if values:
-            words += [option, *([str(values)] if isinstance(values, str | Path) else values)]
-    for option, given in (('--set', arguments.words), ('--effect', arguments.effects), ('--noise', arguments.noise)):
-        words += [word for value in given for word in (option, value)]
-    return shlex.join([*words, '-o', 'next.csv'])
-
-
-def write_improved(arguments: argparse.Namespace, found: Diagnosis) -> Path | None:
-    """Write the parameter file of the last step, with a line on where it comes from.
-
-    A proposed effect is written to a folder beside it, which it names; returns that file.
-    """
-    folders, names, written = folders_beside(arguments, arguments.out), list(found.effects), None
-    source = f'sma-sim diagnose from {", ".join(found.training)}'
-    if found.proposal:
-        folder = arguments.out.with_name(f'{arguments.out.stem}_effects')
-        note = f'proposed by {source}: a formula that fits, no known law'
-        written = found.proposal.write(folder, effect_values(found), note)
-        folders, names = [*folders, folder.name], list(found.stages[-1].effects)
-    origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
-    text = origin + parameter_file(found.calibration.config, folders)
-    write_whole(arguments.out, lambda file: file.write(text))
-    return written
+    given = [*(['--config', str(arguments.config)] if arguments.config else [])]
+    given += [*(['--map', str(arguments.map)] if arguments.map else [])]
+    given += [*(['--system', arguments.system] if arguments.system else [])]
+    for option, values in (('--set', arguments.words), ('--effect', arguments.effects), ('--noise', arguments.noise)):
+        given += [word for value in values for word in (option, value)]
+    return command_between(rivals, arguments.data, given)

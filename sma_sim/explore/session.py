@@ -117,15 +117,19 @@ class Session:
 
     def config(self, number: int | None = None) -> Config:
         """The configuration of a version, by default of the current one. Raises UserError."""
+        return config_in(*self.stamped_file(number))
+
+    def stamped_file(self, number: int | None = None) -> tuple[Path, int]:
+        """The parameter file of a version and the time of its last change [ns]. Raises UserError."""
         path = self.file(number)
-        return config_in(path, path.stat().st_mtime_ns if path.exists() else 0)
+        return path, path.stat().st_mtime_ns if path.exists() else 0
 
     def preview(self, values: Mapping[str, Value] | None = None, effects: Sequence[str] | None = None) -> Config:
         """The current configuration with other values by full name, and with these effects active (None: as they are).
 
         Nothing is written. Raises UserError for what is unknown or out of bounds.
         """
-        given = given_values(self.file(), ())
+        given = dict(given_in(*self.stamped_file()))
         if effects is not None:
             given['effects.active'] = Given(list(effects), FROM_SESSION)
         return checked(given | {name: Given(value, FROM_SESSION) for name, value in (values or {}).items()})
@@ -226,6 +230,12 @@ class Session:
         text = json.dumps(history.as_data(), indent=1)
         write_whole(self.folder / HISTORY, lambda file: file.write(text + '\n'))
         self._history = history
+
+
+@cache
+def given_in(path: Path, _: int) -> Mapping[str, Given]:
+    """What a file says, read once as long as the file is the same."""
+    return given_values(path, ())
 
 
 @cache

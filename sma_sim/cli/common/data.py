@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from sma_sim.cli.common.options import add_namespace_option
-from sma_sim.evidence.data.json_values import finite
+from sma_sim.evidence.data.json_values import write_json as write_json
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
-from sma_sim.evidence.data.tables import check_writable, write_whole
-from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
+from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
 from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves, tests_as_text
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import require
+from sma_sim.workflow.data_request import DataRequest
 
 EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
 
@@ -92,16 +89,17 @@ def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
 
 def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, Dataset | None]:
     """The recordings to fit and those held out; notes on what was repaired go to stderr. Raises UserError."""
-    known = {path.resolve() for path in arguments.data}
-    inside = {file.resolve() for path in arguments.data if path.is_dir() for file in path.iterdir()}
-    further = [file for file in held_out_files(arguments.hold_out) if file.resolve() not in known | inside]
-    dataset = read_dataset(
-        [*arguments.data, *further], config.structure.structure.name, config.parameters['environment.T_E'], arguments.map,
-        noise_from(arguments.noise), namespace=arguments.namespace,
-    )  # fmt: skip
+    request = data_request(arguments)
+    dataset = request.read(config)
     for note in grouped_notes([dataset]):
         print(f'note: {note}', file=sys.stderr)
-    return split_dataset(dataset, arguments.hold_out)
+    return request.split(dataset)
+
+
+def data_request(arguments: argparse.Namespace) -> DataRequest:
+    """The recordings that the options name. Raises UserError."""
+    noise = noise_from(arguments.noise)
+    return DataRequest(tuple(arguments.data), tuple(arguments.hold_out), arguments.map, noise, arguments.namespace)
 
 
 def from_curves(fitted: Dataset, *configs: Config) -> list[Config]:
@@ -131,11 +129,6 @@ def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
     """The cluster of ``--scheduler``, or all cores of this machine. Raises UserError."""
     with dask_executor(arguments.scheduler) if arguments.scheduler else executor_or_threads(None) as executor:
         yield executor
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write JSON, whole or not at all; what is no finite number becomes null. Raises UserError."""
-    write_whole(path, lambda file: file.write(json.dumps(finite(content), indent=2) + '\n'))
 
 
 def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

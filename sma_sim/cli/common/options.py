@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
+from sma_sim.workflow.effect_folders import folders_from
 
 QUIET_TIME = 2.0  # [s] before progress is shown
 
@@ -49,9 +49,7 @@ def config_from(arguments: argparse.Namespace, *words: str) -> Config:
 
 def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
     """The folders of the user's effects, as a parameter file at `out` names them."""
-    home = out.resolve().parent
-    folders = effect_folders_of(arguments.config, arguments.words)
-    return [os.path.relpath(folder.resolve(), home) for folder in folders]
+    return folders_from(out, effect_folders_of(arguments.config, arguments.words))
 
 
 def announce_first_compilation() -> None:

@@ -198,7 +198,9 @@ def diagnose(
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
     with stoppable() as stop, executor_or_threads(executor) as pool:
-        context = SearchContext(pool, stop, on_progress, request.folders, request.seed, variants=request.variants)
+        context = SearchContext(
+            pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model
+        )
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)

@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Protocol
 
 OnProgress = Callable[[str], None]  # what is being done, in words
+OnModel = Callable[[str, tuple[str, ...], str, float, float], None]
+"""A model that a diagnosis has fitted: `nominal`, `candidate` or `accepted`; its effects; its kinetics; its error over noise
+in the fitted runs, and in runs left out in turn."""
 OnIteration = Callable[[str, int, float], None]  # which minimisation, its iteration, its cost
 
 
@@ -30,6 +33,10 @@ def silent_iteration(label: str, iteration: int, cost: float) -> None:
     """Report no iteration."""
 
 
+def silent_model(kind: str, effects: tuple[str, ...], kinetics: str, error: float, left_out: float) -> None:
+    """Report no model."""
+
+
 @dataclass(frozen=True)
 class SearchContext:
     """Shared by all steps of a search.
@@ -45,3 +52,4 @@ class SearchContext:
     seed: int = 0
     on_iteration: OnIteration = silent_iteration
     variants: bool = True
+    on_model: OnModel = silent_model

@@ -23,6 +23,7 @@ from sma_sim.evidence.model_selection.candidate_fit import (
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
+from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
@@ -43,6 +44,7 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         base = accepted.fit
         errors = f'{base.error:.2f} fitted, {base.prediction_error:.2f} on runs left out'
         context.on_progress(f'accepted {accepted.name}: error over noise {errors}')
+        report_model('accepted', base, context)
         steps[-1] = replace(steps[-1], after=base)
     return tuple(steps)
 
@@ -189,6 +191,7 @@ def cross_validated_candidate(
     if fit.error <= (1.0 + CRITERIA.same_error) * best:
         context.on_progress(f'cross-validating {found.effect.name}')
         fit = cross_validated(fit, context)
+    report_model('candidate', fit, context)
     return candidate_fit(base, found, fit, screened.family_p, context)
 
 

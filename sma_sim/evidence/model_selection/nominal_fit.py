@@ -10,7 +10,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import MODELS, FitOptions, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
@@ -21,7 +21,7 @@ class DiagnosisRequest:
     """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap.
 
     `equation`: whether to look for the equation of what no known effect explains. `variants`: whether effects are tried in
-    one wire, coordinate or channel only too.
+    one wire, coordinate or channel only too. `on_model`: hears of every model as it is found.
     """
 
     model: str = 'auto'
@@ -30,6 +30,7 @@ class DiagnosisRequest:
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
     equation: bool = True
     variants: bool = True
+    on_model: OnModel = silent_model
 
 
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
@@ -40,10 +41,16 @@ def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, co
         best = multistart_search(training, replace(config, model=model), request.options, context, NOMINAL_MODEL)
         fits.append(cross_validated(best, context))
         context.on_progress(f'{model}: error over noise {fits[-1].prediction_error:.2f}')
+        report_model('nominal', fits[-1], context)
         if context.stop.is_set():
             break
     complete = [fit for fit in fits if isfinite(fit.cross_validated_error)] or fits  # after a stop, the last one is not
     return min(complete, key=comparable_error)
+
+
+def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
+    """Tell of a model that was fitted."""
+    context.on_model(kind, fit.effects, fit.problem.config.model, fit.error, fit.prediction_error)
 
 
 def comparable_error(fit: FitResult) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import Split, all_splits
 from sma_sim.evidence.residual_analysis.findings import ErrorRegion, find_error_regions
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_scores, total_error
+from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.patterns import Pattern, find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import Band, error_bands
 from sma_sim.evidence.residual_analysis.state_density import StateDensity, state_densities
@@ -82,4 +83,14 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
         'findings': [asdict(finding) for finding in summary.findings],
         'splits': [asdict(split) for split in summary.splits],
         'bands': {channel: [asdict(band) for band in found] for channel, found in summary.bands.items()},
+    }  # fmt: skip
+
+
+def comparison_result(
+    summaries: Sequence[Summary], changes: Sequence[ErrorChange], noise_std: Mapping[str, float]
+) -> dict[str, Any]:
+    """One comparison or two, the second with its changes of the first's errors, for JSON."""
+    return {
+        'comparisons': [comparison_data(summary) for summary in summaries],
+        'changes': [vars(change) for change in changes], 'noise_std': noise_std,
     }  # fmt: skip

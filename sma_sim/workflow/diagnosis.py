@@ -1,0 +1,36 @@
+"""What is written of a diagnosis: the improved model, a proposed effect, and the command that goes on from there."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.proposed_equation import effect_values
+from sma_sim.model.parameter_file import parameter_file
+
+
+def write_improved(path: Path, found: Diagnosis, folders: Sequence[str]) -> Path | None:
+    """Write the parameter file of the last step, with a line on where it comes from.
+
+    A proposed effect is written to a folder beside it, which it names beside `folders`, those of the user's effects; returns
+    that effect's file.
+    """
+    folders, names, written = list(folders), list(found.effects), None
+    source = f'sma-sim diagnose from {", ".join(found.training)}'
+    if found.proposal:
+        folder = path.with_name(f'{path.stem}_effects')
+        note = f'proposed by {source}: a formula that fits, no known law'
+        written = found.proposal.write(folder, effect_values(found), note)
+        folders, names = [*folders, folder.name], list(found.stages[-1].effects)
+    origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
+    text = origin + parameter_file(found.calibration.config, folders)
+    write_whole(path, lambda file: file.write(text))
+    return written
+
+
+def command_between(rivals: Sequence[str], data: Sequence[Path], options: Sequence[str]) -> str:
+    """The command that designs an experiment between explanations, on data and with further options."""
+    return shlex.join(['sma-sim', 'next', *map(str, data), '--between', *rivals, *options, '-o', 'next.csv'])

@@ -1,0 +1,167 @@
+"""A fit from the calibration to what is written of it: held-out runs, remarks, plain data, parameter file, page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
+from sma_sim.evidence.estimation.free_parameters import values_of
+from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
+from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
+from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
+from sma_sim.evidence.residual_analysis.compare import compared_calibration
+from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
+from sma_sim.model.config import Config
+from sma_sim.model.parameter_file import parameter_file
+from sma_sim.report.html.comparison_page import write_fit_page
+
+
+@dataclass(frozen=True)
+class FitReview:
+    """A calibration beside its data: `start` is the model that it began with, `predicted` the runs that were held out,
+    `runs` a wire run by run where there are several runs."""  # fmt: skip
+
+    found: Calibration
+    start: Config
+    fitted: Dataset
+    held_out: Dataset | None
+    predicted: tuple[RunFit, ...]
+    runs: HomogeneityTest | None
+
+    @cached_property
+    def summary(self) -> Summary:
+        """All that the comparison of the fitted model with the recordings says."""
+        return summarize(compared_calibration(self.found, self.fitted, self.held_out, self.predicted, 'fitted'))
+
+    def as_data(self) -> dict[str, Any]:
+        """The result for programs; SI units."""
+        further = {'run_by_run': asdict(self.runs) if self.runs else None, 'comparison': comparison_data(self.summary)}
+        return fit_result_data(self.found, self.predicted, self.fitted) | further
+
+    def write_page(self, path: Path) -> None:
+        """Write the HTML report. Raises UserError."""
+        data = (self.fitted, self.held_out)
+        write_fit_page(path, self.found, values_of(self.start), self.summary, data, self.runs)
+
+
+def reviewed_fit(
+    found: Calibration, start: Config, fitted: Dataset, held_out: Dataset | None, executor: Executor
+) -> FitReview:
+    """Predict what was held out, and look at a wire run by run."""
+    predicted = predict_held_out(found, held_out, executor)
+    return FitReview(found, start, fitted, held_out, predicted, runs_of_wire(found, fitted, held_out, executor))
+
+
+def predict_held_out(found: Calibration, held_out: Dataset | None, executor: Executor) -> tuple[RunFit, ...]:
+    """The runs that were held out, unless the fit was stopped."""
+    if held_out is None or found.interrupted:
+        return ()
+    return evaluate_held_out(found.config, held_out, found.delay, executor)
+
+
+def runs_of_wire(
+    found: Calibration, fitted: Dataset, held_out: Dataset | None, executor: Executor
+) -> HomogeneityTest | None:
+    """A wire run by run, where there are several runs and the fit was not stopped."""
+    if found.config.system != 'wire' or found.interrupted:
+        return None
+    return homogeneity_test(found.config, fitted, held_out, executor)
+
+
+def write_fitted(path: Path, found: Calibration, folders: Sequence[str]) -> None:
+    """Write the parameter file, with a line on where it comes from; `folders` are those of the user's effects."""
+    names = ', '.join(fit.name for fit in found.runs)
+    origin = f'# Fitted by sma-sim fit to {names}: error over noise {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
+    text = origin + parameter_file(found.config, folders)
+    write_whole(path, lambda file: file.write(text))
+
+
+def remarks_on(found: Calibration) -> list[str]:
+    """Further remarks on the fit."""
+    remarks = [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
+    remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
+    remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
+    remarks += [implausible_sentence(found.implausible)] if found.implausible else []
+    remarks += [sentence] if (sentence := agreement_sentence(found.by_run)) else []
+    other = [start for start in found.other_starts if not start.same]
+    if other:
+        points = f'{len(other)} of {len(found.other_starts) + 1} starting points'
+        remarks.append(f'{points} led to another minimum, of higher cost: see --json')
+    if found.cross_validation:
+        scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
+        remarks.append(f'error over noise of runs left out in turn: {scores}')
+    if any(fit.zero for fit in found.runs):
+        zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs)
+        remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
+    else:  # a quasi-static test has no delay
+        remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
+    return remarks
+
+
+def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Dataset) -> dict[str, Any]:
+    """The result for programs; SI units."""
+    uncertainty = found.uncertainty
+    intervals = {interval.name: interval for interval in uncertainty.intervals} if uncertainty else {}
+    return {
+        'model': found.config.model,
+        'parameters': {
+            parameter.name: {
+                'value': found.values[parameter.name], 'unit': parameter.unit, **interval_data(intervals.get(parameter.name))
+            }
+            for parameter in found.free
+        },
+        'delay': found.delay,
+        'delay_std': uncertainty.delay_std if uncertainty else None,
+        'error': {
+            'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channel_errors,
+            'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
+            | {fit.name: run_data(fit, held_out=True) for fit in predicted},
+        },
+        'cross_validation': found.cross_validation,
+        'unseen': uncertainty.unseen if uncertainty else None,
+        'directions': [
+            {'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions
+        ] if uncertainty else None,
+        'correlation': uncertainty.correlation if uncertainty else None,
+        'at_bound': found.at_bound,
+        'implausible': [implausible_data(parameter) for parameter in found.implausible],
+        'by_recording': by_run_data(found.by_run),
+        'held': {parameter.name: parameter.reason for parameter in found.fixed},
+        'other_starts': [
+            {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts
+        ],
+        'noise_std': dataset.noise_std,
+        'converged': found.converged,
+        'interrupted': found.interrupted,
+        'seconds': found.seconds,
+    }  # fmt: skip
+
+
+def interval_data(interval: Any) -> dict[str, Any]:
+    """An interval as plain data."""
+    return {} if interval is None else {name: getattr(interval, name) for name in ('low', 'high', 'std', 'log', 'seen')}
+
+
+def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
+    """The errors of one run as plain data."""
+    return {
+        'error': fit.error,
+        'channels': fit.channel_errors,
+        'held_out': held_out,
+        'x_M': fit.x_M,
+        'start': fit.start,
+        'zero': fit.zero,
+    }
+
+
+def mean_error_of(fits: Sequence[RunFit]) -> float | None:
+    """The error over noise of several runs, None for none."""
+    return float((sum(fit.error**2 for fit in fits) / len(fits)) ** 0.5) if fits else None
