@@ -45,10 +45,10 @@ class FolderLock:
             self._connection = None
 
 
-def locked_file(path: Path) -> sqlite3.Connection | None:
-    """A connection that holds the lock of a file, None where another has it. Raises UserError."""
+def locked_file(path: Path, wait: float = 0.0) -> sqlite3.Connection | None:
+    """A connection that holds the lock of a file, None where another has it, also after `wait` [s]. Raises UserError."""
     try:
-        connection = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
+        connection = sqlite3.connect(path, timeout=wait, isolation_level=None, check_same_thread=False)
     except sqlite3.Error as error:
         raise UserError(f'cannot write {path}: {error}') from error
     try:

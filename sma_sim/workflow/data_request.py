@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import read_dataset
+from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -77,6 +79,16 @@ class DataRequest:
             'data': list(map(str, self.data)), 'hold_out': list(self.hold_out), 'map': str(self.map) if self.map else None,
             'noise': dict(self.noise), 'namespace': self.namespace,
         }  # fmt: skip
+
+
+def fingerprint(request: DataRequest) -> str:
+    """What tells whether recordings have changed: a hash of the request, and of names, sizes and times of its files."""
+    named = [*request.data, *(Path(word) for word in request.hold_out), *([request.map] if request.map else [])]
+    files: set[Path] = set()
+    for path in named:
+        files |= {file for file in path.rglob('*') if file.is_file()} if path.is_dir() else {path, path.parent / META_FILE}
+    stamps = [(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in sorted(files) if file.is_file()]
+    return sha256(repr((request.as_data(), stamps)).encode()).hexdigest()
 
 
 def data_request_from(content: Any, where: str) -> DataRequest | None:

@@ -1,0 +1,206 @@
+"""Long steps as processes of their own, each with a folder that says all: what was asked, how far it is, what came out.
+
+A folder of a session's ``jobs/`` holds ``request.json``, ``state.json``, ``events.jsonl``, ``log.txt`` and the results
+(docs/reference/session.md). Whoever opens the session finds jobs there, running or ended.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.json_values import write_json
+from sma_sim.explore.lock import is_locked
+from sma_sim.model.errors import UserError
+
+Vector = NDArray[np.float64]
+JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
+    'jobs', 'request.json', 'state.json', 'events.jsonl', 'log.txt', 'lock', 'stop',
+)  # fmt: skip
+RESULT, PARAMETERS, REPORT, CURVES = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz'
+FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES}
+ENDED = ('done', 'stopped', 'failed', 'killed')
+START_TIME = 60.0  # [s] that a process may take before it says that it runs
+KILLED = 'the process ended without a result: it was killed, or the computer went down; start this step again'
+
+
+@dataclass(frozen=True)
+class Job:
+    """A step that runs or has run in a process of its own.
+
+    Attributes
+    ----------
+    folder : Path
+        Where its files are.
+    number : int
+        From 1, in the order of starting.
+    stage : str
+        ``check``, ``compare``, ``calibrate``, ``diagnose`` or ``candidates``.
+    version : int
+        The version of the model that it is about.
+    options : mapping
+        Options of the step, as `Engine.start` took them.
+    data : str
+        What tells whether the recordings are still the same (`fingerprint`).
+    time : str
+        When it was started, UTC.
+    """
+
+    folder: Path
+    number: int
+    stage: str
+    version: int
+    options: Mapping[str, Any]
+    data: str
+    time: str
+
+    @property
+    def state(self) -> str:
+        """``running``, ``done``, ``stopped`` (with what it had), ``failed`` or ``killed``."""
+        return self.read_state()[0]
+
+    @property
+    def words(self) -> str:
+        """What it is doing, or how it ended."""
+        state, words = self.read_state()
+        if state != 'running':
+            return words
+        said = [event['words'] for event in self.events() if event['kind'] == 'progress']
+        return str(said[-1]) if said else 'starting'
+
+    def read_state(self) -> tuple[str, str]:
+        """State and words. What says that it runs, and holds no lock, was killed."""
+        known = self.written_state()
+        if known[0] != 'running':
+            return known
+        begun = (self.folder / STATE).exists()
+        if begun and not is_locked(self.folder / LOCK):
+            known = self.written_state()  # it may have come to its end in between
+            return known if known[0] != 'running' else ('killed', KILLED)
+        age = (datetime.now(timezone.utc) - datetime.fromisoformat(self.time)).total_seconds()
+        return known if begun or age < START_TIME else ('killed', KILLED)
+
+    def written_state(self) -> tuple[str, str]:
+        """State and words as the process wrote them last."""
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            content = json.loads((self.folder / STATE).read_text(encoding='utf-8'))
+            return str(content['state']), str(content['words'])
+        return 'running', ''
+
+    def events(self, since: int = 0) -> list[dict[str, Any]]:
+        """What happened, from number `since` on: ``n``, ``t`` [s from the start], ``kind`` and more."""
+        try:
+            lines = (self.folder / EVENTS).read_text(encoding='utf-8').splitlines()
+        except OSError:
+            return []
+        found = []
+        for line in lines[since:]:
+            with suppress(ValueError):  # the last line may be half written
+                found.append(json.loads(line))
+        return found
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The results that are there: ``result`` (JSON), ``parameters``, ``report``, ``curves``."""
+        named = {what: self.folder / name for what, name in FILES.items()}
+        return {what: path for what, path in named.items() if path.exists()}
+
+    def result(self) -> dict[str, Any]:
+        """What the command writes with ``--json``. Raises UserError where there is none."""
+        path = self.folder / RESULT
+        try:
+            found: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+        except FileNotFoundError as error:
+            raise UserError(f'step {self.number} ({self.stage}) has no result: {self.words}') from error
+        except (OSError, ValueError) as error:
+            raise UserError(f'{path} cannot be read: {error}; start this step again') from error
+        return found
+
+    def curves(self) -> dict[str, dict[str, Vector]]:
+        """By run, ``time`` (k,) [s] and by channel ``measured.alpha``, ``model.alpha`` and so on (k,), SI units."""
+        path, found = self.folder / CURVES, dict[str, dict[str, Vector]]()
+        try:
+            with np.load(path, allow_pickle=False) as content:
+                for name in content.files:
+                    run, _, what = name.rpartition('|')
+                    found.setdefault(run, {})[what] = content[name]
+        except FileNotFoundError as error:
+            raise UserError(f'step {self.number} ({self.stage}) has no curves: {self.words}') from error
+        except (OSError, ValueError) as error:
+            raise UserError(f'{path} cannot be read: {error}; start this step again') from error
+        return found
+
+    def stop(self) -> None:
+        """Ask it to end with what it has, as Ctrl-C does."""
+        (self.folder / STOP).touch()
+
+    def as_data(self) -> dict[str, Any]:
+        """The job for JSON."""
+        state, words = self.read_state()
+        words = self.words if state == 'running' else words
+        return {
+            'number': self.number, 'stage': self.stage, 'version': self.version, 'options': dict(self.options),
+            'time': self.time, 'state': state, 'words': words,
+            'files': {name: str(path) for name, path in self.files.items()},
+        }  # fmt: skip
+
+
+def jobs_in(session: Path) -> tuple[Job, ...]:
+    """The jobs of a session, in the order of starting; folders that are none are left out."""
+    folder = session / JOBS
+    numbers = sorted(int(path.name) for path in folder.glob('*') if path.name.isdecimal()) if folder.exists() else []
+    return tuple(job for number in numbers if (job := job_in(session, number)) is not None)
+
+
+def job_in(session: Path, number: int) -> Job | None:
+    """A job by its number; None where its request cannot be read."""
+    folder = session / JOBS / f'{number:04}'
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        content = json.loads((folder / REQUEST).read_text(encoding='utf-8'))
+        stage, version, data, time = (content[name] for name in ('stage', 'version', 'data', 'time'))
+        datetime.fromisoformat(time)
+        return Job(folder, number, str(stage), int(version), dict(content['options']), str(data), str(time))
+    return None
+
+
+def write_curves(path: Path, curves: Mapping[str, Vector]) -> None:
+    """Write arrays by name, whole or not at all."""
+    temporary = path.with_name(f'.{path.name}.part')
+    with temporary.open('wb') as file:
+        save: Any = np.savez_compressed  # typed with keywords of newer versions
+        save(file, **curves)
+    temporary.replace(path)
+
+
+def new_job(session: Path, stage: str, version: int, options: Mapping[str, Any], data: str) -> Job:
+    """Write what is asked of a new job. Raises UserError."""
+    folder = session / JOBS
+    try:
+        folder.mkdir(exist_ok=True)
+        number = 1 + max((int(path.name) for path in folder.iterdir() if path.name.isdecimal()), default=0)
+        home = folder / f'{number:04}'
+        home.mkdir()
+    except OSError as error:
+        raise UserError(f'cannot write {folder}: {error.strerror}') from error
+    now = datetime.now(timezone.utc).isoformat(timespec='seconds')
+    job = Job(home, number, stage, version, dict(options), data, now)
+    entries = {name: value for name, value in asdict(job).items() if name not in ('folder', 'number')}
+    write_json(home / REQUEST, entries)
+    return job
+
+
+def start_process(session: Path, job: Job) -> subprocess.Popen[bytes]:
+    """The process that does a job; Ctrl-C in the terminal does not reach it."""
+    words = [sys.executable, '-m', 'sma_sim.explore.worker', str(session), str(job.number)]
+    with (job.folder / LOG).open('wb') as log:
+        return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)

@@ -1,0 +1,183 @@
+"""What the jobs of a session do: the work of the commands, on a version and the recordings of the session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sma_sim.evidence.data.json_values import write_json
+from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.follow_up import confounded
+from sma_sim.evidence.diagnosis.review import reviewed
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
+from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.residual_analysis.compare import Comparison, compare
+from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
+from sma_sim.explore.events import EventLog
+from sma_sim.explore.jobs import CURVES, PARAMETERS, REPORT, RESULT, Job, write_curves
+from sma_sim.explore.session import VERSIONS, read_settings
+from sma_sim.model.config import Config, read_config
+from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
+from sma_sim.report.html.comparison_page import write_compare_page
+from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.solver.first_start import announce_compilation
+from sma_sim.workflow.check import data_check
+from sma_sim.workflow.data_request import DataRequest
+from sma_sim.workflow.diagnosis import command_between, write_improved
+from sma_sim.workflow.effect_folders import folders_from
+from sma_sim.workflow.fit import reviewed_fit, write_fitted
+
+
+@dataclass(frozen=True)
+class WorkOrder:
+    """A job with its session's folder, and where it tells how it proceeds."""
+
+    session: Path
+    job: Job
+    log: EventLog
+
+    @property
+    def file(self) -> Path:
+        """The parameter file of the version that the job is about."""
+        return self.session / VERSIONS / f'{self.job.version:04}.yaml'
+
+    @property
+    def request(self) -> DataRequest:
+        """The recordings. Raises UserError for a session without any."""
+        request = read_settings(self.session)
+        if request is None:
+            raise UserError(f'{self.session} has no recordings')
+        return request
+
+    def config(self) -> Config:
+        """The version's configuration."""
+        return read_config(self.file)
+
+    def read(self) -> tuple[Config, Dataset, Dataset | None]:
+        """The configuration, with starts from curves where there are any, the recordings to fit, and those held out."""
+        config, request = self.config(), self.request
+        self.log.progress('reading the recordings')
+        fitted, held_out = request.split(request.read(config))
+        announce_compilation(self.log.progress)
+        return started_from_curves(fitted, config)[0], fitted, held_out
+
+    def effect_folders(self) -> list[Path]:
+        """The folders of the user's effects."""
+        return effect_folders_of(self.file, ())
+
+    def output(self, name: str) -> Path:
+        """Where a result goes."""
+        return self.job.folder / name
+
+    def option(self, name: str, default: Any) -> Any:
+        """An option of the job."""
+        return self.job.options.get(name, default)
+
+
+def check(order: WorkOrder) -> bool:
+    """Read the recordings."""
+    request = order.request
+    order.log.progress('reading the recordings')
+    dataset = request.read(order.config())
+    held_out = request.split(dataset)[1]
+    write_json(order.output(RESULT), data_check(dataset, held_out).as_data())
+    curves = {
+        f'{one.name}|{name}': values
+        for one in dataset.recordings
+        for name, values in {'time': one.time, **{f'measured.{c}': v for c, v in one.channels.items()}}.items()
+    }
+    write_curves(order.output(CURVES), curves)
+    return False
+
+
+def compare_version(order: WorkOrder) -> bool:
+    """As ``sma-sim compare``."""
+    config, fitted, held_out = order.read()
+    order.log.progress('comparing the model with the recordings')
+    with executor_or_threads(None) as executor:
+        comparison = compare(fitted, config, held_out, str(order.file), True, executor)
+    summary = summarize(comparison)
+    write_json(order.output(RESULT), comparison_result([summary], (), fitted.noise_std))
+    write_curves(order.output(CURVES), curves_of(comparison))
+    write_compare_page(order.output(REPORT), [summary], (), (fitted, held_out))
+    return False
+
+
+def calibrate_version(order: WorkOrder) -> bool:
+    """As ``sma-sim fit``."""
+    config, fitted, held_out = order.read()
+    order.log.progress('calibrating the model')
+    with executor_or_threads(None) as executor:
+        found = calibrate(fitted, config, fit_options(order.job.options), executor, order.log.iteration)
+        out = order.output(PARAMETERS)
+        write_fitted(out, found, folders_from(out, order.effect_folders()))
+        review = reviewed_fit(found, config, fitted, held_out, executor)
+    write_json(order.output(RESULT), review.as_data())
+    write_curves(order.output(CURVES), curves_of(review.summary.comparison))
+    review.write_page(order.output(REPORT))
+    return found.interrupted
+
+
+def fit_options(options: Mapping[str, Any]) -> FitOptions:
+    """The options of a calibration: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed``."""
+    free = options.get('free')
+    return FitOptions(
+        tuple(free) if free is not None else None, str(options.get('model', 'auto')), int(options.get('starts', 2)),
+        bool(options.get('robust', False)), int(options.get('seed', 0)),
+    )  # fmt: skip
+
+
+def diagnose_version(order: WorkOrder) -> bool:
+    """As ``sma-sim diagnose``."""
+    config, fitted, held_out = order.read()
+    request = diagnosis_request(order.job.options, tuple(order.effect_folders()), order.log)
+    with stoppable():  # also while files are written: the steps so far are to be in all of them
+        with executor_or_threads(None) as executor:
+            found = diagnose(fitted, config, held_out, request, executor, order.log.progress)
+        out = order.output(PARAMETERS)
+        written = write_improved(out, found, folders_from(out, order.effect_folders()))
+        rivals = confounded(found)
+        command = command_between(rivals, [], [*order.request.options(), '--config', str(order.file)]) if rivals else ''
+        offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
+        write_json(order.output(RESULT), as_data(found, written) | offered)
+        review = reviewed(found, *hold_out_last(fitted, held_out))
+        write_curves(order.output(CURVES), curves_of(review.remaining.comparison))
+        write_diagnosis_page(order.output(REPORT), review, command)
+    return found.interrupted
+
+
+def diagnosis_request(options: Mapping[str, Any], folders: tuple[Path, ...], log: EventLog) -> DiagnosisRequest:
+    """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``."""
+    return DiagnosisRequest(
+        str(options.get('model', 'auto')), folders, int(options.get('seed', 0)),
+        equation=bool(options.get('equation', True)), variants=bool(options.get('variants', True)), on_model=log.model,
+    )  # fmt: skip
+
+
+def curves_of(comparison: Comparison) -> dict[str, Any]:
+    """Every run's time, measurement, model, noise and states (k,), named ``run|what``."""
+    curves: dict[str, Any] = {}
+    for run in comparison.runs:
+        curves[f'{run.name}|time'] = run.time
+        for channel in run.measured:
+            curves[f'{run.name}|measured.{channel}'] = run.measured[channel]
+            curves[f'{run.name}|model.{channel}'] = run.predicted[channel]
+            curves[f'{run.name}|noise.{channel}'] = np.array(run.noise[channel])
+        curves |= {f'{run.name}|state.{name}': values for name, values in run.states.items()}
+    return curves
+
+
+WORK: dict[str, Callable[[WorkOrder], bool]] = {
+    'check': check, 'compare': compare_version, 'calibrate': calibrate_version, 'diagnose': diagnose_version,
+}  # fmt: skip

@@ -1,0 +1,255 @@
+"""The steps of a session: their order, the numbers of the commands, processes that are stopped, killed, found again."""
+
+import json
+import signal
+import time
+
+import numpy as np
+import pytest
+from corrupted import TEXT, with_cell
+
+from sma_sim import UserError
+from sma_sim.challenge.files import write_challenge
+from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.cli.main import main
+from sma_sim.explore.jobs import Job, jobs_in, new_job
+from sma_sim.explore.session import Start, open_session
+from sma_sim.explore.stages import Engine
+from sma_sim.explore.worker import outcome
+from sma_sim.workflow.data_request import DataRequest
+
+PATIENCE = 300.0  # [s]
+FIT = {'free': ['beam.E'], 'model': 'mas', 'starts': 1}
+
+
+@pytest.fixture(scope='module')
+def case(tmp_path_factory):
+    """A small robot that lacks gravity."""
+    folder = tmp_path_factory.mktemp('case') / 'case'
+    plan = RecordingPlan(duration=15.0, rate=10.0)
+    write_challenge(make_challenge(2, kinds=['gravity'], forces=True, plan=plan), folder, 'csv')
+    return folder
+
+
+@pytest.fixture(scope='module')
+def engine(case, tmp_path_factory):
+    """A session that has been checked, compared and calibrated."""
+    start = Start(case / 'nominal.yaml', ('model=mas',), data=DataRequest((case,), hold_out=('run3',)))
+    with open_session(tmp_path_factory.mktemp('session') / 's', start) as session:
+        engine = Engine(session)
+        for stage, options in (('check', {}), ('compare', {}), ('calibrate', FIT)):
+            assert engine.wait(engine.start(stage, **options), PATIENCE).state == 'done', engine.jobs[-1].words
+        yield engine
+
+
+@pytest.fixture
+def fresh(case, tmp_path):
+    """A session in which nothing was done but look at the recordings."""
+    with open_session(tmp_path / 's', Start(case / 'nominal.yaml', data=DataRequest((case,)))) as session:
+        job = new_job(session.folder, 'check', 1, {}, Engine(session).data())
+        finish(session.folder, job)
+        yield Engine(session)
+
+
+def finish(folder, job):
+    """Do a job in this process."""
+    state, words = outcome(folder, job)
+    (job.folder / 'state.json').write_text(json.dumps({'state': state, 'words': words}))
+    return job
+
+
+def data_words(engine):
+    return [*engine.session.data.options(), '--config', str(engine.session.file(1))]
+
+
+def without_time(content):
+    return {name: value for name, value in content.items() if name != 'seconds'}
+
+
+def test_what_is_checked(engine):
+    found = engine.latest('check').result()
+    assert [(run['name'], run['held_out']) for run in found['runs']] == [('run1', False), ('run2', False), ('run3', True)]
+    assert found['runs'][0]['samples'] == 150 and found['runs'][0]['channels']['alpha']['missing'] == 0
+    assert set(found['noise_std']) >= {'alpha', 'F_1'} and found['system'] == 'module'
+    assert engine.latest('check').curves()['run1']['measured.alpha'].shape == (150,)
+
+
+def test_a_comparison_is_that_of_the_command(engine, tmp_path):
+    out = tmp_path / 'compare.json'
+    assert main(['compare', *data_words(engine), '--json', str(out)]) == 0
+    job = engine.latest('compare')
+    assert job.result() == json.loads(out.read_text())
+    curves = job.curves()['run3']
+    rmse = np.sqrt(np.mean((curves['measured.alpha'] - curves['model.alpha']) ** 2))
+    channel = job.result()['comparisons'][0]['runs']['run3']['channels']['alpha']
+    assert rmse == pytest.approx(channel['rmse'], rel=1e-12)
+    assert rmse / curves['noise.alpha'] == pytest.approx(channel['over_noise'], rel=1e-12)
+    assert job.files['report'].read_text().rstrip().endswith('</html>')
+
+
+def test_a_calibration_is_that_of_the_command(engine, tmp_path):
+    out, improved = tmp_path / 'fit.json', tmp_path / 'fit.yaml'
+    options = ['--free', 'beam.E', '--model', 'mas', '--starts', '1']
+    assert main(['fit', *data_words(engine), *options, '--json', str(out), '-o', str(improved)]) == 0
+    job = engine.latest('calibrate')
+    assert without_time(job.result()) == without_time(json.loads(out.read_text()))
+    assert job.files['parameters'].read_text() == improved.read_text()
+    iterations = [event for event in job.events() if event['kind'] == 'iteration']
+    assert len(iterations) > 2 and iterations[-1]['cost'] <= iterations[0]['cost']
+    assert [event['n'] for event in job.events(3)] == list(range(3, len(job.events())))
+
+
+def test_what_is_accepted_is_a_version(engine):
+    version = engine.accept()
+    fitted = engine.latest('calibrate').result()['parameters']['beam.E']['value']
+    assert engine.session.config().parameters['beam.E'] == fitted
+    assert version.words == f'calibrated from version 1 (step {engine.latest("calibrate").number})'
+    overview = {one['stage']: one for one in engine.overview()}
+    assert overview['diagnose']['reason'] == 'compare version 2 with the recordings first'
+    engine.session.undo()
+    assert engine.reason('diagnose') == ''
+    json.dumps(engine.overview(), allow_nan=False)
+
+
+def test_the_order(case, tmp_path):
+    with open_session(tmp_path / 'a') as session, pytest.raises(UserError, match='no recordings'):
+        Engine(session).start('check')
+    with open_session(tmp_path / 'b', Start(data=DataRequest((case,)))) as session:
+        engine = Engine(session)
+        for stage in ('compare', 'calibrate', 'diagnose', 'candidates'):
+            with pytest.raises(UserError, match=f'{stage}: check the recordings first'):
+                engine.start(stage)
+        finish(session.folder, new_job(session.folder, 'check', 1, {}, engine.data()))
+        for stage in ('calibrate', 'diagnose'):
+            with pytest.raises(UserError, match='compare version 1 with the recordings first'):
+                engine.start(stage)
+        with pytest.raises(UserError, match='nothing to accept'):
+            engine.accept()
+        with pytest.raises(UserError, match='no step to start'):
+            engine.start('accept')
+        with pytest.raises(UserError, match='no step 7'):
+            engine.job(7)
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [({'speed': 1}, 'no option speed'), ({'model': 'x'}, 'hybrid, mas, auto'), ({'starts': 0}, '1 to 100'),
+     ({'starts': True}, 'whole number'), ({'seed': 1.5}, 'whole number'), ({'robust': 'yes'}, 'true or false'),
+     ({'free': 'beam.E'}, 'names of parameters')],
+)  # fmt: skip
+def test_wrong_options(engine, options, words):
+    with pytest.raises(UserError, match=words):
+        engine.start('calibrate', **options)
+
+
+def test_a_mistake_is_said_by_the_job(engine):
+    job = engine.wait(engine.start('calibrate', free=['beam.X']), PATIENCE)
+    assert job.state == 'failed' and 'beam.X' in job.words and 'Traceback' not in (job.folder / 'log.txt').read_text()
+    with pytest.raises(UserError, match='has no result'):
+        job.result()
+    with pytest.raises(UserError, match='has no model'):
+        engine.accept(job.number)
+
+
+def test_other_recordings_are_checked_first(case, tmp_path):
+    (tmp_path / 'run.csv').write_text(TEXT)
+    with open_session(tmp_path / 's', Start(data=DataRequest((tmp_path / 'run.csv',)))) as session:
+        engine = Engine(session)
+        finish(session.folder, new_job(session.folder, 'check', 1, {}, engine.data()))
+        assert engine.reason('compare') == ''
+        (tmp_path / 'run.csv').write_text(with_cell(5, 'alpha_rad', ''))
+        assert engine.reason('compare') == 'check the recordings first'
+        finish(session.folder, new_job(session.folder, 'check', 1, {}, engine.data()))
+        assert engine.latest('check').result()['runs'][0]['channels']['alpha']['missing'] == 1
+
+
+def started(engine, words):
+    """A diagnosis that has come so far, found as by somebody who opens the page then."""
+    job = engine.start('diagnose', model='mas', equation=False, variants=False)
+    end = time.monotonic() + PATIENCE
+    while words not in json.dumps(job.events()):
+        assert job.state == 'running' and time.monotonic() < end, (job.words, job.events())
+        time.sleep(0.05)
+    (again,) = (one for one in jobs_in(engine.session.folder) if one.state == 'running')
+    assert again == job
+    return again
+
+
+def test_a_diagnosis_that_is_stopped_keeps_what_it_has(engine):
+    job = started(engine, 'screening')
+    with pytest.raises(UserError, match='diagnose is running'):
+        engine.start('compare')
+    models = [event for event in job.events() if event['kind'] == 'model']
+    assert models[0]['role'] == 'nominal' and models[0]['error'] > 1.2
+    engine.close()
+    engine.wait(job, PATIENCE)
+    assert job.state == 'stopped' and job.result()['interrupted'] and len(job.result()['error']) == 1
+    assert set(job.files) == {'result', 'parameters', 'report', 'curves'}
+    assert engine.acceptable() == job
+
+
+def test_a_process_that_is_killed_is_reported(engine):
+    job = started(engine, 'fitting the mas')
+    process = engine._processes[job.number]
+    process.send_signal(signal.SIGKILL)
+    process.wait(PATIENCE)
+    assert job.state == 'killed' and 'start this step again' in job.words
+    assert engine.running() is None and engine.reason('diagnose') == ''
+
+
+def test_files_of_jobs_that_are_broken(fresh):
+    job = fresh.latest('check')
+    (job.folder / 'events.jsonl').write_text('{"n": 0, "kind": "progress", "words": "a"}\n{"n": 1, "ki')
+    assert len(job.events()) == 1
+    (job.folder / 'result.json').write_text('{')
+    with pytest.raises(UserError, match='cannot be read'):
+        job.result()
+    (job.folder / 'curves.npz').write_bytes(b'PK')
+    with pytest.raises(UserError, match='cannot be read'):
+        job.curves()
+    for name, text in (('0002', '{'), ('0003', '{"stage": 3}'), ('x', '')):
+        (job.folder.parent / name).mkdir()
+        (job.folder.parent / name / 'request.json').write_text(text)
+    assert fresh.jobs == (job,)
+    assert new_job(fresh.session.folder, 'check', 1, {}, '').number == 4
+    assert isinstance(fresh.job(4), Job)
+
+
+HEADER, *LINES = TEXT.splitlines()
+BROKEN = {
+    'empty': '', 'no rows': HEADER + '\n', 'no names': '\n'.join(LINES), 'no command': TEXT.replace('J_eq_W', 'power'),
+    'semicolons': TEXT.replace(',', ';'), 'tabs': TEXT.replace(',', '\t'), 'no time': TEXT.replace('time_s', 'clock'),
+    'nothing measured': '\n'.join(','.join(line.split(',')[:3]) for line in [HEADER, *LINES]),
+    'binary': b'\x89PNG\r\n\x1a\n' + bytes(range(256)) * 9, 'UTF-16': TEXT.encode('utf-16'), 'cut': TEXT[: len(TEXT) // 2],
+    'zeros': b'\0' * 4000, 'a column twice': TEXT.replace('F_1_N', 'alpha_rad'), 'degrees': with_cell(9, 'alpha_rad', '400'),
+    'words': with_cell(3, 'alpha_rad', 'high'), 'infinite': with_cell(3, 'alpha_rad', 'inf'),
+    'comma decimals': with_cell(3, 'alpha_rad', '0,1'), 'celsius': with_cell(3, 'T_E_K', '25'),
+    'backwards': '\n'.join([HEADER, *LINES[::-1], '']), 'same time': '\n'.join([HEADER, *[LINES[0]] * 40, '']),
+    'quotes': '"' + TEXT, 'one row': '\n'.join([HEADER, LINES[0], '']), 'a page': '<html><body>404</body></html>',
+    'a missing command': with_cell(3, 'J_eq_W', ''), 'huge': with_cell(3, 'J_eq_W', '1e300'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('kind', BROKEN)
+def test_broken_recordings_are_read_or_refused(kind, tmp_path):
+    """Each is repaired, and that is noted, or refused in words that name the file."""
+    content = BROKEN[kind]
+    path = tmp_path / 'run.csv'
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with open_session(tmp_path / 's', Start(data=DataRequest((path,)))) as session:
+        engine = Engine(session)
+        job = finish(session.folder, new_job(session.folder, 'check', 1, {}, engine.data()))
+        if job.state == 'done':
+            result = job.result()
+            assert any(run['notes'] for run in result['runs']), f'{kind}: read without a word'
+        else:
+            assert job.state == 'failed' and 'run.csv' in job.words and 'fault' not in job.words, job.words
+            assert 'run.csv' in engine.reason('compare')
+
+
+def test_recordings_that_are_gone(tmp_path):
+    (tmp_path / 'run.csv').write_text(TEXT)
+    with open_session(tmp_path / 's', Start(data=DataRequest((tmp_path / 'run.csv',)))) as session:
+        (tmp_path / 'run.csv').unlink()
+        job = finish(session.folder, new_job(session.folder, 'check', 1, {}, Engine(session).data()))
+        assert job.state == 'failed' and 'cannot read' in job.words
