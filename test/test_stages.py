@@ -1,8 +1,12 @@
 """The steps of a session: their order, the numbers of the commands, processes that are stopped, killed, found again."""
 
 import json
+import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +16,12 @@ from sma_sim import UserError
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli.main import main
+from sma_sim.explore.export import export
 from sma_sim.explore.jobs import Job, jobs_in, new_job
 from sma_sim.explore.session import Start, open_session
 from sma_sim.explore.stages import Engine
 from sma_sim.explore.worker import outcome
+from sma_sim.model.config import flat_parameters, read_config
 from sma_sim.workflow.data_request import DataRequest
 
 PATIENCE = 300.0  # [s]
@@ -109,6 +115,39 @@ def test_what_is_accepted_is_a_version(engine):
     engine.session.undo()
     assert engine.reason('diagnose') == ''
     json.dumps(engine.overview(), allow_nan=False)
+
+
+def test_what_is_exported_does_the_same(engine, tmp_path):
+    """The commands and the Python lines give the numbers of the session to the digit."""
+    with pytest.raises(UserError, match='compare version 2'):
+        engine.accept() and export(engine)
+    compared = engine.wait(engine.start('compare'), PATIENCE)
+    try:
+        exported = export(engine)
+    finally:
+        engine.session.go_to(1)
+    calibration = engine.latest('calibrate')
+    environment = os.environ | {'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}'}
+    (tmp_path / 'sma-sim').write_text(f'#!/bin/sh\nexec {sys.executable} -m sma_sim.cli.main "$@"\n')
+    (tmp_path / 'sma-sim').chmod(0o755)
+    environment['PATH'] = f'{tmp_path}{os.pathsep}{environment["PATH"]}'
+    for command in (['sh', 'again.sh'], [sys.executable, 'again.py']):
+        done = subprocess.run(command, cwd=exported.folder, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    again, wanted = exported.folder / 'again', compared.result()
+    for name in ('comparison.json', 'comparison_by_python.json'):
+        found = json.loads((again / name).read_text())
+        assert named_alike(found) == named_alike(wanted)
+    assert without_time(json.loads((again / '1_calibrate.json').read_text())) == without_time(calibration.result())
+    for name in ('again/1_calibrate.yaml', 'again/1_calibrate_by_python.yaml', 'parameters.yaml'):
+        assert flat_parameters(read_config(exported.folder / name)) == flat_parameters(engine.session.config(2)), name
+    assert '1. the model that the session began with' in exported.shell and '--free beam.E' in exported.shell
+
+
+def named_alike(content):
+    """A comparison without the name of its configuration."""
+    (comparison,) = content['comparisons']
+    return content | {'comparisons': [comparison | {'configuration': ''}]}
 
 
 def test_the_order(case, tmp_path):

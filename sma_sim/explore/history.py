@@ -14,13 +14,15 @@ FORMAT = 1  # of the file
 @dataclass(frozen=True)
 class Version:
     """One version: its `number` (from 1), the one that it was made from (`parent`), its `name` (empty unless the user gave
-    one), what was done in `words`, and when (`time`, ISO 8601, UTC)."""  # fmt: skip
+    one), what was done in `words`, when (`time`, ISO 8601, UTC), and the job whose model it is (`step`), if it is one's.
+    """
 
     number: int
     parent: int | None
     name: str
     words: str
     time: str
+    step: int | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def history_from(content: Any) -> History:
     """The history that `as_data` made. Raises ValueError, which says what is wrong."""
     if not isinstance(content, dict) or content.get('format') != FORMAT:
         raise ValueError(f'expected a history of format {FORMAT}')
-    kinds = {'number': int, 'parent': int | None, 'name': str, 'words': str, 'time': str}
+    kinds = {'number': int, 'parent': int | None, 'name': str, 'words': str, 'time': str, 'step': int | None}
     entries = content.get('versions')
     if not isinstance(entries, list) or not entries:
         raise ValueError('expected a list of versions')

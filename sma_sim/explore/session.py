@@ -94,6 +94,10 @@ class Session:
         """The version that is worked on."""
         return self._history[self._history.current]
 
+    def version(self, number: int) -> Version:
+        """A version by its number. Raises UserError for one that is not there."""
+        return self._history[number]
+
     @property
     def revision(self) -> int:
         """A number that rises with every change of the history."""
@@ -147,17 +151,19 @@ class Session:
             self.check_expected(expected)
             return self.adopt(self.preview(values, effects), words)
 
-    def adopt(self, config: Config, words: str = '', folders: Sequence[Path] = ()) -> Version:
+    def adopt(
+        self, config: Config, words: str = '', folders: Sequence[Path] = (), step: int | None = None
+    ) -> Version:  # fmt: skip
         """A new version from a whole configuration; the current one where nothing changes. Raises UserError.
 
-        `folders`: of effects of the user's own that the current version does not name.
+        `folders`: of effects of the user's own that the current version does not name. `step`: the job whose model it is.
         """
         with self._thread_lock:
             text = parameter_file(config, self.effect_folders(folders))
             if text == parameter_file(self.config(), self.effect_folders()):
                 return self.current
             words = words or difference_words(differences(self.config(), config))
-            return self.add(text, words, self._history.current)
+            return self.add(text, words, self._history.current, step)
 
     def effect_folders(self, further: Sequence[Path] = ()) -> list[str]:
         """The folders of the user's effects, as a version's file names them."""
@@ -216,13 +222,13 @@ class Session:
             self.write(moved)
             return self.current
 
-    def add(self, text: str, words: str, parent: int | None) -> Version:
+    def add(self, text: str, words: str, parent: int | None, step: int | None = None) -> Version:
         """Write a version: its file first, so that the history never names one that is not there."""
         known = [int(path.stem) for path in (self.folder / VERSIONS).glob('*.yaml') if path.stem.isdecimal()]
         words, number = ' '.join(words.split()), 1 + max([version.number for version in self.versions] + known, default=0)
         now = datetime.now(timezone.utc).isoformat(timespec='seconds')
         write_whole(self.folder / VERSIONS / f'{number:04}.yaml', lambda file: file.write(f'# {words}\n{text}'))
-        self.write(self._history.added(Version(number, parent, '', words, now)))
+        self.write(self._history.added(Version(number, parent, '', words, now, step)))
         return self.current
 
     def write(self, history: History) -> None:

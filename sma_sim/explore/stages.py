@@ -144,7 +144,7 @@ class Engine:
         return job
 
     def accept(self, number: int | None = None) -> Version:
-        """The model of a calibration or diagnosis, by default the last one, as the current version.
+        """The model of a calibration or diagnosis, by default the last one, as the current version, once only.
 
         Raises UserError where there is none.
         """
@@ -154,9 +154,11 @@ class Engine:
         path = job.folder / PARAMETERS
         if job.state not in USABLE or not path.exists():
             raise UserError(f'accept: step {job.number} ({job.stage}) has no model: {job.words}')
+        if known := [version for version in self.session.versions if version.step == job.number]:
+            return self.session.go_to(known[-1].number)
         what = {'calibrate': 'calibrated', 'diagnose': 'diagnosed'}.get(job.stage, job.stage)
         words = f'{what} from version {job.version} (step {job.number})'
-        return self.session.adopt(read_config(path), words, effect_folders_of(path, ()))
+        return self.session.adopt(read_config(path), words, effect_folders_of(path, ()), job.number)
 
     def close(self) -> None:
         """Ask the job that runs to end with what it has."""

@@ -19,6 +19,7 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.search_context import OnModel, silent_model
 from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
@@ -141,7 +142,7 @@ def fit_options(options: Mapping[str, Any]) -> FitOptions:
 def diagnose_version(order: WorkOrder) -> bool:
     """As ``sma-sim diagnose``."""
     config, fitted, held_out = order.read()
-    request = diagnosis_request(order.job.options, tuple(order.effect_folders()), order.log)
+    request = diagnosis_request(order.job.options, tuple(order.effect_folders()), order.log.model)
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with executor_or_threads(None) as executor:
             found = diagnose(fitted, config, held_out, request, executor, order.log.progress)
@@ -157,11 +158,13 @@ def diagnose_version(order: WorkOrder) -> bool:
     return found.interrupted
 
 
-def diagnosis_request(options: Mapping[str, Any], folders: tuple[Path, ...], log: EventLog) -> DiagnosisRequest:
+def diagnosis_request(
+    options: Mapping[str, Any], folders: tuple[Path, ...], on_model: OnModel = silent_model
+) -> DiagnosisRequest:
     """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``."""
     return DiagnosisRequest(
         str(options.get('model', 'auto')), folders, int(options.get('seed', 0)),
-        equation=bool(options.get('equation', True)), variants=bool(options.get('variants', True)), on_model=log.model,
+        equation=bool(options.get('equation', True)), variants=bool(options.get('variants', True)), on_model=on_model,
     )  # fmt: skip
 
 
