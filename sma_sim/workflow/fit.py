@@ -98,6 +98,9 @@ def remarks_on(found: Calibration) -> list[str]:
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         remarks.append(f'error over noise of runs left out in turn: {scores}')
+    for channel in dict.fromkeys(name for fit in found.runs for name in fit.zeros):
+        shown = ', '.join(f'{fit.name} {fit.zeros[channel]:.3g}' for fit in found.runs if channel in fit.zeros)
+        remarks.append(f'zero of {channel}, estimated for each recording [SI]: {shown}')
     if any(fit.zero for fit in found.runs):
         zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs)
         remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
@@ -159,6 +162,7 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'x_M': fit.x_M,
         'start': fit.start,
         'zero': fit.zero,
+        'zeros': fit.zeros,
     }
 
 

@@ -14,16 +14,20 @@ import yaml
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 
-ENTRY_KEYS = ('column', 'value', 'scale', 'offset')
+ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'floor')
+POSITIVE_KEYS = ENTRY_KEYS[4:]
+INDEPENDENT_AFTER = 'independent_after'  # a key of the whole map [s]
 PACE_KEYS = ('path', 'rate')
 REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a column of the contract comes from: ``scale * column + offset``, or the constant `value` (SI units).
+    """Where a column of the contract comes from: ``scale * column**exponent + offset``, or the constant `value` (SI units).
 
-    Time of a quasi-static test, in which nobody noted it, comes from a column that changed by `pace` per second.
+    What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
+    recording by `zero_std`, and repeated experiments by `floor`. Time of a quasi-static test, in which nobody noted it,
+    comes from a column that changed by `pace` per second.
     """
 
     column: str | None
@@ -31,15 +35,22 @@ class Origin:
     scale: float = 1.0
     offset: float = 0.0
     pace: float | None = None
+    exponent: float = 1.0
+    zero_std: float = 0.0
+    floor: float = 0.0
 
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Origins by the names of the contract, and the `system` that the map was written for, if it says so."""
+    """Origins by the names of the contract, and the `system` that the map was written for, if it says so.
+
+    `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated.
+    """
 
     origins: Mapping[str, Origin] = field(default_factory=dict)
     system: str | None = None
     path: Path | None = None
+    independent_after: float = 0.0
 
 
 def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
@@ -55,9 +66,10 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
     system = given.pop('system', None)
     if system is not None and system not in known:
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
+    lasting = checked_positive(f'the map {path}', INDEPENDENT_AFTER, given.pop(INDEPENDENT_AFTER, 0.0))
     names = known[system] if system else [name for columns in known.values() for name in columns]
     return ColumnMap(
-        {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}, system, path
+        {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}, system, path, lasting
     )
 
 
@@ -80,8 +92,10 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
     numbers = {key: finite_number(where, key, entry[key]) for key in ENTRY_KEYS[1:] if key in entry}
     if numbers.get('scale') == 0.0:
         raise UserError(f'{where}, scale: expected a number other than 0')
+    for key in POSITIVE_KEYS:
+        checked_positive(where, key, numbers.get(key, 0.0))
     if 'value' in entry and len(entry) > 1:
-        raise UserError(f'{where}: a value is in SI units already; remove scale and offset')
+        raise UserError(f'{where}: a value is in SI units already, and is not measured; remove what stands beside it')
     return Origin(str(entry['column']) if 'column' in entry else None, **numbers)
 
 
@@ -91,6 +105,14 @@ def parsed_pace(where: str, entry: Mapping[str, Any]) -> Origin:
     if set(entry) != set(PACE_KEYS) or pace <= 0.0:
         raise UserError(f'{where}: expected {{path: COLUMN, rate: CHANGE PER SECOND}} with a positive rate, got {entry!r}')
     return Origin(str(entry['path']), pace=pace)
+
+
+def checked_positive(where: str, key: str, given: Any) -> float:
+    """A finite number that is not negative. Raises UserError."""
+    value = finite_number(where, key, given)
+    if value < 0.0:
+        raise UserError(f'{where}, {key}: expected a positive number, got {given!r}')
+    return value
 
 
 def finite_number(where: str, key: str, given: Any) -> float:
@@ -125,6 +147,8 @@ def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vec
     values = columns[entry.column]
     if entry.pace is not None:
         return time_along(values, entry.pace)
+    if entry.exponent != 1.0:
+        values = np.sign(values) * np.abs(values) ** entry.exponent
     if entry.scale == 1.0 and entry.offset == 0.0:
         return values
     with np.errstate(over='ignore', invalid='ignore'):  # the reader discards infinite numbers, with a note

@@ -87,6 +87,8 @@ class Recording:
         somewhere between its row and the row before, except those of `known_changes` [s].
     notes : tuple of str
         What was repaired on the way from the file.
+    zero_std : mapping
+        By channel whose zero is not known, by how much it differs from recording to recording (SI).
     """
 
     name: str
@@ -97,6 +99,7 @@ class Recording:
     exact_commands: bool = True
     notes: tuple[str, ...] = ()
     known_changes: tuple[float, ...] = ()
+    zero_std: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,11 +114,14 @@ class Dataset:
         Standard deviation of the noise by channel, SI units.
     notes : tuple of str
         Where the noise comes from and what was left out; those of a recording are in the recording.
+    floor : mapping
+        By channel, what repeated experiments differ by, which `noise_std` contains; empty where it is not known.
     """
 
     recordings: tuple[Recording, ...]
     noise_std: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    floor: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def system(self) -> str:

@@ -15,6 +15,7 @@ from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, error_by_temperature
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
+from sma_sim.evidence.data.repeatability import with_bench
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.effects.ports import CHANNELS
@@ -91,7 +92,7 @@ def read_dataset(
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
     recordings = with_distinct_names(found)
     noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], channels, notes) | given, notes)
-    return Dataset(recordings, noise, tuple(notes))
+    return with_bench(Dataset(recordings, noise, tuple(notes)), columns)
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:

@@ -226,7 +226,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
 
 def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
     """The problem of a fit on all samples, the parameters free within the same bounds."""
-    return replace(problem_for(dataset, fit.problem.config, options, 1, step_limited=False), free=fit.problem.free)
+    whole = problem_for(dataset, fit.problem.config, options, 1, step_limited=False)
+    return replace(whole, free=fit.problem.free, nominal_effects=fit.problem.nominal_effects)
 
 
 def multistart_search(

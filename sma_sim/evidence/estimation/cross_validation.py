@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf, nan
 from threading import Event
 
@@ -17,7 +17,15 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, error_over_noise, fit_data, with_start, zero_of
+from sma_sim.evidence.estimation.residuals import (
+    FitData,
+    Nuisance,
+    error_over_noise,
+    fit_data,
+    with_start,
+    zero_of,
+    zeros_of,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
@@ -35,7 +43,8 @@ class RunFit:
 
     `start`: per wire the part of the hysteresis (0 on sigma_A, 1 on sigma_M) and `x_M` the phase fraction there;
     `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
-    over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much.
+    over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much;
+    `zeros`: the same of other channels, by channel (SI).
     """
 
     name: str
@@ -45,6 +54,7 @@ class RunFit:
     channel_errors: Mapping[str, float]
     error: float
     zero: float = 0.0
+    zeros: Mapping[str, float] = field(default_factory=dict)
 
 
 def nuisances_of(config: Config, delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
@@ -85,7 +95,8 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         initial = with_start(config, run.source, nuisance.start).parameters if found is not None else config.parameters
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
-        fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero))
+        known = zeros_of(config, run, nuisance) if found is not None else {}
+        fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, known))
     return tuple(fits)
 
 

@@ -43,8 +43,9 @@ class FitResult:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the active effects, in the order in which they were added."""
-        return tuple(active.found.effect.name for active in self.problem.config.effects)
+        """Names of the active effects, in the order in which they were added; not those of the nominal model."""
+        names = (active.found.effect.name for active in self.problem.config.effects)
+        return tuple(name for name in names if name not in self.problem.nominal_effects)
 
     @property
     def squares(self) -> float:

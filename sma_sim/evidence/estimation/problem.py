@@ -31,6 +31,8 @@ HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss 
 class Problem:
     """Runs and the parameters that are free; with `delay` [s] given the delay is not.
 
+    `nominal_effects`: names of effects that the model has from the start of a search, which are no findings.
+
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire) and switching fractions.
     """
 
@@ -39,6 +41,7 @@ class Problem:
     free: tuple[FreeParameter, ...]
     robust: bool = False
     delay: float | None = None
+    nominal_effects: tuple[str, ...] = ()
 
     @property
     def wires(self) -> int:

@@ -21,6 +21,7 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_wo
 from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
+ZERO_STDS = 2.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
@@ -38,7 +39,8 @@ class FitData:
     `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
     long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
-    `initial_state`: the state in which the model is at the first time of the source; at rest without it.
+    `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`
+    (channels,): prior of a zero of this recording, 0 where it is known; empty where all are.
     """
 
     name: str
@@ -52,6 +54,7 @@ class FitData:
     group: NDArray[np.int64]
     step_limited: bool = False
     initial_state: Run | None = None
+    zero_std: tuple[float, ...] = ()
 
     @property
     def groups(self) -> int:
@@ -114,6 +117,7 @@ def fit_data(
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
         source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
+        zero_std=tuple(recording.zero_std.get(name, 0.0) for name in channels) if recording.zero_std else (),
     )  # fmt: skip
 
 
@@ -246,6 +250,10 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     columns = {name: column[index] for name, column in (inputs_at(source, trajectory.time) | trajectory.columns).items()}
     if nuisance and nuisance.unknown_zero and isinstance(recording, FitData):
         columns['strain'] = columns['strain'] + strain_zero(recording, columns['strain'])
+    if isinstance(recording, FitData) and recording.zero_std:
+        names = [CHANNEL_COLUMNS[name] for name in recording.channels]
+        shown = np.array([columns[name] for name in names])
+        columns |= dict(zip(names, shown + zeros(recording, shown)[:, None], strict=True))
     return columns
 
 
@@ -282,6 +290,8 @@ def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None =
     if nuisance and nuisance.unknown_zero and 'strain' in run.channels:
         k = run.channels.index('strain')
         shown[k] += strain_zero(run, shown[k])
+    if run.zero_std:
+        shown += zeros(run, shown)[:, None]
     return (shown - run.measured) * run.weight
 
 
@@ -298,6 +308,25 @@ def strain_zero(run: FitData, shown: Vector) -> float:
     k = run.channels.index('strain')
     known = run.weight[k] > 0.0
     return float(np.clip(np.mean(run.measured[k][known] - shown[known]), -ZERO_LIMIT, ZERO_LIMIT))
+
+
+def zeros(run: FitData, shown: NDArray[np.float64]) -> Vector:
+    """What each channel of a recording shows too much beside the model's `shown` (channels, k): the least-squares values
+    (channels,) under their priors, within ZERO_STDS of them; 0 where a zero is known."""  # fmt: skip
+    precision, prior = (run.weight**2).sum(axis=1), np.array(run.zero_std)
+    pull = (run.weight**2 * (run.measured - shown)).sum(axis=1)
+    found = pull / (precision + np.where(prior > 0.0, prior, 1.0) ** -2.0)
+    limited: Vector = np.clip(found, -ZERO_STDS * prior, ZERO_STDS * prior)
+    return limited
+
+
+def zeros_of(config: Config, run: FitData, nuisance: Nuisance) -> dict[str, float]:
+    """The zeros of a run by channel (SI), of those that are not known. Raises SimulationError."""
+    if not run.zero_std:
+        return {}
+    _, trajectory, index = simulated(config, run, nuisance, run.channels)
+    found = zeros(run, np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels]))
+    return {name: float(z) for name, z, std in zip(run.channels, found, run.zero_std, strict=True) if std > 0.0}
 
 
 def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:

@@ -111,7 +111,8 @@ def with_rival(fit: FitResult, effect: str, rival: CandidateFit) -> tuple[Proble
     new = [(p, x) for p, x in zip(source.problem.free, source.z, strict=False) if p.name.startswith(prefix)]
     (active,) = (a for a in source.problem.config.effects if a.found.effect.name == rival.name)
     effects = list(problem.config.effects)
-    effects.insert(fit.effects.index(effect), active)
+    names = [one.found.effect.name for one in fit.problem.config.effects]
+    effects.insert(names.index(effect), active)
     config = replace(problem.config, effects=tuple(effects))
     free = (*problem.free, *(p for p, _ in new))
     return replace(problem, config=config, free=free), np.concatenate([z[:at], [x for _, x in new], z[at:]])

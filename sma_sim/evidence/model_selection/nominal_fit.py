@@ -39,6 +39,8 @@ def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, co
     for model in MODELS if request.model == 'auto' else (request.model,):
         context.on_progress(f'fitting the {model} model')
         best = multistart_search(training, replace(config, model=model), request.options, context, NOMINAL_MODEL)
+        given = tuple(active.found.effect.name for active in config.effects)
+        best = replace(best, problem=replace(best.problem, nominal_effects=given))
         fits.append(cross_validated(best, context))
         context.on_progress(f'{model}: error over noise {fits[-1].prediction_error:.2f}')
         report_model('nominal', fits[-1], context)
