@@ -1,11 +1,12 @@
 """A wire on a bench that imposes its stress, its temperature or both: closed forms, starts, files, starts of fits."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sma_sim import Input, Model, UserError, read_config, read_dataset, simulate
+from sma_sim import FitOptions, Input, Model, UserError, calibrate, diagnose, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests, started_from_curves
 from sma_sim.model.material import latent_heat
@@ -171,3 +172,27 @@ def test_two_configurations_start_from_one_table_of_temperatures(tmp_path, capsy
     words = ['--config', config, '--config', config, '--map', str(EXAMPLE / 'map.yaml'), '--model', 'hybrid']
     assert main(['compare', str(tmp_path / '50MPa.csv'), *words]) == 0
     assert capsys.readouterr().out.count('transformation temperatures by tangents') == 1
+
+
+def test_a_fit_and_a_diagnosis_start_from_the_curves_without_being_told(monkeypatch):
+    """The Python functions begin where the commands do; what is only compared stays as it is."""
+    config = read_config(EXAMPLE / 'config.yaml')
+    dataset = read_dataset([EXAMPLE / 'nitico' / '50MPa.csv'], 'wire_under_load_at_T', 298.15, EXAMPLE / 'map.yaml')
+    expected = started_from_curves(dataset, config)[0].parameters
+    options = FitOptions(free=('wire.eps_T',), model='hybrid', starts=1, intervals=False)
+    found = calibrate(dataset, config, options).config.parameters
+    assert {name: found[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')} == {
+        name: expected[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')
+    }  # fmt: skip
+    asked = []
+
+    def caught(data, start, *rest):
+        asked.append(start.parameters)
+        raise UserError('far enough')
+
+    monkeypatch.setattr('sma_sim.evidence.diagnosis.diagnose.search_effects', caught)
+    with pytest.raises(UserError, match='far enough'):
+        diagnose(dataset, config)
+    assert asked == [expected]
+    as_it_is = calibrate(dataset, config, replace(options, free=()))
+    assert as_it_is.config.parameters['wire.T0'] == config.parameters['wire.T0'] != expected['wire.T0']

@@ -26,6 +26,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
+from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -155,7 +156,8 @@ def diagnose(
     dataset : Dataset
         Recordings with their noise.
     config : Config
-        The nominal model; its active effects are part of it.
+        The nominal model; its active effects are part of it. Of isobaric tests, values that are defaults give way to what
+        the curves show.
     held_out : Dataset, optional
         Recordings that only judge the result; without it, the last by name of three or more.
     request : DiagnosisRequest, optional
@@ -197,6 +199,7 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
+    config, _ = started_from_curves(training, config)
     with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(
             pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model

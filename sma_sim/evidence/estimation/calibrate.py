@@ -30,6 +30,7 @@ from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
+from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -146,7 +147,8 @@ def calibrate(
     dataset : Dataset
         Recordings with their noise.
     config : Config
-        The model to start from; its values are the centres of weak priors.
+        The model to start from; its values are the centres of weak priors. Of isobaric tests, values that are defaults
+        give way to what the curves show.
     options : FitOptions, optional
         What to fit, and how.
     executor : Executor, optional
@@ -179,6 +181,8 @@ def calibrate(
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
+    if options.free != ():  # else the model is to be compared as it is
+        config, _ = started_from_curves(dataset, config)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
         fits = fits_by_model(dataset, config, options, context)
