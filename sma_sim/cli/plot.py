@@ -12,7 +12,8 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header
 from sma_sim.model.errors import UserError
-from sma_sim.report.run_figure import draw_run, is_drawn, is_held
+from sma_sim.report.run_figure import draw_run
+from sma_sim.report.run_panels import is_drawn, is_held
 from sma_sim.report.style import save
 
 

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
-from sma_sim.model.structures.drawing import Lines, Sketch
-from sma_sim.model.structures.links import Line
+from sma_sim.model.structures.drawing import Lines, Sketch, projected
 from sma_sim.report.palette import GREY, MODE_COLOURS
 from sma_sim.report.style import mode_legend, sized_figure
 from sma_sim.solver.columns import sample_columns
@@ -17,7 +16,6 @@ from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model
 
 IN_A_ROW = 3
-DEPTH = (0.6, 0.4)  # by how much a point that is further in z is moved in the picture, relative to z
 MARGIN = 0.12  # around a structure, relative to its length
 
 
@@ -64,8 +62,3 @@ def pose_of(run: FixedRateRun) -> Pose:
 def sketch_of(model: Model) -> Sketch:
     """The drawing of a model's structure."""
     return Sketch(model.structure, model.config.parameters)
-
-
-def projected(line: Line) -> tuple[list[float], list[float]]:
-    """A line in the plane of the picture: x to the right, y up, z into the depth."""
-    return [x + DEPTH[0] * z for x, _, z in line], [y + DEPTH[1] * z for _, y, z in line]

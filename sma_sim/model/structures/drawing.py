@@ -14,6 +14,7 @@ SPACING, HALF_BAR = 0.2, 0.04  # of wires side by side, and of a bar across a si
 BASE_COLOUR, END_COLOUR = '#888888', '#222222'
 DRAWN_SIZE, MOST_MOTION = 0.03, 10.0  # of a box, relative to a wire's length; of a joint, relative to its usual change
 DIFFERENCE = 1e-3  # relative to the usual change of a coordinate
+DEPTH = (0.6, 0.4)  # by how much a point that is further in z is moved in a picture, relative to z
 
 
 class Lines(NamedTuple):
@@ -114,3 +115,8 @@ def axis_of(coordinate: Coordinate, counts: dict[str, int]) -> str:
     kind = 'rad' if coordinate.unit == 'rad' else ''
     counts[kind] += 1
     return ('zyx' if kind else 'xyz')[(counts[kind] - 1) % 3]
+
+
+def projected(line: Line) -> tuple[list[float], list[float]]:
+    """A line in the plane of a picture: x to the right, y up, z into the depth."""
+    return [x + DEPTH[0] * z for x, _, z in line], [y + DEPTH[1] * z for _, y, z in line]

@@ -1,0 +1,269 @@
+// The page: what is shown follows from the state on the server and from the slider that moves.
+
+import { Chart } from './chart.js';
+import { showCommand } from './command.js';
+import { element, showEffects, showParameters } from './controls.js';
+import { Drawing } from './drawing.js';
+import { showHistory } from './history.js';
+import { ask } from './wire.js';
+
+const part = (id) => document.getElementById(id);
+const page = { state: null, values: {}, window: null, beside: null, time: 0, end: 1, charts: new Map(), drawn: 0, latencies: [], ready: false };
+window.smaExplore = page; // what tests and benchmarks look at
+const drawing = new Drawing(part('drawing').querySelector('canvas'));
+
+function say(words, kind = '') {
+  const box = part('message');
+  box.hidden = !words;
+  box.className = kind;
+  box.textContent = words;
+}
+
+/** Do something that the server may refuse; its words are shown. */
+async function attempt(action) {
+  try {
+    const found = await action();
+    if (!part('message').classList.contains('notice')) say('');
+    return found;
+  } catch (error) {
+    say(error.message);
+    return null;
+  }
+}
+
+// Curves: one request at a time; what is asked for meanwhile comes next, and only the last of it.
+let asking = false, wanted = null;
+
+function refresh(since = performance.now()) {
+  if (asking) { wanted = since; return; }
+  asking = true;
+  const body = { values: page.values, window: page.window, beside: page.beside, pixels: widest() };
+  attempt(async () => {
+    const answer = await ask('curves', body);
+    showCurves(answer);
+    page.drawn += 1;
+    page.latencies.push(performance.now() - since);
+    if (page.latencies.length > 2000) page.latencies.splice(0, 1000);
+  }).then(() => {
+    asking = false;
+    page.ready = true;
+    if (wanted === null) return settle();
+    const next = wanted;
+    wanted = null;
+    return refresh(next);
+  });
+}
+
+// The moving picture follows once nothing else is asked for.
+let settling = 0;
+
+function settle() {
+  clearTimeout(settling);
+  settling = setTimeout(async () => {
+    const answer = await attempt(() => ask('frames', { values: page.values, beside: page.beside }));
+    if (!answer || asking) return;
+    drawing.set(answer, modeColours());
+    drawing.draw(page.time);
+    page.pictures = (page.pictures ?? 0) + 1;
+  }, 60);
+}
+
+const modeColours = () => Object.fromEntries(Object.entries(page.state.modes).map(([number, mode]) => [number, mode.colour]));
+const widest = () => Math.max(400, ...[...page.charts.values()].filter((chart) => chart.kind === 'time').map((chart) => chart.pixels));
+
+function curvesOf(list, numbers, beside) {
+  return (list ?? []).map((curve) => ({ factor: 1, offset: 0, ...curve, x: numbers(curve.x), y: numbers(curve.y), beside }));
+}
+
+const handlers = {
+  point(time) { setTime(time); },
+  zoom(range) { page.window = range; part('whole').hidden = false; refresh(); },
+  whole() { page.window = null; part('whole').hidden = true; refresh(); },
+};
+
+function chartOf(id, kind) {
+  if (!page.charts.has(id)) page.charts.set(id, new Chart(part(kind === 'loop' ? 'loops' : 'panels'), kind, kind === 'loop' ? {} : handlers));
+  return page.charts.get(id);
+}
+
+function showCurves({ content: { shown, beside }, numbers }) {
+  page.end = Math.max(shown.end, beside?.end ?? 0);
+  const range = page.window ?? [0, page.end], used = new Set();
+  const draw = (id, kind, content) => { used.add(id); const chart = chartOf(id, kind); chart.set(content); chart.cursor = page.time; };
+  for (const panel of shown.panels) {
+    const other = beside?.panels.find((one) => one.id === panel.id);
+    draw(panel.id, 'time', { label: panel.label, range, curves: [...curvesOf(other?.curves, numbers, true), ...curvesOf(panel.curves, numbers, false)] });
+  }
+  if (shown.modes.length) draw('modes', 'bands', { label: 'mode; time [s]', range, bands: [...bandsOf(shown.modes, false), ...bandsOf(beside?.modes ?? [], true)] });
+  for (const loop of shown.loops) {
+    const other = beside?.loops.find((one) => one.id === loop.id);
+    draw(`loop ${loop.id}`, 'loop', { label: loop.y, xLabel: loop.x, curves: [...curvesOf(other?.curves, numbers, true), ...curvesOf(loop.curves, numbers, false)] });
+  }
+  for (const [id, chart] of page.charts) if (!used.has(id)) { chart.box.remove(); page.charts.delete(id); }
+  if (!page.ready) setTime(0.24 * page.end); // a pose that is not the one at rest
+  for (const chart of page.charts.values()) chart.draw();
+  const words = [`${shown.end.toPrecision(4)} s, ${Number(shown.rate.toPrecision(3))} samples/s.`];
+  if (!shown.completed) words.push(`The run ended early: ${shown.reason}.`);
+  part('summary').textContent = [...words, ...shown.notes].join(' ');
+}
+
+function bandsOf(modes, beside) {
+  return modes.map((band) => ({
+    ...band, beside, label: beside ? `v${page.beside}, ${band.label.replace('wire ', '')}` : band.label,
+    colours: band.mode.map((number) => page.state.modes[number]?.colour ?? 'black'),
+  }));
+}
+
+function setTime(time) {
+  page.time = Math.min(Math.max(time, 0), page.end);
+  part('instant').value = String(1000 * page.time / (page.end || 1));
+  part('instant-text').textContent = `${page.time.toFixed(1)} s`;
+  drawing.draw(page.time);
+  for (const chart of page.charts.values()) if (chart.kind !== 'loop') { chart.cursor = page.time; chart.draw(); }
+}
+
+// Changes: a slider that moves is a preview; what is let go is a version.
+const preview = (name, value) => { page.values[name] = value; refresh(performance.now()); };
+const commit = (name, value) => perform('change', { values: { [name]: value }, expected: page.state.history.current });
+const change = (effects) => perform('change', { effects, expected: page.state.history.current });
+
+async function perform(verb, body = {}) {
+  const state = await attempt(() => ask(verb, body));
+  if (!state) { await load(); return; }
+  show(state);
+}
+
+async function load() {
+  const keep = part('message').textContent;
+  try { show(await ask('state')); } catch (error) { say(error.message); return; }
+  if (keep) say(keep);
+}
+
+function show(state) {
+  if (page.state && state.changes < page.state.changes) return; // answers may overtake each other
+  page.state = state;
+  page.values = {};
+  const { controls, history } = state;
+  if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
+  part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;
+  part('title').title = controls.description;
+  const model = part('model');
+  model.replaceChildren(...controls.models.map((name) => element('option', { value: name, textContent: name })));
+  model.value = controls.model;
+  part('undo').disabled = !history.can_undo;
+  part('redo').disabled = !history.can_redo;
+  part('yaml').href = `/download/parameters.yaml?version=${history.current}`;
+  part('csv').href = `/download/run.csv?version=${history.current}`;
+  const focused = focusName();
+  showParameters(part('parameters'), controls.groups, preview, commit);
+  showEffects(part('effects'), controls, preview, commit, change);
+  showCommand(part('command'), state.command, state.columns, (command) => perform('command', { command }));
+  showHistory(part('history'), history, page.beside, {
+    go: (number) => perform('go_to', { number }), rename: (number, name) => perform('rename', { number, name }),
+    compare: (number) => { page.beside = number; show(page.state); },
+    differences: async (before, after) => (await attempt(() => ask('differences', { before, after })))?.differences ?? [],
+  });
+  refocus(focused);
+  const modes = Object.values(state.modes).map((mode) => {
+    const swatch = element('i');
+    swatch.style.background = mode.colour;
+    return element('span', {}, swatch, mode.name);
+  });
+  const dashed = page.beside === null ? [] : [element('span', { textContent: `dashed, and on the right: version ${page.beside}` })];
+  part('legend').replaceChildren(element('span', { textContent: 'Wires by mode:' }), ...modes, ...dashed);
+  refresh();
+}
+
+/** The control that has the focus, so that it has it again when the controls are made anew. */
+function focusName() {
+  const row = document.activeElement?.closest('[data-name], [data-effect]');
+  if (!row) return null;
+  const within = [...row.querySelectorAll('input, button, select')].indexOf(document.activeElement);
+  const [key, name] = row.dataset.name ? ['name', row.dataset.name] : ['effect', row.dataset.effect];
+  return { selector: `[data-${key}="${CSS.escape(name)}"]`, within };
+}
+
+function refocus(focused) {
+  if (focused) document.querySelector(focused.selector)?.querySelectorAll('input, button, select')[focused.within]?.focus({ preventScroll: true });
+}
+
+// Tabs of the controls.
+function openTab(id) {
+  for (const tab of document.querySelectorAll('[role="tab"]')) {
+    const chosen = tab.id === `tab-${id}`;
+    tab.setAttribute('aria-selected', String(chosen));
+    tab.tabIndex = chosen ? 0 : -1;
+    part(tab.getAttribute('aria-controls')).hidden = !chosen;
+  }
+}
+const tabs = [...document.querySelectorAll('[role="tab"]')];
+tabs.forEach((tab, k) => {
+  tab.addEventListener('click', () => openTab(tab.getAttribute('aria-controls')));
+  tab.addEventListener('keydown', (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const next = tabs[(k + step + tabs.length) % tabs.length];
+    openTab(next.getAttribute('aria-controls'));
+    next.focus();
+  });
+});
+openTab('parameters');
+
+// The picture moves.
+let playing = 0;
+function play() {
+  const pressed = !playing;
+  part('play').setAttribute('aria-pressed', String(pressed));
+  part('play').textContent = pressed ? 'Pause' : 'Play';
+  cancelAnimationFrame(playing);
+  playing = 0;
+  if (!pressed) return;
+  let before = performance.now();
+  const step = (now) => {
+    const next = page.time + (now - before) / 1000 * page.end / 12; // a run is shown in 12 s
+    before = now;
+    setTime(next > page.end ? 0 : next);
+    playing = requestAnimationFrame(step);
+  };
+  playing = requestAnimationFrame(step);
+}
+part('play').addEventListener('click', play);
+part('instant').addEventListener('input', () => setTime(Number(part('instant').value) / 1000 * page.end));
+part('whole').addEventListener('click', handlers.whole);
+part('undo').addEventListener('click', () => perform('undo'));
+part('redo').addEventListener('click', () => perform('redo'));
+part('model').addEventListener('change', () => perform('change', { values: { model: part('model').value }, expected: page.state.history.current }));
+document.addEventListener('keydown', (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.target.matches('input[type="text"], input[type="number"]')) return;
+  const verb = event.key.toLowerCase() === 'z' ? (event.shiftKey ? 'redo' : 'undo') : event.key.toLowerCase() === 'y' ? 'redo' : '';
+  if (verb && !part(verb).disabled) { event.preventDefault(); perform(verb); }
+});
+function redraw() {
+  for (const chart of page.charts.values()) chart.draw();
+  drawing.draw(page.time);
+}
+new ResizeObserver(redraw).observe(part('curves'));
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);
+
+// Other tabs: what they change is shown here too. A hidden tab does not listen: a browser opens few connections to one server.
+let events = null;
+function listen() {
+  events?.close();
+  events = null;
+  if (document.hidden) return;
+  events = new EventSource('/events');
+  events.addEventListener('changed', (event) => {
+    if (page.state && JSON.parse(event.data).changes > page.state.changes) load();
+  });
+  events.addEventListener('notice', (event) => {
+    const { words } = JSON.parse(event.data);
+    say(words, 'notice');
+    if (words.startsWith('compiled')) setTimeout(() => say(''), 3000);
+  });
+  if (page.state) load();
+}
+document.addEventListener('visibilitychange', listen);
+
+history.replaceState(null, '', location.pathname); // the token is in the cookie now
+listen();
+load();

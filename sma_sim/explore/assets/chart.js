@@ -1,0 +1,233 @@
+// Curves on a canvas: axes with labels and units, legends, a cursor, bands of colours.
+
+const LEFT = 3.9, RIGHT = 1.3, TOP = 1.5, BOTTOM = 1.5; // margins in em
+
+/** Ticks at 1, 2 or 5 times a power of ten, about `wanted` of them. */
+export function ticks(low, high, wanted) {
+  const rough = (high - low) / Math.max(wanted, 1);
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((s) => s >= rough * 0.75) ?? 10 * power;
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) found.push(k * step);
+  return { values: found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+}
+
+/** The least and the greatest of what curves show, a little wider. */
+function extent(curves, axis, shown) {
+  let low = Infinity, high = -Infinity;
+  for (const curve of curves) {
+    const values = curve[axis];
+    for (let k = 0; k < values.length; k += 1) {
+      const value = shown(curve, values[k]);
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  if (!(low <= high)) return [0, 1];
+  const least = 1e-9 * Math.max(Math.abs(low), Math.abs(high), 1e-12);
+  const room = high - low > least ? 0.06 * (high - low) : Math.max(0.05 * Math.abs(high), 1e-3);
+  return [low - room, high + room];
+}
+
+const styleOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** One panel. `kind`: 'time', 'loop' or 'bands'. */
+export class Chart {
+  constructor(parent, kind, handlers = {}) {
+    this.kind = kind;
+    this.curves = [];
+    this.bands = [];
+    this.box = document.createElement('div');
+    this.box.className = `chart ${kind}`;
+    this.canvas = document.createElement('canvas');
+    this.canvas.setAttribute('role', 'img');
+    this.box.append(this.canvas);
+    parent.append(this.box);
+    this.context = this.canvas.getContext('2d');
+    if (handlers.point) this.listen(handlers);
+  }
+
+  /** Widths of the plot in pixels of the screen: what the server decimates to. */
+  get pixels() {
+    return Math.max(50, Math.round((this.canvas.clientWidth - (LEFT + RIGHT) * this.em) * devicePixelRatio));
+  }
+
+  get em() { return 0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize); }
+
+  listen({ point, zoom, whole }) {
+    const at = (event) => {
+      const [left, width] = [LEFT * this.em, this.canvas.clientWidth - (LEFT + RIGHT) * this.em];
+      const part = (event.offsetX - left) / width;
+      return this.x[0] + Math.min(Math.max(part, 0), 1) * (this.x[1] - this.x[0]);
+    };
+    let start = null;
+    this.canvas.addEventListener('pointerdown', (event) => { start = [at(event), event.offsetX]; });
+    this.canvas.addEventListener('pointermove', (event) => {
+      if (start && event.buttons) this.draw([start[0], at(event)]);
+      else point(at(event));
+    });
+    this.canvas.addEventListener('pointerup', (event) => {
+      if (start && Math.abs(event.offsetX - start[1]) > 8) zoom([start[0], at(event)].sort((a, b) => a - b));
+      else point(at(event));
+      start = null;
+    });
+    this.canvas.addEventListener('dblclick', whole);
+  }
+
+  /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x, or null for all. */
+  set({ curves = [], bands = [], label = '', xLabel = '', range = null }) {
+    Object.assign(this, { curves, bands, label, xLabel, range });
+    this.box.style.setProperty('--rows', String(bands.length));
+    this.x = range ?? (curves.length ? extent(curves, 'x', (_, x) => x) : [0, 1]);
+    this.y = extent(curves, 'y', (curve, y) => curve.factor * y + curve.offset);
+    this.canvas.setAttribute('aria-label', `${label} over ${xLabel || 'time [s]'}`);
+  }
+
+  draw(marked = null) {
+    const { canvas, context, em } = this;
+    const ratio = devicePixelRatio, width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height || !this.x) return;
+    const size = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.font = `${em}px system-ui, sans-serif`;
+    const area = { left: LEFT * em, top: TOP * em, width: width - (LEFT + RIGHT) * em, height: height - (TOP + BOTTOM) * em };
+    if (this.kind === 'loop') area.height -= 1.2 * em;
+    const px = (x) => area.left + (x - this.x[0]) / (this.x[1] - this.x[0]) * area.width;
+    const py = (y) => area.top + area.height - (y - this.y[0]) / (this.y[1] - this.y[0]) * area.height;
+    this.axes(area, px, py);
+    context.save();
+    context.beginPath();
+    context.rect(area.left, area.top, area.width, area.height);
+    context.clip();
+    if (this.bands.length) this.drawBands(area, px);
+    for (const curve of this.curves) this.line(curve, px, py);
+    if (marked) {
+      context.fillStyle = styleOf('--blue');
+      context.globalAlpha = 0.2;
+      context.fillRect(px(marked[0]), area.top, px(marked[1]) - px(marked[0]), area.height);
+      context.globalAlpha = 1;
+    }
+    if (this.cursor !== undefined && this.kind !== 'loop') {
+      context.strokeStyle = styleOf('--soft');
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(px(this.cursor), area.top);
+      context.lineTo(px(this.cursor), area.top + area.height);
+      context.stroke();
+    }
+    context.restore();
+    this.legend(area);
+  }
+
+  axes(area, px, py) {
+    const { context, em } = this, [ink, soft, line] = ['--ink', '--soft', '--line'].map(styleOf);
+    context.lineWidth = 1;
+    context.textBaseline = 'middle';
+    if (!this.bands.length) {
+      const marks = ticks(...this.y, area.height / (1.9 * em));
+      context.textAlign = 'right';
+      for (const value of marks.values) {
+        context.strokeStyle = line;
+        context.globalAlpha = 0.7;
+        context.beginPath();
+        context.moveTo(area.left, py(value));
+        context.lineTo(area.left + area.width, py(value));
+        context.stroke();
+        context.globalAlpha = 1;
+        context.fillStyle = soft;
+        if (py(value) < area.top + 0.45 * em) continue; // the label of the axis stands there
+        context.fillText(value.toFixed(marks.digits).replace(/^-(0(\.0*)?)$/, '$1').replace('-', '\u2212'), area.left - 0.4 * em, py(value));
+      }
+    }
+    const marks = ticks(...this.x, area.width / (5 * em));
+    context.textAlign = 'center';
+    context.textBaseline = 'top';
+    context.fillStyle = soft;
+    for (const value of marks.values) {
+      const text = value.toFixed(marks.digits).replace('-', '\u2212');
+      context.fillText(text, px(value), area.top + area.height + 0.3 * em);
+    }
+    if (this.kind === 'loop') {
+      context.fillStyle = ink;
+      context.fillText(this.xLabel, area.left + area.width / 2, area.top + area.height + 1.5 * em);
+    }
+    context.strokeStyle = soft;
+    context.strokeRect(area.left, area.top, area.width, area.height);
+  }
+
+  line(curve, px, py) {
+    const { context } = this, { x, y, factor, offset, held } = curve;
+    context.strokeStyle = curve.colour;
+    context.lineWidth = curve.beside ? 1.2 : 1.7;
+    context.setLineDash(curve.beside ? [5, 4] : []);
+    context.beginPath();
+    let before = 0;
+    for (let k = 0; k < x.length; k += 1) {
+      const at = px(x[k]), value = py(factor * y[k] + offset);
+      if (k === 0) context.moveTo(at, value);
+      else {
+        if (held && value !== before) context.lineTo(at, before);
+        context.lineTo(at, value);
+      }
+      before = value;
+    }
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  drawBands(area, px) {
+    const { context, bands } = this, height = area.height / bands.length;
+    bands.forEach((band, row) => {
+      band.begin.forEach((begin, k) => {
+        const end = band.begin[k + 1] ?? band.end;
+        context.fillStyle = band.colours[k];
+        const inset = band.beside ? 0.28 : 0.08;
+        context.fillRect(px(begin), area.top + (row + inset) * height, Math.max(px(end) - px(begin), 0.7), (1 - 2 * inset) * height);
+      });
+    });
+  }
+
+  legend(area) {
+    const { context, em } = this;
+    context.textBaseline = 'alphabetic';
+    context.textAlign = 'left';
+    context.fillStyle = styleOf('--ink');
+    const base = area.top - 0.45 * em;
+    context.fillText(this.label, 0.2 * em, base);
+    if (this.bands.length) {
+      context.textBaseline = 'middle';
+      context.textAlign = 'right';
+      this.bands.forEach((band, row) => {
+        context.fillText(band.label, area.left - 0.4 * em, area.top + (row + 0.5) * area.height / this.bands.length);
+      });
+      return;
+    }
+    const named = this.curves.filter((curve) => curve.label && !curve.beside && (this.kind === 'time' || this.curves.length > 1));
+    let right = area.left + area.width;
+    context.textAlign = 'right';
+    for (const curve of [...named].reverse()) {
+      const text = curve.label + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
+      context.fillStyle = styleOf('--ink');
+      context.fillText(text, right, base);
+      right -= context.measureText(text).width + 0.4 * em;
+      context.fillStyle = curve.colour;
+      context.fillRect(right - 1.1 * em, base - 0.5 * em, 1.1 * em, 0.22 * em);
+      right -= 2 * em;
+    }
+  }
+}
+
+/** What a curve is at a time, in words; nothing where it is not known. */
+function valueAt({ x, y, factor, offset, held }, time) {
+  if (time === undefined || !x.length || time < x[0] || time > x[x.length - 1]) return '';
+  let low = 0, high = x.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (x[middle] <= time) low = middle; else high = middle;
+  }
+  const part = held || x[high] === x[low] ? (time >= x[high] ? 1 : 0) : (time - x[low]) / (x[high] - x[low]);
+  const value = factor * (y[low] + part * (y[high] - y[low])) + offset;
+  return ` ${Number(value.toPrecision(4))}`.replace('-', '\u2212');
+}

@@ -1,0 +1,418 @@
+"""The page of `sma-sim explore`: what it shows, who may ask for it, and that it equals what `simulate` computes."""
+
+import contextlib
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+from browser import open_browser
+
+from sma_sim.explore.application import Application
+from sma_sim.explore.command import command_from, first_command, input_of
+from sma_sim.explore.controls import controls_of
+from sma_sim.explore.decimation import decimated
+from sma_sim.explore.server import PageServer
+from sma_sim.explore.session import Start, open_session
+from sma_sim.model.config import Config, read_config
+from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import package_structures
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import simulate
+
+ROOT = Path(__file__).resolve().parents[1]
+READY = 'return window.smaExplore !== undefined && smaExplore.ready && smaExplore.pictures > 0'
+CURVE = """
+const [panel, column] = arguments, chart = smaExplore.charts.get(panel);
+const curve = chart.curves.find((one) => one.column === column && !one.beside);
+return [Array.from(curve.x), Array.from(curve.y)];
+"""
+SLIDE = """
+const slider = document.querySelector(`[data-name="${arguments[0]}"] input[type=range]`);
+slider.value = arguments[1];
+slider.dispatchEvent(new Event('input'));
+if (arguments[2]) slider.dispatchEvent(new Event('change'));
+"""
+
+
+@contextlib.contextmanager
+def serving(folder, **start):
+    """A server with a session in `folder`."""
+    with open_session(folder, Start(**start)) as session, PageServer(0) as server:
+        server.application = Application(session, [], server.tabs.announce)
+        thread = Thread(target=server.serve_forever, kwargs={'poll_interval': 0.02})
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.tabs.close()
+            server.shutdown()
+            thread.join()
+
+
+@pytest.fixture(scope='module')
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp('explore') / 'session') as one:
+        yield one
+
+
+@pytest.fixture(scope='module')
+def browser():
+    one = open_browser(1500, 950)
+    yield one
+    one.quit()
+
+
+def ask(server, path='/api/state', method='POST', body=b'{}', **headers):
+    """Status and content of a request: as our page would send it, but for `headers` (None: without)."""
+    host = f'127.0.0.1:{server.port}'
+    own = {
+        'Host': host, 'Origin': f'http://{host}', 'Cookie': f'{server.cookie}={server.token}',
+        'Content-Type': 'application/json', 'Content-Length': str(len(body)),
+    }  # fmt: skip
+    given = own | {name.replace('_', '-'): value for name, value in headers.items()}
+    connection = http.client.HTTPConnection('127.0.0.1', server.port, timeout=60)
+    try:
+        connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+        for name, value in given.items():
+            if value is not None and not (method == 'GET' and name.startswith('Content')):
+                connection.putheader(name, value)
+        connection.endheaders(body if method == 'POST' else None)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+def verb(server, verb_name, /, **body):
+    return ask(server, f'/api/{verb_name}', body=json.dumps(body).encode())
+
+
+# who may ask
+
+
+def test_it_listens_on_this_machine_only(server):
+    assert server.server_address[0] == '127.0.0.1' and server.token in server.address and len(server.token) >= 32
+
+
+def test_what_the_page_sends_is_answered(server):
+    status, content = ask(server)
+    assert status == 200 and json.loads(content)['controls']['system'] == 'module'
+
+
+@pytest.mark.parametrize(
+    ('headers', 'status'),
+    [
+        ({'Host': 'evil.example'}, 403),  # DNS rebinding
+        ({'Host': 'evil.example:80', 'Origin': 'http://evil.example:80'}, 403),
+        ({'Host': None}, 403),
+        ({'Origin': 'http://evil.example'}, 403),  # CSRF
+        ({'Origin': 'http://127.0.0.1:1'}, 403),  # another server on this machine
+        ({'Origin': 'null'}, 403),
+        ({'Origin': None}, 403),
+        ({'Sec_Fetch_Site': 'cross-site'}, 403),
+        ({'Sec_Fetch_Site': 'same-site'}, 403),
+        ({'Cookie': None}, 403),
+        ({'Cookie': 'sma_sim_1=x'}, 403),
+        ({'Content_Type': 'text/plain'}, 415),  # what a form of another page can send
+        ({'Content_Length': '99999999999'}, 413),
+        ({'Content_Length': None}, 411),
+        ({'Content_Length': '-1'}, 411),
+        ({'Content_Length': None, 'Transfer_Encoding': 'chunked'}, 411),
+    ],
+)  # fmt: skip
+def test_what_others_send_is_refused(server, headers, status):
+    assert ask(server, '/api/undo', **headers)[0] == status
+
+
+def test_without_the_token_there_is_no_page(server):
+    for path in ('/', '/?token=', '/?token=wrong', '/assets/app.js', '/events', '/download/run.csv?version=1'):
+        status, content = ask(server, path, 'GET', Cookie=None)
+        assert (status, b'Not allowed' in content) == (403, True), path
+    status, content = ask(server, f'/?token={server.token}', 'GET', Cookie=None)
+    assert status == 200 and server.token.encode() not in content
+
+
+def test_the_page_cannot_be_framed_or_load_from_elsewhere(server):
+    connection = http.client.HTTPConnection('127.0.0.1', server.port)
+    connection.request('GET', f'/?token={server.token}')
+    headers = connection.getresponse().headers
+    connection.close()
+    assert "default-src 'none'" in headers['Content-Security-Policy'] and 'unsafe' not in headers['Content-Security-Policy']
+    assert headers['X-Frame-Options'] == 'DENY' and headers['Access-Control-Allow-Origin'] is None
+    assert 'HttpOnly' in headers['Set-Cookie'] and 'SameSite=Strict' in headers['Set-Cookie']
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        '/assets/../server.py', '/assets/..%2fserver.py', '/assets//etc/passwd', '/download/../history.json?version=1',
+        '/download//etc/passwd?version=1', '/download/run.csv?version=../1', '/session.yaml', '//etc/passwd',
+    ],
+)  # fmt: skip
+def test_no_other_file_is_read(server, path):
+    assert ask(server, path, 'GET')[0] in (400, 403, 404)
+
+
+def test_no_folder_of_python_files_can_be_named(server, tmp_path):
+    (tmp_path / 'evil.py').write_text(f'open({str(tmp_path / "ran")!r}, "w")')
+    before = ask(server)[1]
+    folder = str(tmp_path)
+    for values in ({'effects.paths': folder}, {'structures.paths': [folder]}, {'system': 'wire'}, {'node.record': 'x'}):
+        for name in ('change', 'curves', 'frames'):
+            status, content = verb(server, name, values=values)
+            assert (status, 'error' in json.loads(content)) == (400, True), values
+    assert verb(server, 'change', effects=['../evil'])[0] == 400
+    assert ask(server)[1] == before and not (tmp_path / 'ran').exists()
+
+
+@pytest.mark.parametrize('body', [b'', b'[]', b'{"values": {"wire.E_A": NaN}}', b'x', b'[' * 100_000, b'\xff', b'null'])
+def test_what_is_not_json_is_refused(server, body):
+    assert ask(server, '/api/change', body=body)[0] == 400
+
+
+WRONG = [
+    ('change', {'values': {'wire.E_A': -1.0}}), ('change', {'values': {'wire.E_A': '__import__("os")'}}),
+    ('change', {'values': {'wire.E_A': True}}), ('change', {'values': []}), ('change', {'effects': 'gravity'}),
+    ('change', {'effects': ['gravity', 'gravity']}), ('change', {'values': {'nothing.E': 1.0}}),
+    ('change', {'values': {'wire.E_A': 1e10}, 'expected': 99}), ('go_to', {'number': 99}), ('go_to', {'number': '1'}),
+    ('rename', {'number': 1, 'name': 'x' * 1000}), ('curves', {'window': [1]}), ('curves', {'window': [2, 1]}),
+    ('curves', {'beside': 99}), ('curves', {'pixels': 'many'}), ('command', {'command': {'kind': 'shell'}}),
+    ('differences', {'before': 1}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(('name', 'body'), WRONG)
+def test_a_wrong_request_changes_nothing_and_says_why(server, name, body):
+    before = ask(server)[1]
+    status, content = verb(server, name, **body)
+    assert status == 400 and len(json.loads(content)['error']) > 10 and 'Traceback' not in content.decode()
+    assert ask(server)[1] == before
+
+
+def test_an_unknown_verb_is_not_found(server):
+    assert ask(server, '/api/__init__')[0] == 404 and ask(server, '/api/')[0] == 404
+
+
+# what is shown
+
+
+def test_decimation_keeps_every_pixel():
+    """Of each column of pixels the first, last, least and greatest sample; all of few samples."""
+    rng = np.random.default_rng(3)
+    time, values = np.sort(rng.uniform(0.0, 10.0, 20_000)), rng.standard_normal(20_000)
+    values[rng.integers(0, 20_000, 50)] = np.nan
+    at, known = decimated(time, values, 300), np.flatnonzero(np.isfinite(values))
+    assert len(at) <= 4 * 300 and (np.diff(at) > 0).all() and np.isfinite(values[at]).all()
+    ends = time[known[0]], time[known[-1]]
+    columns = np.minimum((300 * (time - ends[0]) / (ends[1] - ends[0])).astype(int), 299)
+    for column in range(300):
+        every, kept = (values[indices[columns[indices] == column]] for indices in (known, at))
+        assert [every[0], every[-1], every.min(), every.max()] == [kept[0], kept[-1], kept.min(), kept.max()]
+    assert decimated(time[:100], values[:100], 300).tolist() == [k for k in range(100) if np.isfinite(values[k])]
+
+
+@pytest.mark.parametrize('system', list(package_structures()))
+def test_every_structure_has_controls_and_a_command_that_moves_it(system):
+    config = Config(system=system)
+    structure, first = config.structure.structure, first_command(config)
+    source = input_of(first, config)
+    assert source.names == structure.input_columns and np.ptp(source.values, axis=0).max() > 0.0
+    assert command_from(json.loads(json.dumps(first.as_data())), structure) == first
+    controls = controls_of(config, find_effects())
+    for group in [*controls['groups'], *controls['effects']]:
+        for one in group['parameters']:
+            value = one['value']
+            assert one['least'] <= one['low'] <= one['high'] <= one['most'], one
+            assert value is None or one['low'] <= value <= one['high'], one
+            assert one['meaning'] and one['unit'], one
+    assert controls['effects'] and all(effect['equation'] for effect in controls['effects'])
+
+
+def test_commands_are_what_they_say():
+    config = Config()
+    first = first_command(config).as_data()
+
+    def values(**changed):
+        return input_of(command_from({**first, **changed}, config.structure.structure), config).values[:, 0]
+
+    swing = values(kind='sine', amplitude=3.0, offset=1.0, period=10.0)
+    assert abs(swing.max() - 4.0) < 0.01 and abs(swing.min() + 2.0) < 0.01
+    file = {'kind': 'file', 'name': 'mine.csv'}
+    assert values(**file, text='time_s,J_eq_W\n0,0\n10,3\n20,0\n').tolist() == [0.0, 3.0, 0.0]
+    wrong = {
+        'time_s\n1\n': 'J_eq_W',
+        'time_s,J_eq_W\n0,1\n': 'two rows',
+        'time_s,J_eq_W\n0,a\n1,2\n': 'mine.csv',
+        '': 'mine.csv',
+    }
+    for text, said in wrong.items():
+        with pytest.raises(UserError, match=said):
+            values(**file, text=text)
+    with pytest.raises(UserError, match='row 3'):
+        values(rows=[[0.0, 0.0], [2.0, 1.0], [1.0, 0.0]])
+
+
+# in a browser
+
+
+def opened(browser, server):
+    browser.get(server.address)
+    until(browser, READY)
+
+
+def until(browser, script, *arguments, seconds=60.0):
+    """Wait for a script to say true."""
+    end = time.monotonic() + seconds
+    while not browser.execute_script(script, *arguments):
+        assert time.monotonic() < end, f'{script}: {browser.execute_script("return document.body.innerText")}'
+        time.sleep(0.02)
+
+
+def slide(browser, name, step, let_go=True):
+    """Move a slider, and wait for its curve; let go, also for the version."""
+    before = browser.execute_script('return [smaExplore.drawn, smaExplore.state.history.revision]')
+    browser.execute_script(SLIDE, name, step, let_go)
+    until(browser, 'return smaExplore.drawn > arguments[0]', before[0])
+    if let_go:
+        until(browser, 'return smaExplore.state.history.revision > arguments[0]', before[1])
+        until(browser, 'return Object.keys(smaExplore.values).length === 0')
+
+
+def shown_equals(browser, server, **parameters):
+    """Whether the page shows what `simulate` computes of the current version, to the last bit."""
+    config = server.application.session.config()
+    for name, value in parameters.items():
+        assert config.parameters[name] == value
+    source = input_of(server.application._command, config)
+    run = simulate(Model(config), source, 50.0)
+    for panel, column in (('alpha [deg]', 'alpha_rad'), ('T [deg C]', 'T_2_K'), ('force [N]', 'F_1_N')):
+        x, y = map(np.array, browser.execute_script(CURVE, panel, column))
+        at = np.searchsorted(run.time, x)
+        if len(x) < 100 or not ((run.time[at] == x).all() and (run[column][at] == y).all() and y.max() == run[column].max()):
+            return False
+    return True
+
+
+def wait_until_equal(browser, server):
+    end = time.monotonic() + 30.0
+    while not shown_equals(browser, server):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def test_a_slider_an_effect_undo_reload_and_a_second_tab(browser, tmp_path):
+    with serving(tmp_path / 'session') as server:
+        opened(browser, server)
+        assert server.token not in browser.current_url and shown_equals(browser, server)
+        session = server.application.session
+        slide(browser, 'wire.dsigma', 700, let_go=False)
+        assert session.current.number == 1  # a preview only
+        slide(browser, 'wire.dsigma', 700)
+        assert session.current.number == 2 and session.config().parameters['wire.dsigma'] == 19.065e6
+        wait_until_equal(browser, server)
+        browser.find_element('id', 'tab-effects').click()
+        browser.execute_script('document.querySelector("[data-effect=gravity] input").click()')
+        until(browser, 'return smaExplore.state.controls.active.includes("gravity")')
+        wait_until_equal(browser, server)
+        slide(browser, 'effects.gravity.g_y', 500)
+        assert session.current.number == 4
+        browser.find_element('id', 'undo').click()
+        until(browser, 'return smaExplore.state.history.current === 3')
+        browser.refresh()
+        until(browser, READY)
+        assert browser.execute_script('return smaExplore.state.history.current') == 3
+        wait_until_equal(browser, server)
+        first = browser.current_window_handle
+        browser.switch_to.new_window('tab')
+        opened(browser, server)
+        browser.find_element('id', 'redo').click()
+        until(browser, 'return smaExplore.state.history.current === 4')
+        browser.close()
+        browser.switch_to.window(first)
+        until(browser, 'return smaExplore.state.history.current === 4')
+        assert browser.get_log('browser') == []
+
+
+def test_two_versions_side_by_side_a_command_and_a_wrong_value(browser, tmp_path):
+    with serving(tmp_path / 'session', words=('model=mas',)) as server:
+        opened(browser, server)
+        slide(browser, 'beam.E', 800)
+        browser.execute_script('document.getElementById("tab-history").click()')
+        compare = '[...document.querySelectorAll("#history button")].filter((b) => b.textContent === "Compare")'
+        browser.execute_script(f'{compare}.at(-1).click()')
+        until(browser, 'return smaExplore.charts.get("alpha [deg]").curves.length === 2')
+        until(browser, 'return document.querySelector("#differences table") !== null')
+        assert 'beam.E' in browser.find_element('id', 'differences').text
+        browser.find_element('id', 'tab-command').click()
+        kind = 'const kind = document.getElementById("kind"); kind.value = "sine";'
+        browser.execute_script(f'{kind} kind.dispatchEvent(new Event("change"));')
+        until(browser, 'return smaExplore.state.command.kind === "sine"')
+        wait_until_equal(browser, server)
+        number = 'const box = document.querySelector("[data-name=\\"wire.eps_T\\"] input[type=number]");'
+        browser.execute_script(f'{number} box.value = "7"; box.dispatchEvent(new Event("change"));')
+        until(browser, 'return document.getElementById("message").textContent.includes("wire.eps_T = 7")')
+        assert server.application.session.current.number == 2
+        log = [entry for entry in browser.get_log('browser') if '400' not in entry['message']]
+        assert log == []
+    with serving(tmp_path / 'session') as again:
+        assert again.application.session.current.number == 2 and again.application._command.kind == 'sine'
+
+
+@pytest.mark.parametrize('size', [(390, 844, True), (1280, 720, False)])
+def test_nothing_is_wider_than_the_screen(server, size):
+    phone = open_browser(*size[:2], phone=size[2])
+    try:
+        opened(phone, server)
+        assert phone.execute_script('return document.documentElement.scrollWidth <= innerWidth')
+        unnamed = """return [...document.querySelectorAll('input, button, select, canvas')].filter((one) =>
+            !one.textContent && !one.ariaLabel && !one.labels?.length && !one.title).map((one) => one.outerHTML)"""
+        assert phone.execute_script(unnamed) == []
+    finally:
+        phone.quit()
+
+
+# the command
+
+
+def start(folder, *words):
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, '-m', 'sma_sim.cli.main', 'explore', '--no-browser', *words], cwd=folder, env=environment,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def test_the_command_serves_until_ctrl_c(tmp_path):
+    with start(tmp_path, '--set', 'beam.E=2.2e9', '--model', 'mas') as process:
+        address = process.stdout.readline().split()[-1]
+        assert address.startswith('http://127.0.0.1:') and '?token=' in address
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0 and 'Traceback' not in process.stderr.read()
+    config = read_config(tmp_path / 'explore-session' / 'versions' / '0001.yaml')
+    assert config.model == 'mas' and config.parameters['beam.E'] == 2.2e9
+
+
+def test_a_port_that_is_taken_is_said(tmp_path):
+    with socket.socket() as other:
+        other.bind(('127.0.0.1', 0))
+        other.listen()
+        with start(tmp_path, '--port', str(other.getsockname()[1])) as process:
+            words = process.stderr.read()
+            assert process.wait(60) == 2 and 'choose another one' in words and 'Traceback' not in words
+
+
+@pytest.mark.parametrize('words', [('--port', '70000'), ('--port', '-1'), ('--system', 'nothing'), ('--set', 'wire.E_A=-1')])
+def test_wrong_options(tmp_path, words):
+    from sma_sim.cli.main import main
+
+    assert main(['explore', '--no-browser', '--session', str(tmp_path / 's'), *words]) == 2
