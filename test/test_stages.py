@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from corrupted import TEXT, with_cell
+from measured_runs import truth, write_module_runs
 
 from sma_sim import UserError
-from sma_sim.challenge.files import write_challenge
-from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli.main import main
+from sma_sim.evidence.residual_analysis.compare import compare
+from sma_sim.evidence.residual_analysis.metrics import channel_scores
 from sma_sim.explore.export import export
 from sma_sim.explore.jobs import Job, jobs_in, new_job
 from sma_sim.explore.session import Start, open_session
@@ -30,17 +31,14 @@ FIT = {'free': ['beam.E'], 'model': 'mas', 'starts': 1}
 
 @pytest.fixture(scope='module')
 def case(tmp_path_factory):
-    """A small robot that lacks gravity."""
-    folder = tmp_path_factory.mktemp('case') / 'case'
-    plan = RecordingPlan(duration=15.0, rate=10.0)
-    write_challenge(make_challenge(2, kinds=['gravity'], forces=True, plan=plan), folder, 'csv')
-    return folder
+    """A robot with the paper's values that lacks gravity: three short runs."""
+    return write_module_runs(tmp_path_factory.mktemp('case'), truth(model='mas', effects=['gravity']), seconds=12.0)
 
 
 @pytest.fixture(scope='module')
 def engine(case, tmp_path_factory):
     """A session that has been checked, compared and calibrated."""
-    start = Start(case / 'nominal.yaml', ('model=mas',), data=DataRequest((case,), hold_out=('run3',)))
+    start = Start(words=('model=mas',), data=DataRequest((case,), hold_out=('run3',)))
     with open_session(tmp_path_factory.mktemp('session') / 's', start) as session:
         engine = Engine(session)
         for stage, options in (('check', {}), ('compare', {}), ('calibrate', FIT)):
@@ -51,7 +49,7 @@ def engine(case, tmp_path_factory):
 @pytest.fixture
 def fresh(case, tmp_path):
     """A session in which nothing was done but look at the recordings."""
-    with open_session(tmp_path / 's', Start(case / 'nominal.yaml', data=DataRequest((case,)))) as session:
+    with open_session(tmp_path / 's', Start(data=DataRequest((case,)))) as session:
         job = new_job(session.folder, 'check', 1, {}, Engine(session).data())
         finish(session.folder, job)
         yield Engine(session)
@@ -75,9 +73,9 @@ def without_time(content):
 def test_what_is_checked(engine):
     found = engine.latest('check').result()
     assert [(run['name'], run['held_out']) for run in found['runs']] == [('run1', False), ('run2', False), ('run3', True)]
-    assert found['runs'][0]['samples'] == 150 and found['runs'][0]['channels']['alpha']['missing'] == 0
+    assert found['runs'][0]['samples'] == 241 and found['runs'][0]['channels']['alpha']['missing'] == 0
     assert set(found['noise_std']) >= {'alpha', 'F_1'} and found['system'] == 'module'
-    assert engine.latest('check').curves()['run1']['measured.alpha'].shape == (150,)
+    assert engine.latest('check').curves()['run1']['measured.alpha'].shape == (241,)
 
 
 def test_a_comparison_is_that_of_the_command(engine, tmp_path):
@@ -174,7 +172,7 @@ def test_the_order(case, tmp_path):
     ('options', 'words'),
     [({'speed': 1}, 'no option speed'), ({'model': 'x'}, 'hybrid, mas, auto'), ({'starts': 0}, '1 to 100'),
      ({'starts': True}, 'whole number'), ({'seed': 1.5}, 'whole number'), ({'robust': 'yes'}, 'true or false'),
-     ({'free': 'beam.E'}, 'names of parameters')],
+     ({'free': 'beam.E'}, 'list of names')],
 )  # fmt: skip
 def test_wrong_options(engine, options, words):
     with pytest.raises(UserError, match=words):
@@ -252,6 +250,52 @@ def test_files_of_jobs_that_are_broken(fresh):
     assert fresh.jobs == (job,)
     assert new_job(fresh.session.folder, 'check', 1, {}, '').number == 4
     assert isinstance(fresh.job(4), Job)
+
+
+@pytest.fixture(scope='module')
+def candidates(engine):
+    """A few effects, each switched on by itself."""
+    engine.session.go_to(1)
+    job = engine.wait(engine.start('candidates', effects=['gravity', 'sensor_gain', 'power_gain_mismatch']), PATIENCE)
+    assert job.state == 'done', job.words
+    return job
+
+
+def test_what_every_candidate_would_do(engine, candidates):
+    """What is missing explains most; and its errors are those of a comparison with it."""
+    result = candidates.result()
+    first = result['effects'][0]
+    assert first['name'] == 'gravity' and first['error'] < 1.1 < 5.0 < result['error'] and first['family_p'] < 0.05
+    assert first['expected_error'] < result['expected_error'] < result['error']
+    told = [event['name'] for event in candidates.events() if event['kind'] == 'candidate']
+    assert told == [effect['name'] for effect in result['effects']] and len(told) == 3
+    config = engine.session.preview({f'effects.gravity.{name}': v for name, v in first['values'].items()}, ['gravity'])
+    request = engine.session.data
+    fitted, held_out = request.split(request.read(config))
+    scores = channel_scores(compare(fitted, config, held_out).part(False), list(first['errors']))
+    assert {name: score.over_noise for name, score in scores.items()} == first['errors']
+
+
+def test_a_part_of_a_residual(engine, candidates):
+    whole = engine.part_of_residual(('run1', 'alpha'), (0.0, 12.0))
+    channel = engine.latest('compare').result()['comparisons'][0]['runs']['run1']['channels']['alpha']
+    assert whole['samples'] == 241 and whole['over_noise'] == pytest.approx(channel['over_noise'], rel=1e-12)
+    part = engine.part_of_residual(('run1', 'U_y'), (9.0, 4.0))
+    assert (part['t0'], part['t1'], part['samples']) == (4.0, 9.0, 101)
+    names = {share['dimension'] for share in part['states']}
+    assert {'mode of wire 1', 'heating or cooling of wire 2', 'direction of motion'} <= names and 'run' not in names
+    for name in names:
+        assert sum(share['share'] for share in part['states'] if share['dimension'] == name) <= 1.0 + 1e-9
+    assert 273.0 < part['temperatures']['wire 1'][0] <= part['temperatures']['wire 1'][1] < 500.0
+    best = part['effects'][0]
+    likeness = {one['effect']: one['likeness'] for one in part['effects']}
+    assert likeness['gravity'] > 0.8 and best['likeness'] == max(likeness.values())
+    for where, times, words in (
+        (('run9', 'alpha'), (0.0, 9.0), 'no run run9'), (('run1', 'T_9'), (0.0, 9.0), 'no channel T_9'),
+        (('run1', 'alpha'), (3.0, 3.1), 'expected 5 or more'), (('run1', 'alpha'), (99.0, 199.0), '0 samples'),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=words):
+            engine.part_of_residual(where, times)
 
 
 HEADER, *LINES = TEXT.splitlines()

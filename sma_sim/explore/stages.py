@@ -15,6 +15,7 @@ from typing import Any
 from sma_sim.explore.history import Version
 from sma_sim.explore.jobs import PARAMETERS, Job, job_in, jobs_in, new_job, start_process
 from sma_sim.explore.session import Session
+from sma_sim.explore.traces import part_of_residual
 from sma_sim.model.config import MODELS, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
@@ -26,7 +27,7 @@ NUMBERS: dict[str, tuple[int, int]] = {'starts': (1, 100), 'seed': (0, 2**31)}
 SWITCHES = ('robust', 'equation', 'variants')
 OPTIONS: dict[str, tuple[str, ...]] = {
     'check': (), 'compare': (), 'calibrate': ('free', 'model', 'starts', 'robust', 'seed'),
-    'diagnose': ('model', 'seed', 'equation', 'variants'), 'candidates': (),
+    'diagnose': ('model', 'seed', 'equation', 'variants'), 'candidates': ('effects',),
 }  # fmt: skip
 USABLE = ('done', 'stopped')
 
@@ -118,8 +119,8 @@ class Engine:
         """Begin a stage in a process of its own, on the current version.
 
         Options are those of the command: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed`` to calibrate;
-        ``model``, ``seed``, ``equation``, ``variants`` to diagnose. Raises UserError where something must come first, where
-        another step runs, and for options that are wrong.
+        ``model``, ``seed``, ``equation``, ``variants`` to diagnose; ``effects`` (names) to switch candidates on. Raises
+        UserError where something must come first, where another step runs, and for options that are wrong.
         """
         with self._lock:
             if stage not in OPTIONS:
@@ -160,6 +161,18 @@ class Engine:
         words = f'{what} from version {job.version} (step {job.number})'
         return self.session.adopt(read_config(path), words, effect_folders_of(path, ()), job.number)
 
+    def part_of_residual(self, where: tuple[str, str], times: tuple[float, float]) -> dict[str, Any]:
+        """What is known of the residual of (run, channel) between two times [s] (`sma_sim.explore.traces`).
+
+        Effects are named once the stage ``candidates`` was taken. Raises UserError where the version was not compared, and
+        for a part that is not there.
+        """
+        compared, candidates = self.latest('compare'), self.latest('candidates')
+        if compared is None or self.reason('candidates'):
+            raise UserError(f'residual: compare version {self.session.current.number} with the recordings first')
+        usable = candidates if candidates is not None and candidates.state == 'done' else None
+        return part_of_residual(compared, self.session.config(compared.version), usable, where, times)
+
     def close(self) -> None:
         """Ask the job that runs to end with what it has."""
         if (job := self.running()) is not None:
@@ -180,6 +193,6 @@ def checked_options(stage: str, options: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise UserError(f'{stage}, {name} = {value!r}: expected a whole number from {least} to {most}')
         is_names = value is None or isinstance(value, list | tuple) and all(isinstance(one, str) for one in value)
-        if name == 'free' and not is_names:
-            raise UserError(f'{stage}, free = {value!r}: expected names of parameters')
+        if name in ('free', 'effects') and not is_names:
+            raise UserError(f'{stage}, {name} = {value!r}: expected a list of names')
     return dict(options)

@@ -33,6 +33,7 @@ from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.solver.first_start import announce_compilation
+from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.check import data_check
 from sma_sim.workflow.data_request import DataRequest
 from sma_sim.workflow.diagnosis import command_between, write_improved
@@ -168,6 +169,22 @@ def diagnosis_request(
     )  # fmt: skip
 
 
+def switch_candidates_on(order: WorkOrder) -> bool:
+    """Every listed effect by itself, and its trace in the residuals."""
+    config, fitted, _ = order.read()
+    with executor_or_threads(None) as executor:
+        hears = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
+        found = candidate_effects(fitted, config, order.effect_folders(), executor, hears, order.option('effects', None))
+    write_json(order.output(RESULT), found.as_data())
+    curves: dict[str, Any] = {f'{run}|time': times for run, times in found.times.items()}
+    for effect in found.effects:
+        for run, traces in effect.traces.items():
+            names = [f'{run}|trace.{effect.name}.{channel}' for channel in found.channels[run]]
+            curves |= dict(zip(names, traces, strict=True))
+    write_curves(order.output(CURVES), curves)
+    return False
+
+
 def curves_of(comparison: Comparison) -> dict[str, Any]:
     """Every run's time, measurement, model, noise and states (k,), named ``run|what``."""
     curves: dict[str, Any] = {}
@@ -183,4 +200,5 @@ def curves_of(comparison: Comparison) -> dict[str, Any]:
 
 WORK: dict[str, Callable[[WorkOrder], bool]] = {
     'check': check, 'compare': compare_version, 'calibrate': calibrate_version, 'diagnose': diagnose_version,
+    'candidates': switch_candidates_on,
 }  # fmt: skip
