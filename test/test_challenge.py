@@ -183,6 +183,7 @@ def test_the_bare_robot_is_that_of_an_independent_integration():
     assert compared() < 0.02
 
 
+@pytest.mark.slow
 def test_effects_of_truths_are_those_of_an_independent_integration():
     k_x, L, c = np.pi * 0.0025**2 * 2e9 / 0.1, 0.1, 0.6
 

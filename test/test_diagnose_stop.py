@@ -71,7 +71,7 @@ class Diagnosing:
     ('words', 'model'),
     [
         ('fitting the hybrid', 'auto'),
-        ('screening', 'mas'),
+        pytest.param('screening', 'mas', marks=pytest.mark.slow),
         pytest.param('fitting the mas', 'auto', marks=pytest.mark.slow),
         pytest.param('refitting with', 'mas', marks=pytest.mark.slow),
         pytest.param('cross-validating', 'mas', marks=pytest.mark.slow),

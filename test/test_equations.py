@@ -133,7 +133,7 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
 @pytest.fixture(scope='module')
 def ripple():
     """A moment that is periodic in the angle, on short runs, and what is proposed for it."""
-    case = make_challenge(seed=4, kinds=['harness_ripple'], plan=RecordingPlan(duration=40.0, rate=10.0))
+    case = make_challenge(seed=4, kinds=['harness_ripple'], plan=RecordingPlan(duration=25.0, rate=10.0))
     training, held = hold_out_last(case.dataset, None)
     with ThreadPoolExecutor(2) as pool:
         context = SearchContext(pool, Event())

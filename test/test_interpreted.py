@@ -57,8 +57,15 @@ def same(one, other):
         assert other[name] == pytest.approx(column, rel=1e-9, abs=1e-12), name
 
 
-@pytest.mark.parametrize('rich', [False, True], ids=['bare', 'every port'])
-@pytest.mark.parametrize(('system', 'kind'), COMBINATIONS)
+def runs():
+    """Every combination without effects and with one at every port; all of the latter but one take half a minute."""
+    for system, kind in COMBINATIONS:
+        yield pytest.param(system, kind, False, id=f'{system}-{kind}-bare')
+        marks = [] if (system, kind) == ('wire', 'hybrid') else [pytest.mark.slow]
+        yield pytest.param(system, kind, True, id=f'{system}-{kind}-every port', marks=marks)
+
+
+@pytest.mark.parametrize(('system', 'kind', 'rich'), list(runs()))
 def test_adaptive_runs(interpreted, system, kind, rich):
     names = EVERY_PORT + (OF_THE_MODULE if system == 'module' else ()) if rich else ()
     source = STEPS if system == 'module' else LOOP

@@ -46,7 +46,7 @@ BY_NAME = {port.name: port for port in PORTS}
 @pytest.fixture(scope='module')
 def command(tmp_path_factory):
     """A robot on a shaking table, what `sma-sim latent` found, its exit code, its words, and the folder of its files."""
-    case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
+    case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))
     home, found = tmp_path_factory.mktemp('latent'), []
     write_challenge(case, home / 'case')
 
@@ -81,7 +81,7 @@ def test_a_force_that_shakes_the_plate_is_found_over_time(shaken):
 
 
 def test_with_nothing_missing_no_port_is_named():
-    case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
+    case = make_challenge(8, effects=0, forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))
     found = estimate_latent_inputs(case.dataset, case.nominal, request=LatentRequest('mas'))
     assert found.verdict == 'none' and found.indistinguishable == {} and found.p_value > 0.01
     assert next(iter(verdict_sentences(found))).startswith('none')
@@ -235,7 +235,7 @@ def test_hypotheses_and_reasons():
 @pytest.mark.slow
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power, 33 times the noise: around the fit that it biases, heat and stress promise too much."""
-    case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=30.0, rate=10.0))
+    case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=20.0, rate=10.0))
     found = estimate_latent_inputs(case.dataset, case.nominal)
     best, *others = found.findings
     assert found.error > 5.0 and found.verdict == 'power' and best.error < 1.2
