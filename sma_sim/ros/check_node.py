@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +47,23 @@ OUTPUT_TOPICS: Mapping[str, Any] = {
 }
 
 
+class Observer(Protocol):
+    """Hears of every comparison, and once a second how the check is."""
+
+    def sample(self, stamp: int, measured: Vector, model: Vector, error: Vector) -> None:
+        """A comparison at `stamp` [ns], arrays (channels,)."""
+
+    def state(self, state: str, problems: Sequence[str], samples: int) -> None:
+        """What the check is doing, what is wrong, how many samples were compared."""
+
+
 class ModelCheck:
     """The model beside the robot whose topics one node hears."""
 
-    def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
+    def __init__(
+        self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool, observer: Observer | None = None
+    ) -> None:
+        self._observer = observer
         self._node, self._config, self._rate = node, config, settings['integration_rate']
         if not config.structure.structure.coordinates:
             raise UserError(
@@ -171,7 +184,8 @@ class ModelCheck:
         )
 
     def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
-        residual = np.concatenate([now.joints[0], beside]) - row[self._messages.where.sensed]
+        measured, model = np.concatenate([now.joints[0], beside]), row[self._messages.where.sensed]
+        residual = measured - model
         assert self._live is not None
         t = (now.stamp - self._live.begin) / 1e9
         if not self._settled and t >= self._values['burn_in']:
@@ -182,6 +196,8 @@ class ModelCheck:
             self._judge(t)
         self._samples += 1
         self._publish(now, row, residual)
+        if self._observer is not None:
+            self._observer.sample(now.stamp, measured, model, self._last_error)
 
     def _judge(self, t: float) -> None:
         was = self._departure.left
@@ -248,6 +264,8 @@ class ModelCheck:
             **self._robot.rejected(),
         }
         self._diagnostics.publish('; '.join([state, *problems]), warn=bool(problems), values=values)
+        if self._observer is not None:
+            self._observer.state(state, problems, self._samples)
 
 
 def values_or_none(values: Vector) -> list[float]:

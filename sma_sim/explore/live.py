@@ -1,0 +1,128 @@
+"""The model beside a robot that runs: a process that listens to ROS 2, and the last minutes of what it found.
+
+The process is `sma_sim.ros.live_feed`. It may end, or the robot may: this side says so and stays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock, Thread
+from typing import IO, Any
+
+from sma_sim.model.errors import UserError
+
+FEED = (sys.executable, '-m', 'sma_sim.ros.live_feed')
+KEPT = 12_000  # samples: ten minutes at 20 a second
+LAST_LINES = 20  # of what the process says
+HIGHEST_DOMAIN = 232
+NAME = re.compile(r'/?([A-Za-z_][A-Za-z0-9_]*/?)*')
+END = 10.0  # [s] that it may take to end
+
+
+class LiveFeed:
+    """The listening process, at most one at a time. All methods may be called from any thread.
+
+    Parameters
+    ----------
+    command : sequence of str
+        What is run; ROS arguments follow it.
+    """
+
+    def __init__(self, command: Sequence[str] = FEED) -> None:
+        self._command, self._lock = tuple(command), Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._clear()
+
+    def _clear(self) -> None:
+        self._samples: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._count, self._channels = 0, list[str]()
+        self._state: dict[str, Any] = {'state': 'off', 'problems': [], 'samples': 0}
+        self._said: deque[str] = deque(maxlen=LAST_LINES)
+        self._was_stopped = False
+
+    def start(self, parameters: Path, namespace: str = '', domain: int | None = None) -> None:
+        """Listen to the robot in a namespace and a domain (default: the environment's) beside the model of a parameter file.
+
+        Raises UserError where it listens already, and for a wrong namespace or domain.
+        """
+        if not NAME.fullmatch(namespace):
+            raise UserError(f'namespace {namespace!r}: expected names joined by /, such as robot_1')
+        if domain is not None and not 0 <= domain <= HIGHEST_DOMAIN:
+            raise UserError(f'domain {domain}: expected 0 to {HIGHEST_DOMAIN}')
+        words = [*self._command, '--ros-args', '--params-file', str(parameters)]
+        words += ['-r', f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
+        environment = os.environ | ({} if domain is None else {'ROS_DOMAIN_ID': str(domain)})
+        with self._lock:
+            if self._process is not None and self._process.poll() is None:
+                raise UserError('the page listens to a robot already: end that first')
+            self._clear()
+            self._state['state'] = 'starting'
+            process = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+                encoding='utf-8', errors='replace', start_new_session=True,
+            )  # fmt: skip
+            self._process = process
+        Thread(target=self._listen, args=(process, process.stdout), daemon=True).start()
+        Thread(target=self._note, args=(process.stderr, self._said), daemon=True).start()
+
+    def stop(self) -> None:
+        """Listen no more; what was heard stays."""
+        process = self._process
+        if process is not None and process.poll() is None:
+            self._was_stopped = True
+            process.terminate()
+            try:
+                process.wait(END)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def read(self, since: int = 0) -> dict[str, Any]:
+        """What was heard from sample number `since` on, for JSON.
+
+        ``state`` (``off``, ``starting``, ``waiting for joint_states``, ``burn-in``, ``comparing``, ``ended``, ``failed``),
+        ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` (as `sma_sim.ros.live_feed` has them) and
+        ``next``, the number to ask for then.
+        """
+        with self._lock:
+            code = None if self._process is None else self._process.poll()
+            known, first = dict(self._state), self._count - len(self._samples)
+            if code is not None:
+                stopped = code == 0 or self._was_stopped
+                known['state'] = 'ended' if stopped else 'failed'
+                known['problems'] = [] if stopped else list(self._said)[-3:] or [f'it ended with code {code}']
+            samples = list(self._samples)[max(0, since - first) :]
+            return known | {
+                'compared': known['samples'],
+                'channels': self._channels,
+                'samples': samples,
+                'next': self._count,
+            }
+
+    def _listen(self, process: subprocess.Popen[str], lines: IO[str] | None) -> None:
+        for line in lines or ():
+            with suppress(ValueError, TypeError, KeyError, AttributeError), self._lock:
+                if process is self._process:
+                    self._take(json.loads(line))
+
+    def _take(self, content: dict[str, Any]) -> None:
+        kind = content.pop('kind')
+        if kind == 'channels':
+            self._channels = [str(name) for name in content['channels']]
+        elif kind == 'sample':
+            self._samples.append(content)
+            self._count += 1
+        elif kind == 'state':
+            self._state = {name: content[name] for name in ('state', 'problems', 'samples')}
+
+    def _note(self, lines: IO[str] | None, said: deque[str]) -> None:
+        for line in lines or ():
+            said.append(line.rstrip())
