@@ -1,15 +1,20 @@
 """What a bench adds to its sensors: zeros by recording, repeats that differ, a command whose square is power."""
 
 import json
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from threading import Event
 
 import numpy as np
 import pytest
 
-from sma_sim import Input, Model, UserError, read_config, read_dataset, simulate
+from sma_sim import Config, Dataset, Input, Model, Recording, UserError, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.repeatability import repeatability
+from sma_sim.evidence.diagnosis import diagnose
 from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 WORDS = ('system=slider', 'wire.l0=1.0', 'wire.r0=0.25e-3', 'wire.E_A=4e10', 'wire.E_M=2e10', 'wire.eps_T=0.018',
          'wire.sigma_T=6e6', 'wire.T0=343', 'wire.sigma_MW0=9.8e7', 'wire.dsigma=1.2e8', 'wire.c_V=450', 'wire.lambda=100',
@@ -121,3 +126,29 @@ def test_effects_of_the_nominal_model_are_no_findings(tmp_path):
                      '--effect', 'latent_heat_scale:k=1.1', '--no-equation', '--json', str(out)])  # fmt: skip
     found = json.loads(out.read_text())
     assert found['verdict'] == 'none' and found['effects'] == []
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What stands for a diagnosis."""
+
+    verdict: str
+    names: tuple[str, ...] = ()
+    together: object = None
+
+
+@pytest.mark.parametrize('verdict', ['unknown_effect', 'missing_effect', 'none'])
+def test_held_out_runs_are_searched_too_where_the_others_do_not_tell(verdict, monkeypatch):
+    def search(data, config, request, context):
+        assert data.held_out is None and not request.equation
+        return Verdict('missing_effect', tuple(recording.name for recording in data.training.recordings))
+
+    monkeypatch.setattr(diagnose, 'search_effects', search)
+    source = Input([0.0, 1.0], [[0.0, 298.0], [0.0, 298.0]], (False, False))
+    one, other = (Dataset((Recording(name, 'slider', np.arange(2.0), {}, source),)) for name in 'ab')
+    with ThreadPoolExecutor(1) as pool:
+        context = SearchContext(pool, Event())
+        found = diagnose.searched_together(Verdict(verdict), one, other, Config(), DiagnosisRequest(), context)
+    assert found.verdict == verdict
+    assert (found.together is not None) == (verdict == 'unknown_effect')
+    assert found.together is None or found.together.names == ('a', 'b')

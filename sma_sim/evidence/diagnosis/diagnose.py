@@ -81,6 +81,8 @@ class Diagnosis:
         By recording, the verdict and effects if it were held out; empty where a single one was fitted.
     limit : float
         Error over noise above which something counts as missing that no accepted effect explains.
+    together : Diagnosis or None
+        The search with the held-out runs among the fitted ones, where these did not say what is missing.
     """
 
     verdict: str
@@ -102,6 +104,7 @@ class Diagnosis:
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
     similar: SimilarEffect | None = None
     limit: float = CRITERIA.unexplained
+    together: Diagnosis | None = None
 
     @property
     def calibration(self) -> Calibration:
@@ -205,8 +208,22 @@ def diagnose(
             pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model
         )
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
+        if training.floor and held_out is not None:
+            found = searched_together(found, training, held_out, config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
+
+
+def searched_together(
+    found: Diagnosis, training: Dataset, held_out: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
+) -> Diagnosis:  # fmt: skip
+    """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools."""
+    if found.verdict != 'unknown_effect' or context.stop.is_set():
+        return found
+    context.on_progress('the held-out runs are not explained: searching all runs together, each predicted in turn')
+    everything = replace(training, recordings=(*training.recordings, *held_out.recordings))
+    joint = search_effects(StageData(everything, None, request.options), config, replace(request, equation=False), context)
+    return found if context.stop.is_set() else replace(found, together=joint)
 
 
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:

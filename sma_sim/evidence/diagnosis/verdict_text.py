@@ -37,6 +37,10 @@ REMOVED = (
     '(error over noise {worse:.2f} with, {best:.2f} without).'
 )
 REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
+TOGETHER = (
+    'With the held-out runs fitted too, each judged by those left out in turn: {verdict} '
+    'Error over noise {first:.2f} without, {last:.2f} with.'
+)
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
 DROPPED = 'Dropped: {effect}, which explains nothing more beside the other effects.'
@@ -131,12 +135,24 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield from left_lines(diagnosis)
     elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained:
         yield BEYOND_FITTED.format(**asdict(diagnosis.pooled_errors))
+    yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:
         yield ONE_RUN
     elif not diagnosis.held_out:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def together_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """What all recordings say together, where the fitted ones did not say what is missing."""
+    joint = diagnosis.together
+    if joint is None:
+        return
+    first, last = joint.nominal.train, joint.stages[-1].train
+    yield TOGETHER.format(verdict=headline(joint), first=first, last=last)
+    for candidate in accepted_fits(joint):
+        yield from (f'  {line}' for line in parameter_lines(candidate, joint))
 
 
 def firmness_lines(diagnosis: Diagnosis) -> Iterator[str]:

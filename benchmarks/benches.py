@@ -1,0 +1,165 @@
+"""Simulated benches with realistic nuisances: does a diagnosis invent effects, and does it find those that are there?
+
+    python benchmarks/benches.py found.jsonl --kind slider --truth none --count 20 [--first 0]
+
+Each bench is drawn by its number: parameters about those of examples/real, a scale of power, a delay, a zero and a room
+temperature for each recording, a resolution and noise. What was done is a line of the file, so that a run that was cut off
+goes on where it was. `--truth` is none, or effects joined by +, such as thermal_expansion+polycrystal. Reported are the
+verdicts, and how often effects were named that are not in the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim import Config, Dataset, Input, Model, read_config, read_dataset, simulate
+from sma_sim.evidence.data.repeatability import repeatability
+from sma_sim.evidence.data.train_test_split import split_dataset
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / 'examples' / 'real'
+SPREAD = 0.15  # of the true parameters about the nominal ones, in the logarithm
+FREE = {
+    'slider': ('wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'slider.k', 'slider.b'),
+    'blocked': ('wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'wire.sigma_MW0'),
+}
+EFFECTS = {'thermal_expansion': 'thermal_expansion:a=1.1e-5,T_ref=298', 'polycrystal': 'polycrystal:spread=6e7'}
+MAPS = {
+    'slider': 'system: slider\nJ_W: {{column: power}}\nposition_m: {{column: position, zero_std: 1.0e-4{position}}}\n',
+    'blocked': (
+        'system: wire\nJ_W: {{column: power}}\nstrain: {{value: 0.03}}\n'
+        'T_K: {{column: T, zero_std: 1.0{T}}}\nstress_Pa: {{column: stress, zero_std: 1.0e+5{stress}}}\n'
+    ),
+}
+CHANNELS = ('position', 'T', 'stress')
+INDEPENDENT_AFTER = 1.0  # [s]
+Vector = NDArray[np.float64]
+
+
+def truth(kind: str, effects: list[str], random: np.random.Generator) -> Config:
+    """One bench of a kind."""
+    name = 'slider' if kind == 'slider' else 'blocked_force'
+    config = read_config(EXAMPLES / name / 'config.yaml', effects=[EFFECTS.get(effect, effect) for effect in effects])
+    factors = {name: float(np.exp(SPREAD * random.normal())) for name in FREE[kind]}
+    return replace(config, parameters={n: v * factors.get(n, 1.0) for n, v in config.parameters.items()})
+
+
+def commands(kind: str, random: np.random.Generator) -> list[tuple[list[float], list[float]]]:
+    """Times [s] and powers [W] of four recordings; the last one repeats the first."""
+    found = []
+    for k in range(3):
+        if kind == 'slider':
+            top, on = random.uniform(11.0, 15.0), random.uniform(12.0, 20.0)
+            rise = [top * part / 8.0 for part in range(8)] if k == 1 else []
+            times = [5.0 + 1.5 * part for part in range(len(rise))] + [5.0 + 1.5 * len(rise)]
+            found.append(([0.0, *times, times[-1] + on], [0.0, *rise, top, 0.0]))
+        else:
+            levels = random.uniform(0.1, 0.7, 5)
+            found.append(([0.0, *(10.0 + 25.0 * np.arange(6))], [0.0, *levels, 0.0]))
+    return [*found, found[0]]
+
+
+def write_runs(kind: str, config: Config, folder: Path, random: np.random.Generator) -> list[Path]:
+    """The recordings of a bench as it shows them."""
+    scale, delay, files = float(np.exp(0.1 * random.normal())), random.uniform(0.0, 0.1), []
+    for k, (times, powers) in enumerate(commands(kind, random)):
+        end, room = times[-1] + 25.0, 298.0 + 0.5 * random.normal()
+        t, power = np.append(times, end), scale * np.append(powers, powers[-1])
+        columns = (
+            [power, np.full(len(t), room)] if kind == 'slider' else [np.full(len(t), 0.03), power, np.full(len(t), room)]
+        )
+        linear = (False, False) if kind == 'slider' else (True, False, False)
+        samples = np.arange(0.0, end, 0.05)
+        run = simulate(Model(config), Input(t, np.column_stack(columns), linear), np.maximum(samples - delay, 0.0))
+        rows = np.searchsorted(t, samples, side='right') - 1
+        shown = measured(kind, run, random, len(samples))
+        text = ['time_s,power,' + ','.join(shown)]
+        text += [
+            ','.join(f'{value:.8g}' for value in row)
+            for row in zip(samples, power[rows] / scale, *shown.values(), strict=True)
+        ]
+        files.append(folder / f'run{k}.csv')
+        files[-1].write_text('\n'.join(text) + '\n')
+    return files
+
+
+def measured(kind: str, run: Any, random: np.random.Generator, count: int) -> dict[str, Vector]:
+    """What the sensors of a bench show."""
+    if kind == 'slider':
+        position = run['position_m'] + 1e-4 * random.normal() + 1e-5 * random.normal(size=count)
+        return {'position': 2.2e-5 * np.round(position / 2.2e-5)}
+    heat, T = 1.0 - np.exp(-0.05 / 0.4), run['T_K'].copy()
+    for k in range(1, count):  # an infrared sensor follows late
+        T[k] = T[k - 1] + heat * (T[k] - T[k - 1])
+    return {'T': T + random.normal() + 0.1 * random.normal(size=count),
+            'stress': run['stress_Pa'] + 5e4 * random.normal() + 7e3 * random.normal(size=count)}  # fmt: skip
+
+
+def dataset_of(kind: str, files: list[Path], system: str) -> Dataset:
+    """The recordings of a bench with the floor that its repeats show."""
+    path = files[0].with_name('map.yaml')
+    path.write_text(MAPS[kind].format(**dict.fromkeys(CHANNELS, '')))
+    plain = read_dataset(files, system, 298.0, path)
+    floors = {found.channel: f', floor: {found.floor:.3e}' for found in repeatability(plain.recordings, plain.noise_std)}
+    lasting = f'independent_after: {INDEPENDENT_AFTER}\n'
+    path.write_text(MAPS[kind].format(**dict.fromkeys(CHANNELS, '') | floors) + lasting)
+    return read_dataset(files, system, 298.0, path)
+
+
+def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
+    """One bench drawn and diagnosed, its third recording held out."""
+    random = np.random.default_rng((number, *map(ord, kind)))
+    start = time.process_time()
+    name = 'slider' if kind == 'slider' else 'blocked_force'
+    nominal = read_config(EXAMPLES / name / 'config.yaml')
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_runs(kind, truth(kind, effects, random), Path(folder), random)
+        dataset = dataset_of(kind, files, nominal.structure.structure.name)
+    training, held_out = split_dataset(dataset, ['run2'])
+    found = diagnose(training, nominal, held_out, DiagnosisRequest(model='hybrid', equation=False))
+    last, first = found.stages[-1], found.nominal
+    return {
+        'kind': kind, 'truth': effects, 'number': number, 'verdict': found.verdict, 'effects': list(found.effects),
+        'nominal': [first.train, first.held_out], 'last': [last.train, last.held_out],
+        'cpu_seconds': time.process_time() - start,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Diagnose what is not in the file yet, and count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('file', type=Path)
+    parser.add_argument('--kind', choices=tuple(FREE), default='slider')
+    parser.add_argument('--truth', default='none')
+    parser.add_argument('--count', type=int, default=20)
+    parser.add_argument('--first', type=int, default=0)
+    given = parser.parse_args()
+    effects = [] if given.truth == 'none' else given.truth.split('+')
+    lines = given.file.read_text().splitlines() if given.file.exists() else []
+    known = [row for row in map(json.loads, lines) if row['kind'] == given.kind and row['truth'] == effects]
+    for number in range(given.first, given.first + given.count):
+        if number not in {row['number'] for row in known}:
+            known.append(diagnosed(given.kind, effects, number))
+            with given.file.open('a') as file:
+                file.write(json.dumps(known[-1]) + '\n')
+            print(json.dumps(known[-1]), flush=True)
+    invented = sum(bool(set(row['effects']) - set(effects)) for row in known)
+    print(
+        f'{given.kind}, {given.truth}: {len(known)} benches, verdicts {dict(Counter(row["verdict"] for row in known))}, '
+        f'{invented} with an effect that is not there, {sum(set(row["effects"]) == set(effects) for row in known)} right'
+    )
+
+
+if __name__ == '__main__':
+    main()
