@@ -19,13 +19,17 @@ function say(words, kind = '') {
   box.textContent = words;
 }
 
-/** Do something that the server may refuse; its words are shown. */
-async function attempt(action) {
+let refused = ''; // what the message is about
+
+/** Do something that the server may refuse; its words stay until the same succeeds. */
+async function attempt(what, action) {
   try {
     const found = await action();
-    if (!part('message').classList.contains('notice')) say('');
+    if (refused === what) say('');
+    if (refused === what) refused = '';
     return found;
   } catch (error) {
+    refused = what;
     say(error.message);
     return null;
   }
@@ -38,7 +42,7 @@ function refresh(since = performance.now()) {
   if (asking) { wanted = since; return; }
   asking = true;
   const body = { values: page.values, window: page.window, beside: page.beside, pixels: widest() };
-  attempt(async () => {
+  attempt('curves', async () => {
     const answer = await ask('curves', body);
     showCurves(answer);
     page.drawn += 1;
@@ -60,7 +64,7 @@ let settling = 0;
 function settle() {
   clearTimeout(settling);
   settling = setTimeout(async () => {
-    const answer = await attempt(() => ask('frames', { values: page.values, beside: page.beside }));
+    const answer = await attempt('frames', () => ask('frames', { values: page.values, beside: page.beside }));
     if (!answer || asking) return;
     drawing.set(answer, modeColours());
     drawing.draw(page.time);
@@ -128,15 +132,14 @@ const commit = (name, value) => perform('change', { values: { [name]: value }, e
 const change = (effects) => perform('change', { effects, expected: page.state.history.current });
 
 async function perform(verb, body = {}) {
-  const state = await attempt(() => ask(verb, body));
-  if (!state) { await load(); return; }
-  show(state);
+  const state = await attempt('change', () => ask(verb, body));
+  if (state) show(state);
+  else await load(); // the controls go back to what holds
 }
 
 async function load() {
-  const keep = part('message').textContent;
-  try { show(await ask('state')); } catch (error) { say(error.message); return; }
-  if (keep) say(keep);
+  const state = await attempt('state', () => ask('state'));
+  if (state) show(state);
 }
 
 function show(state) {
@@ -161,7 +164,7 @@ function show(state) {
   showHistory(part('history'), history, page.beside, {
     go: (number) => perform('go_to', { number }), rename: (number, name) => perform('rename', { number, name }),
     compare: (number) => { page.beside = number; show(page.state); },
-    differences: async (before, after) => (await attempt(() => ask('differences', { before, after })))?.differences ?? [],
+    differences: async (before, after) => (await attempt('differences', () => ask('differences', { before, after })))?.differences ?? [],
   });
   refocus(focused);
   const modes = Object.values(state.modes).map((mode) => {
