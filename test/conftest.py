@@ -9,8 +9,13 @@ each other, and discovery takes as long as it takes.
 
 import signal
 
+import hypothesis
 import pytest
 from prewarm import prewarm
+
+# A busy machine draws slowly, and a first call may compile: neither is a fault of what is tested.
+hypothesis.settings.register_profile('any machine', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile('any machine')
 
 # Files that take ten seconds and more of a processor, the longest first; those that compute in turns with those that mostly
 # wait: with a worker more than there are processors, one waits while the others compute.
