@@ -17,15 +17,10 @@ import pytest
 from browser import open_browser
 
 from sma_sim.explore.application import Application
-from sma_sim.explore.command import command_from, first_command, input_of
-from sma_sim.explore.controls import controls_of
-from sma_sim.explore.decimation import decimated
+from sma_sim.explore.command import input_of
 from sma_sim.explore.server import PageServer
 from sma_sim.explore.session import Start, open_session
-from sma_sim.model.config import Config, read_config
-from sma_sim.model.effects.discovery import find_effects
-from sma_sim.model.errors import UserError
-from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.config import read_config
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
 
@@ -201,65 +196,6 @@ def test_a_wrong_request_changes_nothing_and_says_why(server, name, body):
 
 def test_an_unknown_verb_is_not_found(server):
     assert ask(server, '/api/__init__')[0] == 404 and ask(server, '/api/')[0] == 404
-
-
-# what is shown
-
-
-def test_decimation_keeps_every_pixel():
-    """Of each column of pixels the first, last, least and greatest sample; all of few samples."""
-    rng = np.random.default_rng(3)
-    time, values = np.sort(rng.uniform(0.0, 10.0, 20_000)), rng.standard_normal(20_000)
-    values[rng.integers(0, 20_000, 50)] = np.nan
-    at, known = decimated(time, values, 300), np.flatnonzero(np.isfinite(values))
-    assert len(at) <= 4 * 300 and (np.diff(at) > 0).all() and np.isfinite(values[at]).all()
-    ends = time[known[0]], time[known[-1]]
-    columns = np.minimum((300 * (time - ends[0]) / (ends[1] - ends[0])).astype(int), 299)
-    for column in range(300):
-        every, kept = (values[indices[columns[indices] == column]] for indices in (known, at))
-        assert [every[0], every[-1], every.min(), every.max()] == [kept[0], kept[-1], kept.min(), kept.max()]
-    assert decimated(time[:100], values[:100], 300).tolist() == [k for k in range(100) if np.isfinite(values[k])]
-
-
-@pytest.mark.parametrize('system', list(package_structures()))
-def test_every_structure_has_controls_and_a_command_that_moves_it(system):
-    config = Config(system=system)
-    structure, first = config.structure.structure, first_command(config)
-    source = input_of(first, config)
-    assert source.names == structure.input_columns and np.ptp(source.values, axis=0).max() > 0.0
-    assert command_from(json.loads(json.dumps(first.as_data())), structure) == first
-    controls = controls_of(config, find_effects())
-    for group in [*controls['groups'], *controls['effects']]:
-        for one in group['parameters']:
-            value = one['value']
-            assert one['least'] <= one['low'] <= one['high'] <= one['most'], one
-            assert value is None or one['low'] <= value <= one['high'], one
-            assert one['meaning'] and one['unit'], one
-    assert controls['effects'] and all(effect['equation'] for effect in controls['effects'])
-
-
-def test_commands_are_what_they_say():
-    config = Config()
-    first = first_command(config).as_data()
-
-    def values(**changed):
-        return input_of(command_from({**first, **changed}, config.structure.structure), config).values[:, 0]
-
-    swing = values(kind='sine', amplitude=3.0, offset=1.0, period=10.0)
-    assert abs(swing.max() - 4.0) < 0.01 and abs(swing.min() + 2.0) < 0.01
-    file = {'kind': 'file', 'name': 'mine.csv'}
-    assert values(**file, text='time_s,J_eq_W\n0,0\n10,3\n20,0\n').tolist() == [0.0, 3.0, 0.0]
-    wrong = {
-        'time_s\n1\n': 'J_eq_W',
-        'time_s,J_eq_W\n0,1\n': 'two rows',
-        'time_s,J_eq_W\n0,a\n1,2\n': 'mine.csv',
-        '': 'mine.csv',
-    }
-    for text, said in wrong.items():
-        with pytest.raises(UserError, match=said):
-            values(**file, text=text)
-    with pytest.raises(UserError, match='row 3'):
-        values(rows=[[0.0, 0.0], [2.0, 1.0], [1.0, 0.0]])
 
 
 # in a browser

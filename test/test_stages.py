@@ -16,6 +16,7 @@ from sma_sim import UserError
 from sma_sim.cli.main import main
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import channel_scores
+from sma_sim.explore import worker
 from sma_sim.explore.export import export
 from sma_sim.explore.jobs import Job, jobs_in, new_job
 from sma_sim.explore.session import Start, open_session
@@ -227,6 +228,20 @@ def test_a_process_that_is_killed_is_reported(engine):
     process.wait(PATIENCE)
     assert job.state == 'killed' and 'start this step again' in job.words
     assert engine.running() is None and engine.reason('diagnose') == ''
+
+
+def test_a_process_that_is_asked_to_stop_at_its_end_says_so(fresh, monkeypatch):
+    def over(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(worker, 'outcome', over)
+    job = new_job(fresh.session.folder, 'check', 1, {}, fresh.data())
+    usual = signal.getsignal(signal.SIGINT)
+    try:
+        assert worker.main([str(fresh.session.folder), str(job.number)]) == 0
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    assert job.state == 'stopped' and fresh.running() is None
 
 
 def test_files_of_jobs_that_are_broken(fresh):

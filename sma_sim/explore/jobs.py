@@ -83,12 +83,12 @@ class Job:
         known = self.written_state()
         if known[0] != 'running':
             return known
-        begun = (self.folder / STATE).exists()
-        if begun and not is_locked(self.folder / LOCK):
+        started = (self.folder / STATE).exists()
+        if started and not is_locked(self.folder / LOCK):
             known = self.written_state()  # it may have come to its end in between
             return known if known[0] != 'running' else ('killed', KILLED)
         age = (datetime.now(timezone.utc) - datetime.fromisoformat(self.time)).total_seconds()
-        return known if begun or age < START_TIME else ('killed', KILLED)
+        return known if started or age < START_TIME else ('killed', KILLED)
 
     def written_state(self) -> tuple[str, str]:
         """State and words as the process wrote them last."""

@@ -32,10 +32,15 @@ def main(words: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in what a shell starts in the background
     write_state(job, 'running', '')
     threading.Thread(target=interrupt_when_asked, args=(job.folder / STOP,), daemon=True).start()
-    state, words_at_end = outcome(session, job)
-    write_state(job, state, words_at_end)
+    ended = 'stopped', 'stopped at its end'
+    try:
+        ended = outcome(session, job)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except KeyboardInterrupt:  # asked to stop when the work was over: that must not keep its end from being written
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    write_state(job, *ended)
     lock.close()
-    return 0 if state in ('done', 'stopped') else 1
+    return 0 if ended[0] in ('done', 'stopped') else 1
 
 
 def outcome(session: Path, job: Job) -> tuple[str, str]:
