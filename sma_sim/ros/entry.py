@@ -128,7 +128,8 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
         print(f'{name}: this is a fault of sma_sim, please report it', file=sys.stderr)
         return 1
     finally:
-        rclpy.try_shutdown(uninstall_handlers=False)  # uninstalling sets the default for a moment, in which Ctrl-C kills
+        if rclpy.ok():
+            rclpy.shutdown(uninstall_handlers=False)  # uninstalling sets the default for a moment, in which Ctrl-C kills
 
 
 def end_by_signals(stop: threading.Event, working: threading.Event) -> None:
