@@ -35,7 +35,7 @@ def kept(file: Path) -> list[Result]:
 def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, told: Callable[[Result], str]) -> list[Result]:
     """All results in the file, after solving what is missing as long as there is time; `told` says how one went."""
     done, end = kept(asked.file), time.monotonic() + 60.0 * asked.minutes
-    known = {key(one['case']) for one in done}
+    known = {key(case['case']) for case in done}
     missing = (case for case in cases if key(case) not in known)
     threads = max(1, (os.cpu_count() or 1) // asked.at_once)
     with ProcessPoolExecutor(asked.at_once, multiprocessing.get_context('spawn')) as pool:
@@ -47,8 +47,8 @@ def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, told:
             if not waiting:
                 return done
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for one in ready:
-                done.append(one.result())
+            for case in ready:
+                done.append(case.result())
                 with asked.file.open('a') as file:
                     file.write(json.dumps(done[-1]) + '\n')
                 print(told(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)

@@ -69,7 +69,7 @@ def as_it_is(folder: Path) -> Asked:
 def reordered(folder: Path) -> Asked:
     """The runs in another order, under each other's names."""
     dataset = read(folder)
-    names = [one.name for one in dataset.recordings]
+    names = [recording.name for recording in dataset.recordings]
     runs = tuple(replace(dataset.recordings[k], name=name) for k, name in zip(REORDERED, names, strict=True))
     return replace(dataset, recordings=runs[::-1]), plain_request()
 
@@ -104,8 +104,10 @@ def decimated(folder: Path) -> Asked:
     """Every second sample; the command as it was."""
     dataset = read(folder)
     halves = tuple(
-        replace(one, time=one.time[::2], channels={name: values[::2] for name, values in one.channels.items()})
-        for one in dataset.recordings
+        replace(
+            recording, time=recording.time[::2], channels={name: values[::2] for name, values in recording.channels.items()}
+        )
+        for recording in dataset.recordings
     )
     return replace(dataset, recordings=halves), plain_request()
 
@@ -156,8 +158,8 @@ def table(done: list[dict[str, Any]]) -> Iterator[str]:
     """A row per case: what it is as it is, and what becomes of it in each variant."""
     yield '| case | nominal | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
     yield '|' + '---|' * (len(VARIANTS) + 2)
-    for name in dict.fromkeys(one['case'][0] for one in done):
-        found = {one['case'][1]: one for one in done if one['case'][0] == name}
+    for name in dict.fromkeys(case['case'][0] for case in done):
+        found = {case['case'][1]: case for case in done if case['case'][0] == name}
         first = found.pop('as it is', None)
         if first is not None:
             cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]

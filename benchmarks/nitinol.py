@@ -53,7 +53,7 @@ CASES = (
 
 def parts(dataset: Dataset, held: tuple[str, ...]) -> tuple[Dataset, Dataset]:
     """The recordings to fit, and those held out."""
-    out = tuple(one for one in dataset.recordings if any(words in one.name for words in held))
+    out = tuple(recording for recording in dataset.recordings if any(words in recording.name for words in held))
     rest = tuple(one for one in dataset.recordings if one not in out)
     return replace(dataset, recordings=rest), replace(dataset, recordings=out)
 
@@ -78,7 +78,7 @@ def result(found: Diagnosis) -> dict[str, Any]:
 
 def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
     """Diagnose one case."""
-    case = next(one for one in CASES if one.name == name)
+    case = next(case for case in CASES if case.name == name)
     dataset = read_dataset(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
     config: Config = read_config(words=['system=wire', *case.words])
     training, held = parts(dataset, case.held)
@@ -88,11 +88,11 @@ def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
 def rows(results: list[dict[str, Any]]) -> list[str]:
     """The table, one row per step."""
     lines = ['| case | effects | fitted [MPa] | held out [MPa] | verdict |', '|---|---|---|---|---|']
-    for one in (one for one in results if 'failed' not in one):
-        for k, step in enumerate(one['steps']):
-            last = k == len(one['steps']) - 1
-            lines.append(f'| {"" if k else one["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
-                         f'| {step["held_out"]:.1f} | {one["verdict"] if last else ""} |')  # fmt: skip
+    for case in (case for case in results if 'failed' not in case):
+        for k, step in enumerate(case['steps']):
+            last = k == len(case['steps']) - 1
+            lines.append(f'| {"" if k else case["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
+                         f'| {step["held_out"]:.1f} | {case["verdict"] if last else ""} |')  # fmt: skip
     return lines
 
 
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument('--model', choices=('hybrid', 'mas', 'auto'), default='hybrid')
     add_options(parser, 'nitinol.jsonl', 60.0)
     asked = parser.parse_args()
-    chosen = [one.name for one in CASES if any(words in one.name for words in asked.only)]
+    chosen = [case.name for case in CASES if any(words in case.name for words in asked.only)]
     cases = [(name, asked.model, str(asked.folder)) for name in chosen]
     done = solved(cases, solve, asked, lambda one: '\n'.join(rows([one])[2:]))
     print(*rows(done), sep='\n')

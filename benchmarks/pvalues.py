@@ -53,12 +53,12 @@ def solve(number: int, pool: Executor) -> dict[str, Any]:
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """How many cases lie below each level, and whether all could be uniform."""
-    seen, unseen = ([one for one in rows if one['forces'] is forces] for forces in (True, False))
+    seen, unseen = ([case for case in rows if case['forces'] is forces] for forces in (True, False))
     groups = {'all': rows, 'forces': seen, 'pose': unseen}
     lines = [f'{"":8}{"cases":>6}' + ''.join(f'{f"p <= {level:g}":>11}' for level in LEVELS) + f'{"uniform? p":>12}']
     for name, part in groups.items():
         if part:
-            p = np.array([one['p'] for one in part])
+            p = np.array([case['p'] for case in part])
             below = ''.join(f'{np.mean(p <= level):>11.3f}' for level in LEVELS)
             lines.append(f'{name:8}{len(p):>6}{below}{kstest(p, "uniform").pvalue:>12.3f}')
     return lines
@@ -92,7 +92,7 @@ def main() -> None:
     done = solved([(number,) for number in range(asked.cases)], solve, asked, str)
     print(*table(done), sep='\n')
     if asked.figure and done:
-        save(draw(np.array([one['p'] for one in done])), asked.figure)
+        save(draw(np.array([case['p'] for case in done])), asked.figure)
 
 
 if __name__ == '__main__':

@@ -70,20 +70,20 @@ def run_all(count: int, tolerances: Sequence[float]) -> list[Outcome]:
 def judge(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Failures, and the longest run over the median, per tolerance and model (the worse of the two)."""
     result: dict[str, Any] = {}
-    for rtol in sorted({one.rtol for one in outcomes}, reverse=True):
+    for rtol in sorted({case.rtol for case in outcomes}, reverse=True):
         row: dict[str, Any] = {'runs': 0, 'failed': 0, 'most_over_median': 0.0}
         for kind in ('hybrid', 'mas'):
-            own = [one for one in outcomes if one.rtol == rtol and one.model == kind]
-            steps = np.array([one.steps for one in own])
+            own = [case for case in outcomes if case.rtol == rtol and case.model == kind]
+            steps = np.array([case.steps for case in own])
             longest = own[int(np.argmax(steps))]
             row['runs'] += len(own)
-            row['failed'] += sum(bool(one.problem) for one in own)
+            row['failed'] += sum(bool(case.problem) for case in own)
             row[f'median_steps_{kind}'] = int(np.median(steps))
             row[f'most_steps_{kind}'] = f'{longest.steps} (seed {longest.seed})'
             row['most_over_median'] = max(row['most_over_median'], float(longest.steps / np.median(steps)))
-            for one in own:
-                if one.problem:
-                    print(f'{kind}, rtol {rtol:g}, seed {one.seed}: {one.problem}')
+            for case in own:
+                if case.problem:
+                    print(f'{kind}, rtol {rtol:g}, seed {case.seed}: {case.problem}')
         result[f'rtol {rtol:g}'] = row
     return result
 

@@ -64,14 +64,14 @@ def variants(system: str) -> dict[str, ActiveEffect]:
         strengths = [p for p in found.effect.parameters if p.neutral is not None]
         if not acts_on(found.effect, package_structures()[system].structure):
             continue
-        for one in strengths:
-            neutral, upper = one.neutral or 0.0, (one.realistic or one.bounds)[1]
-            far = one.default if one.default != neutral else upper
+        for strength in strengths:
+            neutral, upper = strength.neutral or 0.0, (strength.realistic or strength.bounds)[1]
+            far = strength.default if strength.default != neutral else upper
             values = tuple(
-                neutral + 0.5 * (far - neutral) if p is one else p.default if p.neutral is None else p.neutral
+                neutral + 0.5 * (far - neutral) if p is strength else p.default if p.neutral is None else p.neutral
                 for p in found.effect.parameters
             )
-            made[f'{name}: {one.name}' if len(strengths) > 1 else name] = ActiveEffect(found, values)
+            made[f'{name}: {strength.name}' if len(strengths) > 1 else name] = ActiveEffect(found, values)
     return made
 
 

@@ -191,7 +191,7 @@ def test_effects_travel_by_name_and_are_fitted():
     again = unpack(*arguments).config
     assert [active.values for active in again.effects] == [active.values for active in given.effects]
     free, _ = choose_free(given)
-    assert {'effects.natural_convection.k'} <= {one.name for one in free}
+    assert {'effects.natural_convection.k'} <= {parameter.name for parameter in free}
     truth = read_config(effects=['natural_convection:k=3'])
     start = read_config(effects=['natural_convection:k=1'])
     found = calibrate(dataset(truth, [1, 2]), start, replace(FEW, free=('effects.natural_convection.k',)))

@@ -201,7 +201,7 @@ def test_effects_of_truths_are_those_of_an_independent_integration():
     hidden = [('truth_beam_nonlinearity', {'c': c}), ('truth_resistance_feedback', {'rho_M': 0.95e-6, 'b': 3e-10})]
     assert compared(coupling, by_resistance, hidden) < 0.02
     _, both = measure(hidden)
-    assert all(difference(both, measure([one])[1]) > 1.0 for one in hidden)
+    assert all(difference(both, measure([truth])[1]) > 1.0 for truth in hidden)
 
 
 SAME = [  # a truth and its values; the library's effect and the values that mean the same

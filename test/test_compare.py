@@ -131,9 +131,9 @@ def test_bands_of_white_noise_have_the_noise(right):
 
 
 def test_shares_add_up(right):
-    for one in all_splits(right):
-        assert sum(share.error for share in one.shares) == pytest.approx(1.0)
-        assert sum(share.time for share in one.shares) == pytest.approx(1.0)
+    for split in all_splits(right):
+        assert sum(share.error for share in split.shares) == pytest.approx(1.0)
+        assert sum(share.time for share in split.shares) == pytest.approx(1.0)
 
 
 def test_every_dimension_of_the_module_is_there(right):
@@ -157,7 +157,7 @@ def in_mode_5_and_hot(run):
 
 def test_an_error_in_a_mode_and_a_temperature_is_found(right):
     wrong = with_error(right, 'alpha', lambda run: 3e-3 * in_mode_5_and_hot(run))
-    found = [one for one in find_error_regions(wrong) if one.channel == 'alpha'][0]
+    found = [region for region in find_error_regions(wrong) if region.channel == 'alpha'][0]
     inside = np.concatenate([in_mode_5_and_hot(run) for run in wrong.runs])
     squares = np.concatenate([run.residual('alpha') for run in wrong.runs]) ** 2
     assert any('wire 1' in words and ('mode 5' in words or 'above' in words) for words in found.conditions)
@@ -169,14 +169,14 @@ def test_an_error_in_a_mode_and_a_temperature_is_found(right):
 
 def test_an_error_that_grows_is_said_to_grow(right):
     wrong = with_error(right, 'U_y', lambda run: 2e-4 * (run.states['J_eq_W'] > 0.0) * run.time / run.time[-1])
-    told = [one for one in find_error_regions(wrong) if one.channel == 'U_y']
+    told = [region for region in find_error_regions(wrong) if region.channel == 'U_y']
     assert any('grows over the run' in one.text or 'last quarter' in one.text for one in told)
 
 
 def test_evenly_spread_noise_is_no_finding(right):
     for channel in right.channels:
         wrong = with_error(right, channel, lambda run: 0.0, noise=3.0)
-        assert [one.text for one in find_error_regions(wrong) if one.channel == channel] == []
+        assert [region.text for region in find_error_regions(wrong) if region.channel == channel] == []
 
 
 def test_correlated_noise_is_seldom_a_finding(right):
@@ -184,7 +184,7 @@ def test_correlated_noise_is_seldom_a_finding(right):
     random, told = np.random.default_rng(7), 0
     for _ in range(20):
         slow = with_error(right, 'alpha', lambda run: 4e-3 * ar1(random, len(run.time), 0.95), noise=1.0)
-        told += len([one for one in find_error_regions(slow) if one.channel == 'alpha'])
+        told += len([region for region in find_error_regions(slow) if region.channel == 'alpha'])
     assert told <= 3
 
 
@@ -231,7 +231,7 @@ def test_bands_have_round_edges():
 def test_the_nearer_of_two_configurations_is_told(dataset, right):
     fitted, held = split_dataset(dataset, ['run3'])
     off = compare(fitted, truth(beam__E=1.1), held, 'off')
-    found = {(one.channel, one.held_out): one for one in error_changes(off, right)}
+    found = {(change.channel, change.held_out): change for change in error_changes(off, right)}
     assert len(found) == 10
     assert found['alpha', True].high < 1.0 and 'nearer on the runs held out' in found['alpha', True].text
     assert all(
@@ -250,7 +250,7 @@ def test_missing_samples_and_channels_are_left_out(dataset):
     assert channel_score(found.runs, 'alpha').samples == samples - 100
     assert channel_score(found.runs, 'F_1').samples == samples - len(first.time)
     assert channel_score(found.runs[:1], 'F_1') is None
-    assert {one.channel for one in all_splits(found)} == set(found.channels)
+    assert {split.channel for split in all_splits(found)} == set(found.channels)
 
 
 def test_a_wire_is_compared_with_its_own_dimensions(tmp_path):
@@ -285,7 +285,7 @@ def test_command_writes_data_for_programs(folder, tmp_path, capsys):
     assert first['error']['held_out'] > 2.0 > 1.1 > second['error']['held_out'] > 0.9
     assert first['findings'] or first['patterns']
     assert first['channels']['held_out']['alpha']['over_noise'] > 1.0
-    assert {one['channel'] for one in found['changes']} == set(first['channels']['train'])
+    assert {change['channel'] for change in found['changes']} == set(first['channels']['train'])
     out = capsys.readouterr().out
     assert 'held out' in out and 'Where the error is:' in out and 'the second is nearer on the runs held out' in out
 
@@ -308,7 +308,7 @@ def test_wrong_use_is_said(folder, words, message, capsys):
 
 
 def test_notes_are_said_once(dataset):
-    first, *others = (replace(one, notes=('a cut line',)) for one in dataset.recordings)
+    first, *others = (replace(recording, notes=('a cut line',)) for recording in dataset.recordings)
     first = replace(first, notes=('a cut line', 'a gap'))
     found = grouped_notes([replace(dataset, recordings=(first, *others), notes=('n',))])
     assert found == ['run1, run2, run3: a cut line', 'run1: a gap', 'n']
@@ -318,7 +318,7 @@ def test_notes_are_said_once(dataset):
 
 def test_hold_out_by_name_file_folder_and_session(dataset, folder, tmp_path):
     def held(*words):
-        return [one.name for one in split_dataset(dataset, words)[1].recordings]
+        return [recording.name for recording in split_dataset(dataset, words)[1].recordings]
 
     assert held('run2') == held(str(folder / 'run2.csv')) == ['run2']
     assert held('run1', 'run3') == ['run1', 'run3']

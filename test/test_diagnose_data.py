@@ -80,14 +80,14 @@ def test_one_run_says_that_it_flatters(folder, tmp_path, capsys):
     assert 'one run was fitted' in said and all(str(path) in said and path.exists() for path in outputs)
     verdict = json.loads(outputs[1].read_text())
     assert verdict['held_out'] == [] and verdict['error'][0]['held_out'] is None
-    assert all(one['held_out_error_ratio'] == one['cross_validated_error_ratio'] for one in verdict['ranking'])
+    assert all(entry['held_out_error_ratio'] == entry['cross_validated_error_ratio'] for entry in verdict['ranking'])
 
 
 def test_a_bag_of_several_modules(robot, tmp_path, capsys):
     bag = BagWriter(tmp_path / 'both', {'epoch': '0'})
-    for name, one in zip(('left', 'right'), robot.dataset.recordings, strict=False):
+    for name, recording in zip(('left', 'right'), robot.dataset.recordings, strict=False):
         numbers = {}
-        for nanoseconds, topic, kind, message in messages_of(recording_columns(one)):
+        for nanoseconds, topic, kind, message in messages_of(recording_columns(recording)):
             if topic not in numbers:
                 numbers[topic] = bag.add(f'/{name}/{topic}', kind)
             bag.write(numbers[topic], nanoseconds, bytes(typestore().serialize_cdr(message, kind)))

@@ -62,7 +62,9 @@ class Diagnosing:
         verdict = json.loads((self.home / 'why.json').read_text())
         config = read_config(self.home / 'better.yaml')
         assert page.rstrip().endswith('</html>')
-        assert [one.found.effect.name for one in config.effects] == verdict['effects'] == verdict['error'][-1]['effects']
+        assert (
+            [active.found.effect.name for active in config.effects] == verdict['effects'] == verdict['error'][-1]['effects']
+        )
         assert all(step['train'] > 0.0 and step['held_out'] > 0.0 for step in verdict['error'])
         return verdict, page
 

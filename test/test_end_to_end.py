@@ -77,7 +77,7 @@ def error_of(measured, parameters, folder, column='alpha_rad'):
 def test_robot_to_improved_model(tmp_path):
     (tmp_path / 'robot.yaml').write_text(ROBOT)
     bags = drive(tmp_path, tmp_path / 'robot.yaml', 'run', (1, 2, 3))
-    noise = [word for one in NOISE for word in ('--noise', one)]
+    noise = [word for channel in NOISE for word in ('--noise', channel)]
     better, verdict = tmp_path / 'better.yaml', tmp_path / 'verdict.json'
     words = [*map(str, bags), '--model', 'mas', '--hold-out', 'run_2', *noise, '--json', str(verdict), '-o', str(better)]
     assert main(['diagnose', *words]) == 0

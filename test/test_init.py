@@ -87,7 +87,7 @@ def test_an_own_file_is_the_start_of_another(tmp_path):
     source = ROOT / 'examples' / 'own_effect' / 'robot.yaml'
     assert init(tmp_path, '--config', str(source), '--no-questions') == 0
     first, second = read_config(source), read_config(tmp_path / 'robot.yaml')
-    assert [one.values for one in first.effects] == [one.values for one in second.effects] and first.effects
+    assert [active.values for active in first.effects] == [one.values for one in second.effects] and first.effects
     assert {k: v for k, v in first.parameters.items() if v == v} == {k: v for k, v in second.parameters.items() if v == v}
 
 

@@ -98,6 +98,6 @@ def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
         assert 'power gain 1/k' in first['same_as']
         assert any('No data can tell it from a power gain 1/k' in line for line in as_text(found))
         indistinguishable = found.confounding['latent_heat_scale']
-        assert {one.name for one in indistinguishable} == set(first['confounded_with']) and all(
-            one.rms_difference < 0.3 for one in indistinguishable
+        assert {rival.name for rival in indistinguishable} == set(first['confounded_with']) and all(
+            rival.rms_difference < 0.3 for rival in indistinguishable
         )

@@ -31,9 +31,9 @@ def test_parameters_come_back_from_three_temperatures():
     for name in ('wire.E_A', 'wire.dsigma', 'wire.sigma_MW0', 'wire.sigma_T'):
         assert found.config.parameters[name] == pytest.approx(truth.parameters[name], rel=0.02), name
     assert found.first.uncertainty is not None
-    for one in found.first.uncertainty.intervals:
-        if one.name in ('wire.E_M', 'wire.eps_T'):  # together: the loop ends in the plateau
-            assert one.low < truth.parameters[one.name] < one.high
+    for interval in found.first.uncertainty.intervals:
+        if interval.name in ('wire.E_M', 'wire.eps_T'):  # together: the loop ends in the plateau
+            assert interval.low < truth.parameters[interval.name] < interval.high
     assert found.config.parameters['wire.T0'] == 323.0
     assert found.slopes == pytest.approx([truth.parameters['wire.sigma_T']] * 2, rel=0.02)
     assert found.dsigma_spread < 1.05

@@ -48,7 +48,7 @@ def test_an_effect_is_judged_by_its_realistic_range():
     name, (low, high) = 'effects.radiation.emissivity', parameter.realistic
     assert not found_at(given, {name: high}, 1e-3, (name,)) and not found_at(given, {name: low}, 1e-3, (name,))
     beyond = found_at(given, {name: high + 0.3 * (high - low)}, 1e-3, (name,))
-    assert [one.reason for one in beyond] == ['realistic'] and 'realistic: ' in beyond[0].text
+    assert [implausible.reason for implausible in beyond] == ['realistic'] and 'realistic: ' in beyond[0].text
 
 
 def test_fit_and_diagnosis_say_it():
@@ -56,7 +56,7 @@ def test_fit_and_diagnosis_say_it():
     runs = dataset(scaled(config(), wire__lambda=1.8), (1, 2), noise=1.0, rate=5.0, channels=('alpha', 'F_1'))
     options = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
     fitted = calibrate(runs, config(), options)
-    assert [one.name for one in fitted.implausible] == ['wire.lambda']
+    assert [implausible.name for implausible in fitted.implausible] == ['wire.lambda']
     assert any('instead of 450' in line and 'probably missing' in line for line in remarks_on(fitted))
     assert fit_result_data(fitted, (), runs)['implausible'][0]['reason'] == 'nominal'
     found = diagnose(runs, config(), request=DiagnosisRequest('hybrid', options=options, equation=False))

@@ -105,7 +105,7 @@ return [...document.querySelectorAll('.plot')].filter(p => p._fullLayout).flatMa
 
 def poorly_labelled(driver):
     """Axes of the figures in view with fewer than two labelled ticks; what has but one category needs no more."""
-    return [one for one in driver.execute_script(AXES) if len(one['labels']) < 2 and one['categories'] != 1]
+    return [axes for axes in driver.execute_script(AXES) if len(axes['labels']) < 2 and axes['categories'] != 1]
 
 
 def complaints(driver):
@@ -151,7 +151,7 @@ def test_logarithmic_axes_are_labelled_within_a_decade_and_over_many(tmp_path):
         see_everything(driver)
         assert driver.execute_script('return window.smaPage.drawn') == len(plots)
         assert poorly_labelled(driver) == []
-        numbers = [[float(label) for label in one['labels']] for one in driver.execute_script(AXES)]
+        numbers = [[float(label) for label in axes['labels']] for axes in driver.execute_script(AXES)]
         assert all(found == sorted(found) for found in numbers)  # whole numbers, not the digits between two decades
     finally:
         driver.quit()
@@ -183,7 +183,7 @@ def test_zoom_moves_all_axes_and_double_click_goes_back(desktop):
     mouse.click_and_hold().move_by_offset(200, 0).release().perform()
     until(desktop, f'{axis}.range[0] > {low} && {axis}.range[1] < {high}', 'the zoom')
     zoomed = time_ranges(desktop, figure)
-    assert len(zoomed) > 5 and all(one == zoomed[0] for one in zoomed)
+    assert len(zoomed) > 5 and all(axes == zoomed[0] for axes in zoomed)
     end = time.monotonic() + PATIENCE
     while not desktop.execute_script(f'return Math.abs({axis}.range[0] - {low}) < 1e-6'):
         assert time.monotonic() < end, 'no double click led back'

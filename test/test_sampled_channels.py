@@ -10,7 +10,11 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import package_structures
 
 STRUCTURES = [package_structures()[name].structure for name in ('module', 'wire')]
-COLUMN = {channel: column for one in STRUCTURES for channel, column in zip(one.channels, one.channel_columns, strict=True)}
+COLUMN = {
+    channel: column
+    for structure in STRUCTURES
+    for channel, column in zip(structure.channels, structure.channel_columns, strict=True)
+}
 COMMAND = module_input([0.0, 1.0, 4.0, 6.0, 8.0], [0.0, 14.0, 0.0, -12.0, 0.0])
 STRETCH = wire_input([0.0, 4.0, 8.0], [0.0, 0.05, 0.01], [0.0, 0.2, 0.0])
 TIMES = np.linspace(0.0, 8.0, 41)

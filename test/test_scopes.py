@@ -124,7 +124,7 @@ def test_a_scope_survives_its_parameter_file(tmp_path):
     file = tmp_path / 'robot.yaml'
     file.write_text(parameter_file(config))
     again = read_config(file)
-    assert [(one.found.effect.name, one.values) for one in again.effects] == [
+    assert [(active.found.effect.name, active.values) for active in again.effects] == [
         (one.found.effect.name, one.values) for one in config.effects
     ]
     assert again.effects[0].found.effect.scope.name == 'wire_1' and again.effects[0].values[0] == 30.0

@@ -37,15 +37,15 @@ def test_equivalences_change_nothing_and_are_never_fitted_jointly(which, model):
         np.testing.assert_allclose(same[name], run.channels[name], atol=2e-3 * noise, rtol=1e-6)
     names = [name.replace('__', '.') for name in changes if model == 'mas' or name != 'wire__V_L']
     free, reasons = choose_free(given, names)
-    assert [one.name for one in reasons] == [held] and reasons[0].reason
-    assert held not in [one.name for one in free]
+    assert [reason.name for reason in reasons] == [held] and reasons[0].reason
+    assert held not in [parameter.name for parameter in free]
     free, reasons = choose_free(given, [name for name in names if name != held])
     assert len(free) == len(names) - 1 and not reasons
 
 
 def test_parameters_without_effect_are_held():
     free, held = choose_free(config('hybrid'), ['wire.V_L', 'wire.omega_x', 'wire.E_A'])
-    assert [one.name for one in free] == ['wire.E_A']
+    assert [parameter.name for parameter in free] == ['wire.E_A']
     assert {one.name for one in held} == {'wire.V_L', 'wire.omega_x'}
     assert 'wire.V_L' in [one.name for one in choose_free(config('mas'))[0]]
     assert [one.name for one in choose_free(config(system='wire'), ['beam.E'])[1]] == ['beam.E']
@@ -85,15 +85,15 @@ def test_hybrid_wires_that_never_empty_do_not_show_their_length():
     noisy = recording(given, run.source, noise=1.0)
     found = calibrate(Dataset((noisy,), NOISE), config(), FitOptions(free=names, model='hybrid', starts=1))
     assert found.uncertainty is not None
-    along = np.array([one.coordinate(other.parameters[one.name]) for one in choose_free(given, names)[0]])
+    along = np.array([parameter.coordinate(other.parameters[parameter.name]) for parameter in choose_free(given, names)[0]])
     along /= np.linalg.norm(along)
     least_known = found.uncertainty.directions[-1]
     assert least_known.std > 4.5  # the bounds of the fit: 5
     assert abs(np.array([least_known.weights[name] for name in names]) @ along) > 0.98
     assert {'wire.l0', 'wire.eps_T'} <= set(' '.join(found.uncertainty.unseen).split())
-    for one in found.uncertainty.intervals:
-        assert one.high / one.low > 1.15 and one.low < given.parameters[one.name] < one.high
-        assert not one.seen or one.name in ('wire.c_V', 'wire.lambda')
+    for estimate in found.uncertainty.intervals:
+        assert estimate.high / estimate.low > 1.15 and estimate.low < given.parameters[estimate.name] < estimate.high
+        assert not estimate.seen or estimate.name in ('wire.c_V', 'wire.lambda')
 
 
 def test_data_at_rest_tell_nothing_of_heat():
@@ -104,8 +104,8 @@ def test_data_at_rest_tell_nothing_of_heat():
     seen = {one.name: one.seen for one in found.uncertainty.intervals}
     assert seen == {'wire.c_V': False, 'wire.lambda': False, 'beam.E': True, 'beam.b_alpha': False}
     assert set(found.uncertainty.unseen) == {f'{name} has no visible effect' for name, each in seen.items() if not each}
-    for one in found.uncertainty.intervals:
-        assert one.seen or one.high / one.low > 100.0
+    for estimate in found.uncertainty.intervals:
+        assert estimate.seen or estimate.high / estimate.low > 100.0
 
 
 def test_intervals_hold_the_truth():
@@ -116,9 +116,9 @@ def test_intervals_hold_the_truth():
         runs = dataset(truth, [10 * seed + 1], noise=1.0)
         found = calibrate(runs, config(), FitOptions(free=names, model='hybrid', starts=1))
         assert found.uncertainty is not None
-        for one in found.uncertainty.intervals:
-            inside.append(one.low <= truth.parameters[one.name] <= one.high)
-            assert one.seen and one.high / one.low < 1.6
+        for estimate in found.uncertainty.intervals:
+            inside.append(estimate.low <= truth.parameters[estimate.name] <= estimate.high)
+            assert estimate.seen and estimate.high / estimate.low < 1.6
     assert np.mean(inside) > 0.8
 
 

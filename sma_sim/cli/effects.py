@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.system:
         structure = named_structure(arguments)
         found = effects_on(found, arguments.names, structure)
-        arguments.names = arguments.names or [name for name, one in found.items() if acts_on(one.effect, structure)]
+        arguments.names = arguments.names or [name for name, effect in found.items() if acts_on(effect.effect, structure)]
     else:
         found = with_scopes(found, arguments.names)
     effects = [found[name].effect for name in chosen_names(arguments.names, found, EFFECTS)]

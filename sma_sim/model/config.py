@@ -174,13 +174,13 @@ def checked(given: Mapping[str, Given]) -> Config:
     found = effects_on(found, names_of_effects(given), structure, numbers_within(given, defaults, ranges))
     declared = ranges | effect_parameters(found)
     model, settings = MODELS[0], {name: setting.default for name, setting in texts.items()}
-    for name, one in given.items():
+    for name, entry in given.items():
         if name == 'model':
-            model = checked_choice(name, one, MODELS)
+            model = checked_choice(name, entry, MODELS)
         elif name in texts:
-            settings[name] = checked_setting(name, one, texts[name])
+            settings[name] = checked_setting(name, entry, texts[name])
         elif name not in LISTS and name != 'system' and name not in structure.options:
-            known[name] = Given(checked_number(name, one, declared), one.where)
+            known[name] = Given(checked_number(name, entry, declared), entry.where)
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
     values = {name: float(known[name].value) for name in defaults}
@@ -192,10 +192,10 @@ def numbers_within(
 ) -> dict[str, float]:
     """The values of all parameters of the model: what is given and within its bounds, else the defaults."""
     numbers = dict(defaults)
-    for name, one in given.items():
+    for name, entry in given.items():
         low, high = ranges[name].bounds if name in defaults else (0.0, 0.0)
-        if name in defaults and isinstance(one.value, int | float) and low <= one.value <= high:
-            numbers[name] = float(one.value)
+        if name in defaults and isinstance(entry.value, int | float) and low <= entry.value <= high:
+            numbers[name] = float(entry.value)
     return numbers
 
 
@@ -218,12 +218,12 @@ def chosen_variant(
 ) -> FoundStructure:
     """The variant of a structure that the given options name; itself without any. Raises ConfigError."""
     own = structure.structure.options
-    family = [one for one in found.values() if own and one.structure.options.keys() == own.keys()]
+    family = [member for member in found.values() if own and member.structure.options.keys() == own.keys()]
     for name in own:
         if name in given:
-            checked_choice(name, given[name], sorted({one.structure.options[name] for one in family}))
+            checked_choice(name, given[name], sorted({member.structure.options[name] for member in family}))
     wanted = {name: str(given[name].value) if name in given else word for name, word in own.items()}
-    return next((one for one in family if dict(one.structure.options) == wanted), structure)
+    return next((member for member in family if dict(member.structure.options) == wanted), structure)
 
 
 def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:

@@ -29,7 +29,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
     `effect_paths` are the folders of the user's effects, as they are to stand in the file.
     """
     found = package_structures()
-    variants = {one.name for each in found.values() for one in each.structure.variants}
+    variants = {variant.name for each in found.values() for variant in each.structure.variants}
     systems = list(dict.fromkeys([*(name for name in found if name not in variants), config.system]))
     lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.model}  # {" | ".join(MODELS)}']
     settings = settings_of(config.structure.structure).items()
@@ -38,7 +38,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
         lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
     lines += effect_lines(config, effect_paths)
     lines += ['structures:', f'  paths: {words(folders_of(config.structure))}  # {STRUCTURE_PATHS}']
-    return HEAD + ''.join(f'    {one}\n' for one in lines)
+    return HEAD + ''.join(f'    {line}\n' for line in lines)
 
 
 def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
@@ -57,11 +57,11 @@ def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
 def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:
     """The active effects and their parameters."""
     yield 'effects:'
-    yield f'  active: {words([one.found.effect.name for one in config.effects])}  # {ACTIVE}'
+    yield f'  active: {words([active.found.effect.name for active in config.effects])}  # {ACTIVE}'
     yield f'  paths: {words(paths)}  # {PATHS}'
-    for one in config.effects:
-        yield f'  {one.found.effect.name}:'
-        for parameter, value in zip(one.found.effect.parameters, one.values, strict=True):
+    for active in config.effects:
+        yield f'  {active.found.effect.name}:'
+        for parameter, value in zip(active.found.effect.parameters, active.values, strict=True):
             yield f'    {line(parameter, value)}'
 
 

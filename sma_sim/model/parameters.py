@@ -147,8 +147,8 @@ def joint_name_setting(name: str) -> Setting:
 
 
 SETTINGS: Mapping[str, Setting] = {
-    f'{group}.{one.name}': one
-    for group, one in (
+    f'{group}.{setting.name}': setting
+    for group, setting in (
         ('node', Setting('record', '', 'bag to write (mcap); NAME/: a new one in this folder; none: nothing is recorded')),
         ('node', Setting('ros2_control', False, "robot_description has ros2_control's topic-based hardware")),
         ('node', Setting('joint_prefix', '', 'stands before the names of the joints in joint_states and in the URDF')),

@@ -56,7 +56,7 @@ def same_value(given: Any, present: Any) -> bool:
     if isinstance(given, float) and isinstance(present, float):
         return given == present or math.isnan(given) and math.isnan(present)
     if isinstance(given, Sequence) and isinstance(present, Sequence) and not isinstance(given, str):
-        return [one for one in given if one != ''] == [one for one in present if one != '']
+        return [entry for entry in given if entry != ''] == [entry for entry in present if entry != '']
     return type(given) is type(present) and bool(given == present)
 
 

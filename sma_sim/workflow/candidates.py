@@ -88,7 +88,7 @@ def candidate_effects(
     options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
     found = calibrate(fitted, config, options, executor)
     problem, z = problem_at(fitted, config, found)
-    candidates = [one for one in candidates_for(config, folders) if names is None or one.name in names]
+    candidates = [candidate for candidate in candidates_for(config, folders) if names is None or candidate.name in names]
     on_progress(f'screening {len(candidates)} effects')
     screened = screen(problem, z, candidates, executor)
     linear = linearize(problem, z, executor)

@@ -24,7 +24,7 @@ class DataCheck:
         """The check for JSON, SI units: ``runs``, ``noise_std`` by channel and ``notes`` in words."""
         return {
             'system': self.dataset.system,
-            'runs': [run_data(one, one.name in self.held_out) for one in self.dataset.recordings],
+            'runs': [run_data(recording, recording.name in self.held_out) for recording in self.dataset.recordings],
             'noise_std': dict(self.dataset.noise_std),
             'notes': grouped_notes([self.dataset]),
         }
@@ -32,7 +32,7 @@ class DataCheck:
 
 def data_check(dataset: Dataset, held_out: Dataset | None) -> DataCheck:
     """The check of a dataset of which some recordings are held out."""
-    return DataCheck(dataset, tuple(one.name for one in held_out.recordings) if held_out else ())
+    return DataCheck(dataset, tuple(recording.name for recording in held_out.recordings) if held_out else ())
 
 
 def run_data(recording: Recording, held_out: bool) -> dict[str, Any]:

@@ -221,7 +221,7 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
 def with_temperature_error(channel: str, noise: float, recordings: Sequence[Recording], notes: list[str]) -> float:
     """The noise of a channel, and what a specimen's temperature, known so well, adds where the channel is steep."""
     drive = known_structures()[recordings[0].system].imposed_temperature
-    found = [error_by_temperature(one, channel, drive) for one in recordings if channel in one.channels]
+    found = [error_by_temperature(recording, channel, drive) for recording in recordings if channel in recording.channels]
     errors = [error for error in found if error is not None]
     if not errors:
         return noise

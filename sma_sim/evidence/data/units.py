@@ -109,7 +109,7 @@ def mismatch_of(name: str, values: Vector) -> UnitMismatch | None:
     """How the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with; None where they can."""
     known = values[np.isfinite(values)]
     check = CHECKS.get('J_eq_W' if name.startswith(SIGNED_POWER) else name) or next(
-        (one for suffix, one in BY_SUFFIX.items() if name.endswith(suffix)), None
+        (mismatch for suffix, mismatch in BY_SUFFIX.items() if name.endswith(suffix)), None
     )
     return None if check is None or len(known) == 0 else check(known)
 

@@ -76,13 +76,13 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
                 raise StructureError(
                     f'{plugin.file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}'
                 )
-            for one in (structure, *structure.variants):
-                if one.name in found:
+            for variant in (structure, *structure.variants):
+                if variant.name in found:
                     raise StructureError(
-                        f'{plugin.file}: a structure named {one.name!r} exists already; choose another name'
+                        f'{plugin.file}: a structure named {variant.name!r} exists already; choose another name'
                     )
-                check_channels(one, found.values(), plugin.file)
-                found[one.name] = KNOWN[one.name] = FoundStructure(one, plugin.files, plugin.packages)
+                check_channels(variant, found.values(), plugin.file)
+                found[variant.name] = KNOWN[variant.name] = FoundStructure(variant, plugin.files, plugin.packages)
     return found
 
 

@@ -22,7 +22,7 @@ def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Struc
     lengths, forces, stiffness = segment.lengths, segment.forces, segment.stiffness
     assert lengths is not None and forces is not None
     return Structure(
-        coordinates=tuple(numbered(one, k, word) for k in range(1, count + 1) for one in segment.coordinates),
+        coordinates=tuple(numbered(coordinate, k, word) for k in range(1, count + 1) for coordinate in segment.coordinates),
         wires=count * segment.wires,
         lengths=lambda q, p: tuple(length for (part,) in parts(segment, q) for length in numbers(lengths(part, p))),
         forces=lambda q, v, p: tuple(f for qk, vk in parts(segment, q, v) for f in numbers(forces(qk, vk, p))),

@@ -98,7 +98,9 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
         heating = WIRE_COMMAND
     names = joints_in(bag, f'{prefix}joint_states')
     known = [interface_of(each) for each in known_structures().values()]
-    fitting = [one for one in known if one.heating_topic == heating and has_joints(names, tuple(one.joints))]
+    fitting = [
+        interface for interface in known if interface.heating_topic == heating and has_joints(names, tuple(interface.joints))
+    ]
     if fitting:
         return max(fitting, key=lambda one: len(one.joints))
     return interface_of(known_structures()['module' if heating == PAIR_COMMAND else 'wire'])
