@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from itertools import islice
 from pathlib import Path
 from typing import Any
+
+from scipy.stats import binomtest
 
 from sma_sim.model.errors import UserError
 
@@ -24,7 +27,24 @@ def add_options(parser: argparse.ArgumentParser, file: str, minutes: float) -> N
     """What all benchmarks of cases ask."""
     parser.add_argument('--file', type=Path, default=Path(file), help='of finished cases, a line of JSON each')
     parser.add_argument('--minutes', type=float, default=minutes, help='no case starts later; 0: only the table')
+    parser.add_argument(
+        '--share', type=float, default=1.0, help='of the cases that are run; a larger one has those of a smaller'
+    )
     parser.add_argument('--at-once', type=int, default=1, help='cases side by side, each on its share of the cores')
+
+
+def drawn(cases: Sequence[Case], share: float, group: Callable[[Case], Any] = tuple) -> list[Case]:
+    """A share of the cases, in an order that has nothing to do with what they are; those of one group stay together."""
+    ordered = sorted(cases, key=lambda case: hashlib.sha256(json.dumps(group(case)).encode()).hexdigest())
+    return ordered[: max(1, round(share * len(ordered)))]
+
+
+def of(count: int, total: int) -> str:
+    """A number of cases of all, and the 95 % interval of the share (Wilson)."""
+    if not total:
+        return '0 of 0'
+    low, high = binomtest(count, total).proportion_ci(method='wilson')
+    return f'{count} of {total} ({100.0 * low:.0f} to {100.0 * high:.0f} %)'
 
 
 def kept(file: Path) -> list[Result]:

@@ -15,7 +15,7 @@ from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
-from cases import add_options, solved
+from cases import add_options, drawn, solved
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
@@ -128,7 +128,8 @@ def main() -> None:
     parser.add_argument('--channels', nargs='+', default=list(CHANNELS), choices=CHANNELS)
     add_options(parser, 'challenges.jsonl', 20.0)
     asked = parser.parse_args()
-    done = solved(cases(asked.part, asked.channels, asked.seeds), solve, asked, lambda one: list(summary([one]))[-1])
+    chosen = drawn(list(cases(asked.part, asked.channels, asked.seeds)), asked.share)
+    done = solved(chosen, solve, asked, lambda one: list(summary([one]))[-1])
     print(*summary(done), sep='\n')
 
 

@@ -20,7 +20,7 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from cases import add_options, solved
+from cases import add_options, drawn, solved
 
 from sma_sim import Dataset, Input, Recording
 from sma_sim.challenge.make import RecordingPlan, make_challenge
@@ -175,7 +175,7 @@ def main() -> None:
     add_options(parser, 'designs.jsonl', 60.0)
     asked = parser.parse_args()
     cases = [(words.split('/'), seed, asked.tries) for seed in range(1, asked.seeds + 1) for words in asked.pairs]
-    done = solved(cases, solve, asked, lambda result: list(summary([result]))[2])
+    done = solved(drawn(cases, asked.share), solve, asked, lambda result: list(summary([result]))[2])
     print(*summary(done), sep='\n')
 
 

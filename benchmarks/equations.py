@@ -17,7 +17,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
-from cases import add_options, solved
+from cases import add_options, drawn, of, solved
 
 import sma_sim.evidence.diagnosis.diagnose as diagnosing
 from sma_sim.challenge.make import make_challenge
@@ -94,7 +94,7 @@ def table(results: list[dict[str, Any]]) -> Iterator[str]:
     seen = [result for result in results if is_detectable(result)]
     yield ''
     for words, ok in (('port', port_right), ('variable', variable_right), ('held-out error at most 1.3', good_after)):
-        yield f'{words}: {sum(map(ok, seen))} of {len(seen)} that can be seen'
+        yield f'{words}: {of(sum(map(ok, seen)), len(seen))} that can be seen'
 
 
 def main() -> None:
@@ -108,7 +108,7 @@ def main() -> None:
     add_options(parser, 'equations.jsonl', 20.0)
     asked = parser.parse_args()
     cases = [(kind, seed, asked.forces, asked.no_known_effects) for seed in asked.seeds for kind in asked.kinds]
-    results = solved(cases, solve, asked, lambda result: list(table([result]))[2])
+    results = solved(drawn(cases, asked.share), solve, asked, lambda result: list(table([result]))[2])
     print(*table(results), sep='\n')
 
 

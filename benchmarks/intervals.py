@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cases import of
 from common import random_command, report
 
 from sma_sim import (
@@ -96,16 +97,14 @@ def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
     inside: dict[str, list[bool]] = defaultdict(list)
     unseen: dict[str, int] = defaultdict(int)
     for row in rows:
-        for name, one in row['parameters'].items():
-            unseen[name] += not one['seen']
-            if one['seen']:
-                inside[name].append(one['inside'])
-    each = {
-        name: {'coverage': float(np.mean(hits)), 'seen': len(hits), 'unseen': unseen[name]} for name, hits in inside.items()
-    }
+        for name, estimate in row['parameters'].items():
+            unseen[name] += not estimate['seen']
+            if estimate['seen']:
+                inside[name].append(estimate['inside'])
+    each = {name: {'coverage': of(sum(hits), len(hits)), 'unseen': unseen[name]} for name, hits in inside.items()}
     errors = [row['held_out'] for row in rows]
     return {
-        'seeds': len(rows), 'pooled coverage': float(np.mean([hit for hits in inside.values() for hit in hits])),
+        'seeds': len(rows), 'pooled coverage': of(sum(map(sum, inside.values())), sum(map(len, inside.values()))),
         'parameters': each, 'held out': {'median': float(np.median(errors)), 'worst': float(np.max(errors))},
         'cpu seconds of a fit': {'median': float(np.median([row['cpu_seconds'] for row in rows]))},
     }  # fmt: skip

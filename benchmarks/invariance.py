@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases import add_options, solved
+from cases import add_options, drawn, of, solved
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
@@ -158,6 +158,7 @@ def table(done: list[dict[str, Any]]) -> Iterator[str]:
     """A row per case: what it is as it is, and what becomes of it in each variant."""
     yield '| case | nominal | verdict | ' + ' | '.join(list(VARIANTS)[1:]) + ' |'
     yield '|' + '---|' * (len(VARIANTS) + 2)
+    same: list[bool] = []
     for name in dict.fromkeys(case['case'][0] for case in done):
         found = {case['case'][1]: case for case in done if case['case'][0] == name}
         first = found.pop('as it is', None)
@@ -165,6 +166,8 @@ def table(done: list[dict[str, Any]]) -> Iterator[str]:
             cells = [cell(found.get(variant), first) for variant in list(VARIANTS)[1:]]
             nominal_error = 'cannot be run' if first['bare'] is None else f'{first["bare"]:.2f}'
             yield f'| {Path(name).name} | {nominal_error} | {words(first)} | ' + ' | '.join(cells) + ' |'
+            same += [cell == 'same' for cell in cells if cell]
+    yield f'\nthe same verdict and first effect: {of(sum(same), len(same))}'
 
 
 def words(one: dict[str, Any]) -> str:
@@ -187,7 +190,9 @@ def main() -> None:
     parser.add_argument('--folder', nargs='*', default=[])
     add_options(parser, 'invariance.jsonl', 60.0)
     asked = parser.parse_args()
-    cases = [(name, variant) for name in (*asked.cases, *asked.folder) for variant in VARIANTS]
+    cases = drawn([(name, variant) for name in asked.cases for variant in VARIANTS], asked.share, lambda case: case[0])
+    folders = [(name, variant) for variant in VARIANTS for name in asked.folder]  # each of them as it is comes first
+    cases = (cases if asked.cases else []) + folders[: round(asked.share * len(folders))]
     done = solved(cases, solve, asked, str)
     print(*table(done), sep='\n')
 

@@ -12,7 +12,7 @@ import argparse
 from concurrent.futures import Executor
 from typing import Any
 
-from cases import add_options, solved
+from cases import add_options, drawn, of, solved
 
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.latent_input.latent_search import estimate_latent_inputs
@@ -40,7 +40,7 @@ def main() -> None:
         (kind, seed, channels, asked.duration, asked.rate)
         for seed in asked.seeds for channels in asked.channels for kind in asked.kinds
     ]  # fmt: skip
-    print(table(solved(cases, solve, asked, row)))
+    print(table(solved(drawn(cases, asked.share), solve, asked, row)))
 
 
 def solve(kind: str, seed: int, channels: str, duration: float, rate: float, pool: Executor) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def table(done: list[dict[str, Any]]) -> str:
     head = '| hidden | seed | channels | error | left | port | indistinguishable | mark | seconds |\n' + '|---' * 9 + '|'
     done = [case for case in done if 'failed' not in case]
     marks = [mark(case) for case in done]
-    counts = ', '.join(f'{marks.count(name)} {name}' for name in dict.fromkeys(marks))
+    counts = '; '.join(f'{name}: {of(marks.count(name), len(marks))}' for name in dict.fromkeys(marks))
     return '\n'.join([head, *map(row, done), '', counts])
 
 

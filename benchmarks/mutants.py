@@ -1,162 +1,165 @@
 """How many small random faults in solver, model and estimation the quick tests notice.
 
+    pip install coverage
     python benchmarks/mutants.py --count 200 --jobs 2 --file mutants.jsonl
 
-Each mutant is one change of one place: a comparison or an arithmetic operator exchanged, a number changed, a condition
-negated, a returned value replaced. `frozen=True` of a dataclass and `strict=True` of zip are left alone: without them
-nothing changes as long as the code keeps to them. The tests of a mutant run in a copy of the tree until the first fails.
-Results are appended to the file, and what it holds already is not run again. Faults of model and solver run as plain Python
-first (NUMBA_DISABLE_JIT), where most are noticed before a compiler would be ready; a second run with `--native` takes those
-that survived to native code, with all tests that touch it.
+Which test runs which line, and for how long, is measured once without a fault and kept beside the results: for files of
+model and solver as plain Python (NUMBA_DISABLE_JIT), where coverage sees the kernels. A mutant then runs the tests that
+come to its statement, the shortest first, until one fails or `--budget` seconds of them are over; where the statement
+runs while the file is imported, the tests of the file. They run in a fork of one process that has imported numba and
+SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is not run again. A second run
+with `--native` takes those of model and solver that survived as plain Python to native code.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import json
 import os
-import random
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from queue import SimpleQueue
+from typing import Any
+
+import matplotlib.pyplot  # noqa: F401  imported here, once for all forks
+import numba
+import pytest
+import scipy.optimize
+import scipy.stats  # noqa: F401
+from coverage import Coverage, CoverageData
+from mutations import Mutant, drawn
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ('sma_sim/solver', 'sma_sim/model', 'sma_sim/evidence/estimation')
-# Quick as plain Python, in an order in which faults show soon; then those that need native code.
-INTERPRETED_TESTS = (
-    'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy', 'order',
-    'solver', 'messages', 'init', 'optional_packages', 'fields_read',
-)  # fmt: skip
+ESTIMATION = 'sma_sim/evidence/estimation'
+ROOMS = ('sma_sim/solver', 'sma_sim/model', ESTIMATION)
+PLAIN, NATIVE, FITS = 'plain', 'native', 'fits'  # how tests run: as plain Python, as native code, those of estimation
+TESTS = {
+    PLAIN: (
+        'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
+        'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
+        'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing',
+    ),
+    NATIVE: (
+        'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
+        'effects', 'live', 'reference', 'interpreted', 'closed_forms', 'effect_equations', 'compile', 'stalls',
+        'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
+        'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
+        'optional_packages', 'robot_description', 'recordings', 'scopes',
+    ),
+    FITS: (
+        'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
+        'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes',
+    ),
+}  # fmt: skip
+# Runs that take long as plain Python.
 SLOW_AS_PYTHON = (
     'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
     'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools', 'wrong_effect_files', 'order_of',
     'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
-    'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued',
+    'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
-COMPILED_TESTS = (
-    'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory', 'effects', 'live',
-    'reference', 'init', 'plot', 'packaging', 'messages', 'paper', 'interpreted',
-    'closed_forms', 'effect_equations', 'compile', 'stalls', 'untrusted_data', 'optional_packages', 'fields_read',
-    'sampled_channels', 'material', 'paper_equations', 'robot_description', 'recordings',
-)  # fmt: skip
-ESTIMATION_TESTS = (
-    'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration', 'compare',
-)  # fmt: skip
-GUARDS = ('frozen', 'strict')
-COMPARED = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
-COMPUTED = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Div,
-    ast.Mod: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
-}  # fmt: skip
+LONGEST = 20.0  # [s] of a test that mutants run, with coverage
+CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
+
+
+class Recorder:
+    """A plugin of pytest that notes the tests that pass, how long each one takes, and which lines it runs.
+
+    One that takes longer than LONGEST of processor time is stopped, and fails.
+    """
+
+    def __init__(self, times: Path, coverage: Coverage) -> None:
+        """`times` gets a line of JSON for each test."""
+        self.times, self.coverage, self.failed = times, coverage, set[str]()
+        signal.signal(signal.SIGPROF, stop_test)
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Around each test, with its fixtures."""
+        self.coverage.switch_context(item.nodeid)
+        begin = time.process_time()
+        yield
+        self.coverage.switch_context('')
+        if item.nodeid not in self.failed:
+            with self.times.open('a') as out:
+                out.write(json.dumps({'test': item.nodeid, 'cpu': time.process_time() - begin}) + '\n')
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Around what a test does, without its fixtures."""
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
+        yield
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Tests that fail, or are skipped, without a fault tell nothing."""
+        if report.outcome != 'passed':
+            self.failed.add(report.nodeid)
+
+
+def stop_test(*_: object) -> None:
+    """Make a test fail that takes too long."""
+    raise TimeoutError(f'takes more than {LONGEST} s')
 
 
 @dataclass(frozen=True)
-class Mutant:
-    """One change of the source: characters `begin` to `end` of a file become `text`."""
+class Reach:
+    """Which tests come to which line of each file, and how long each test takes [s]."""
 
-    path: str
-    line: int
-    begin: int
-    end: int
-    before: str
-    text: str
+    lines: Mapping[str, Mapping[int, frozenset[str]]]
+    seconds: Mapping[str, float]
 
-    @property
-    def key(self) -> str:
-        """What a result is found by again."""
-        return f'{self.path}:{self.line}: {self.before} -> {self.text}'
-
-
-def changes(node: ast.AST) -> Iterator[ast.expr]:
-    """What may stand in the place of an expression."""
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
-        yield ast.Compare(node.left, [COMPARED[type(node.ops[0])]()], node.comparators)
-    elif isinstance(node, ast.BinOp) and type(node.op) in COMPUTED:
-        yield ast.BinOp(node.left, COMPUTED[type(node.op)](), node.right)
-    elif isinstance(node, ast.BoolOp):
-        yield ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
-        yield node.operand
-    elif isinstance(node, ast.IfExp):
-        yield ast.IfExp(node.test, node.orelse, node.body)
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float, bool):
-        yield ast.Constant(other_number(node.value))
+    def tests_of(self, mutant: Mutant, budget: float) -> list[str]:
+        """The tests to run, the shortest first."""
+        lines = self.lines.get(mutant.path, {})
+        reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
+        reached = reached or set().union(*lines.values())
+        chosen, total = [], 0.0
+        for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):
+            total += self.seconds[name]
+            if chosen and total > budget:
+                break
+            chosen.append(name)
+        return chosen
 
 
-def other_number(value: bool | int | float) -> bool | int | float:
-    """The negated truth, the next integer, twice a number (one for zero)."""
-    if isinstance(value, bool):
-        return not value
-    return value + 1 if isinstance(value, int) or value == 0.0 else 2.0 * value
+def reach_in(folder: Path, way: str) -> Reach:
+    """What was measured without a fault."""
+    data = CoverageData(str(folder / f'{way}.coverage'))
+    data.read()
+    lines: dict[str, dict[int, frozenset[str]]] = {}
+    for file in data.measured_files():
+        name = file[file.rindex('/sma_sim/') + 1 :] if '/sma_sim/' in file else ''
+        if name:
+            contexts = data.contexts_by_lineno(file)
+            lines[name] = {line: frozenset(tests) - {''} for line, tests in contexts.items()}
+    rows = map(json.loads, (folder / f'{way}.times.jsonl').read_text().splitlines())
+    return Reach(lines, {row['test']: row['cpu'] for row in rows})
 
 
-def expressions(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr]]:
-    """Expressions that run, with what may stand in their place; neither annotations nor texts."""
-    for name, value in ast.iter_fields(node):
-        if name in ('annotation', 'returns', 'type_comment') or isinstance(node, ast.JoinedStr):
-            continue
-        for child in value if isinstance(value, list) else [value]:
-            if not isinstance(child, ast.AST) or (isinstance(child, ast.keyword) and child.arg in GUARDS):
-                continue
-            yield from ((child, change) for change in changes(child))
-            if isinstance(node, ast.Return) and name == 'value' and not isinstance(child, ast.Constant):
-                yield child, ast.Constant(None)
-            if isinstance(node, (ast.If, ast.While)) and name == 'test':
-                yield child, ast.UnaryOp(ast.Not(), child)
-            yield from expressions(child)
+def way_of(mutant: Mutant, native: bool) -> str:
+    """How the tests of a mutant run."""
+    return FITS if mutant.path.startswith(ESTIMATION) else NATIVE if native else PLAIN
 
 
-def mutants_of(path: Path) -> list[Mutant]:
-    """Every change of one file."""
-    text = path.read_text()
-    starts = [0]
-    for line in text.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-    found = []
-    for node, change in expressions(ast.parse(text)):
-        before = ast.get_source_segment(text, node)
-        if before is None or not text.isascii():
-            continue
-        begin = starts[node.lineno - 1] + node.col_offset
-        found.append(
-            Mutant(str(path.relative_to(ROOT)), node.lineno, begin, begin + len(before), before, f'({ast.unparse(change)})')
-        )
-    return found
-
-
-def drawn(count: int, seed: int) -> list[Mutant]:
-    """So many different ones of all rooms, in an order that a seed decides."""
-    every = [mutant for room in ROOMS for path in sorted((ROOT / room).rglob('*.py')) for mutant in mutants_of(path)]
-    return random.Random(seed).sample(every, min(count, len(every)))
-
-
-def tests_of(path: str, compiled: bool) -> list[str]:
-    """Arguments of pytest for a file's mutants: the tests that are named like it come first."""
-    estimation = 'estimation' in path
-    names = list(ESTIMATION_TESTS if estimation else COMPILED_TESTS if compiled else INTERPRETED_TESTS)
-    stem = Path(path).stem.split('_')[0]
-    names.sort(key=lambda name: stem not in name)
-    words = [f'test/test_{name}.py' for name in names if (ROOT / f'test/test_{name}.py').exists()]
-    return words if compiled or estimation else [*words, '-k', f'not ({" or ".join(SLOW_AS_PYTHON)})']
+def words_of(way: str, root: Path) -> list[str]:
+    """Arguments of pytest that name all tests that may run this way."""
+    files = [f'test/test_{name}.py' for name in TESTS[way] if (root / f'test/test_{name}.py').exists()]
+    return [*files, '-k', f'not ({" or ".join(SLOW_AS_PYTHON)})'] if way == PLAIN else files
 
 
 def copied(folder: Path) -> Path:
     """The tree as git knows it, in a folder of its own."""
-    files = subprocess.run(
-        ['git', 'ls-files', '-co', '--exclude-standard'], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    listing = ['git', 'ls-files', '-co', '--exclude-standard']
+    files = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True)
     for name in files.stdout.splitlines():
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -164,107 +167,179 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def run_tests(tree: Path, path: str, compiled: bool, timeout: float) -> tuple[str, str]:
-    """Whether the tests of a file notice: (killed | timeout | survived | broken, the test that did)."""
-    environment = os.environ | {'PYTHONPATH': str(tree), 'OMP_NUM_THREADS': '1', 'PYTHONDONTWRITEBYTECODE': '1'}
-    if not compiled and 'estimation' not in path:
-        environment['NUMBA_DISABLE_JIT'] = '1'
-    words = [
-        sys.executable,
-        '-m',
-        'pytest',
-        '-x',
-        '-q',
-        '-p',
-        'no:cacheprovider',
-        '-p',
-        'no:randomly',
-        *tests_of(path, compiled),
-    ]
-    process = subprocess.Popen(
-        words, cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-    )
-    try:
-        said, _ = process.communicate(timeout=timeout)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, 9)
-        process.communicate()
-        return 'timeout', ''
-    failed = [line for line in said.splitlines() if line.startswith(('FAILED', 'ERROR'))]
-    outcome = {0: 'survived', 1: 'killed', 2: 'killed'}.get(process.returncode, 'killed')
-    return outcome, failed[0][:200] if failed else said[-200:] if process.returncode else ''
+class Fork:
+    """A process that runs tests in a tree; a mutant's native code goes to a cache of its own, which ends with it."""
+
+    def __init__(self, tree: Path, way: str, words: Sequence[str], record: Path | None = None, limit: float = 0.0) -> None:
+        """`record`: measure the reach of tests into this folder. `limit`: most processor time [s], 0 for no limit."""
+        self.log = Path(tempfile.mkstemp(suffix='.log')[1])
+        self.cache = Path(tempfile.mkdtemp()) if way == NATIVE and record is None else None
+        self.begin = time.monotonic()
+        self.process = os.fork()
+        if not self.process:
+            code = 3
+            try:
+                code = self.run(tree, way, words, record, limit)
+            finally:
+                os._exit(code)
+
+    def run(self, tree: Path, way: str, words: Sequence[str], record: Path | None, limit: float) -> int:
+        """In the fork: the exit code of pytest."""
+        os.setsid()
+        output = os.open(self.log, os.O_WRONLY)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        if limit:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
+        os.chdir(tree)
+        os.environ |= {'PYTHONPATH': str(tree), 'PYTHONDONTWRITEBYTECODE': '1', 'OMP_NUM_THREADS': '1'}
+        if self.cache:
+            os.environ['XDG_CACHE_HOME'] = str(self.cache)
+        if way == PLAIN:
+            os.environ['NUMBA_DISABLE_JIT'] = '1'
+            numba.config.DISABLE_JIT = 1
+        sys.dont_write_bytecode = True
+        sys.path[:1] = [str(tree)]
+        words = ['-q', '-p', 'no:cacheprovider', '-p', 'no:randomly', *words]
+        return int(measured(words, record, way) if record else pytest.main(['-x', *words]))
+
+    def result(self) -> tuple[str, str] | None:
+        """(killed | timeout | survived | not covered, the test that noticed) once it has ended."""
+        process, status = os.waitpid(self.process, os.WNOHANG)
+        if not process:
+            return None
+        said = self.log.read_text(errors='replace')
+        self.log.unlink()
+        if self.cache:
+            shutil.rmtree(self.cache, ignore_errors=True)
+        if os.WIFSIGNALED(status):
+            return 'timeout', ''
+        failed = [line for line in said.splitlines() if line.startswith(('FAILED', 'ERROR'))]
+        outcome = CODES.get(os.WEXITSTATUS(status), 'killed')
+        return outcome, (failed[0][:200] if failed else '' if outcome == 'survived' else said[-300:])
 
 
-def judged(mutant: Mutant, tree: Path, native: bool, timeout: float) -> dict[str, object]:
-    """The record of one mutant."""
-    file = tree / mutant.path
-    whole, begin = file.read_text(), time.monotonic()
-    try:
-        file.write_text(whole[: mutant.begin] + mutant.text + whole[mutant.end :])
-        outcome, by = run_tests(tree, mutant.path, native, timeout)
-    finally:
-        file.write_text(whole)
-    return asdict(mutant) | {'key': mutant.key, 'outcome': outcome, 'by': by, 'seconds': round(time.monotonic() - begin, 1)}
+def measured(words: Sequence[str], folder: Path, way: str) -> int:
+    """Run tests without a fault and note their reach; tests that fail then are left out, as they would tell nothing."""
+    (folder / f'{way}.times.jsonl').write_text('')
+    coverage = Coverage(str(folder / f'{way}.coverage'), source_pkgs=['sma_sim'], data_suffix=False, config_file=False)
+    coverage.start()
+    code = pytest.main(list(words), plugins=[Recorder(folder / f'{way}.times.jsonl', coverage)])
+    coverage.stop()
+    coverage.save()
+    return int(code)
+
+
+def waited(fork: Fork) -> tuple[str, str]:
+    """The result of a fork that runs alone."""
+    while (result := fork.result()) is None:
+        time.sleep(0.1)
+    return result
+
+
+def record_of(mutant: Mutant, way: str, result: tuple[str, str], seconds: float) -> dict[str, Any]:
+    """A line of the results."""
+    return asdict(mutant) | {
+        'key': mutant.key, 'way': way, 'outcome': result[0], 'by': result[1], 'seconds': round(seconds, 1)
+    }  # fmt: skip
+
+
+def results_in(file: Path) -> dict[str, dict[str, Any]]:
+    """The last result of each mutant, by its key."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    return {record['key']: record for record in map(json.loads, lines)}
+
+
+def is_open(record: Mapping[str, Any] | None) -> bool:
+    """Whether native code may still notice what plain Python did not."""
+    return record is not None and record['way'] == PLAIN and record['outcome'] in ('survived', 'not covered')
 
 
 def summary(file: Path) -> str:
-    """Counts by room, of the last run of each mutant."""
-    records = {record['key']: record for record in map(json.loads, file.read_text().splitlines())}
+    """Counts by room and by kind of change, of the last run of each mutant, with a 95 % interval."""
+    records = results_in(file).values()
     lines = []
     for room in (*ROOMS, 'sma_sim'):
-        counts = Counter(record['outcome'] for record in records.values() if record['path'].startswith(room))
-        total, noticed = sum(counts.values()), counts['killed'] + counts['timeout']
-        lines.append(f'{room}: {noticed} of {total} noticed ({100.0 * noticed / max(total, 1):.0f} %), {dict(counts)}')
+        lines.append(line_of(room, [record for record in records if record['path'].startswith(room)]))
+    for kind in sorted({record['kind'] for record in records}):
+        lines.append(line_of(kind, [record for record in records if record['kind'] == kind]))
     return '\n'.join(lines)
 
 
-def check_without_mutant(trees: SimpleQueue[Path], wanted: list[Mutant], native: bool, timeout: float) -> None:
-    """End where the tests fail without any change: then they would tell nothing."""
-    tree = trees.get()
-    for room in sorted({'sma_sim/evidence/estimation' if 'estimation' in mutant.path else 'sma_sim' for mutant in wanted}):
-        outcome, by = run_tests(tree, room, native, 4.0 * timeout)
-        if outcome != 'survived':
-            raise SystemExit(f'without a mutant: {outcome} {by}')
-    trees.put(tree)
+def line_of(name: str, records: Sequence[Mapping[str, Any]]) -> str:
+    """How many were noticed."""
+    counts = Counter(record['outcome'] for record in records)
+    total, noticed = sum(counts.values()), counts['killed'] + counts['timeout']
+    if not total:
+        return f'{name}: none'
+    low, high = scipy.stats.binomtest(noticed, total).proportion_ci(method='wilson')
+    shares = f'{100.0 * noticed / total:.0f} %, 95 % interval {100.0 * low:.0f} to {100.0 * high:.0f} %'
+    return f'{name}: {noticed} of {total} noticed ({shares}), {dict(counts)}'
+
+
+def run_all(wanted: list[Mutant], trees: list[Path], reach: Mapping[str, Reach], given: argparse.Namespace) -> None:
+    """Run the mutants, one in each tree at a time."""
+    running: dict[Path, tuple[Mutant, Fork, str]] = {}
+    waiting, end = list(wanted), time.monotonic() + 60.0 * given.minutes
+    while running or (waiting and time.monotonic() < end):
+        for tree in trees:
+            if tree not in running and waiting and time.monotonic() < end:
+                running[tree] = begun(waiting.pop(0), tree, reach, given)
+            elif tree in running and (result := running[tree][1].result()) is not None:
+                mutant, fork, source = running.pop(tree)
+                (tree / mutant.path).write_text(source)
+                record = record_of(mutant, way_of(mutant, given.native), result, time.monotonic() - fork.begin)
+                with given.file.open('a') as out:
+                    out.write(json.dumps(record) + '\n')
+                print(record['outcome'], record['seconds'], mutant.key, record['by'], flush=True)
+        time.sleep(0.05)
+
+
+def begun(mutant: Mutant, tree: Path, reach: Mapping[str, Reach], given: argparse.Namespace) -> tuple[Mutant, Fork, str]:
+    """Put a mutant into a tree and start its tests."""
+    way = way_of(mutant, given.native)
+    source = (tree / mutant.path).read_text()
+    (tree / mutant.path).write_text(mutant.applied(source))
+    known = reach[way]
+    names = known.tests_of(mutant, given.budget)
+    expected = sum(known.seconds[name] for name in names)
+    words = names or ['test/test_layers.py', '-k', 'no_test_comes_here']
+    return mutant, Fork(tree, way, words, limit=60.0 + 4.0 * expected), source
 
 
 def main() -> None:
-    """Draw, run what is missing, and count."""
+    """Draw, measure what tests reach, run what is missing, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--count', type=int, default=200)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--jobs', type=int, default=2)
-    parser.add_argument('--timeout', type=float, default=900.0, help='[s]')
+    parser.add_argument('--budget', type=float, default=60.0, help='most processor time of the tests of a mutant [s]')
+    parser.add_argument('--minutes', type=float, default=600.0, help='no mutant starts later')
     parser.add_argument('--native', action='store_true', help='run those that survived as plain Python again')
     parser.add_argument('--room', default='', help='only files whose path contains this')
     parser.add_argument('--file', type=Path, default=Path('mutants.jsonl'))
     given = parser.parse_args()
-    lines = given.file.read_text().splitlines() if given.file.exists() else []
-    done = {record['key']: record for record in map(json.loads, lines)}
-    wanted = drawn(given.count, given.seed)
+    done = results_in(given.file)
+    wanted = [mutant for mutant in drawn(ROOT, ROOMS, given.count, given.seed) if given.room in mutant.path]
     if given.native:
-        survived = {key for key, record in done.items() if record['outcome'] == 'survived'}
-        wanted = [mutant for mutant in wanted if mutant.key in survived and 'estimation' not in mutant.path]
+        survived = {
+            key
+            for key, record in done.items()
+            if record['outcome'] in ('survived', 'not covered') and record['way'] == PLAIN
+        }
+        wanted = [mutant for mutant in wanted if mutant.key in survived]
     else:
         wanted = [mutant for mutant in wanted if mutant.key not in done]
-    wanted = [mutant for mutant in wanted if given.room in mutant.path]
-    with tempfile.TemporaryDirectory() as home, ThreadPoolExecutor(given.jobs) as pool:
-        trees: SimpleQueue[Path] = SimpleQueue()
-        for k in range(given.jobs):
-            trees.put(copied(Path(home) / f'tree{k}'))
-        check_without_mutant(trees, wanted, given.native, given.timeout)
-
-        def run(mutant: Mutant) -> None:
-            tree = trees.get()
-            try:
-                record = judged(mutant, tree, given.native, given.timeout)
-            finally:
-                trees.put(tree)
-            with given.file.open('a') as out:
-                out.write(json.dumps(record) + '\n')
-            print(record['outcome'], record['seconds'], mutant.key, record['by'], flush=True)
-
-        list(pool.map(run, wanted))
+    with tempfile.TemporaryDirectory() as home:
+        trees = [copied(Path(home) / f'tree{k}') for k in range(given.jobs)]
+        folder = given.file.resolve().with_suffix('.reach')
+        folder.mkdir(exist_ok=True)
+        reach = {}
+        for way in sorted({way_of(mutant, given.native) for mutant in wanted}):
+            if not (folder / f'{way}.coverage').exists():
+                print(f'what tests reach, {way}:', *waited(Fork(trees[0], way, words_of(way, trees[0]), folder)), flush=True)
+            reach[way] = reach_in(folder, way)
+        run_all(wanted, trees, reach, given)
     print(summary(given.file))
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cases import add_options, solved
+from cases import add_options, drawn, solved
 
 from sma_sim import Config, Dataset, read_config
 from sma_sim.evidence.data.recordings import read_dataset
@@ -106,7 +106,7 @@ def main() -> None:
     asked = parser.parse_args()
     chosen = [case.name for case in CASES if any(words in case.name for words in asked.only)]
     cases = [(name, asked.model, str(asked.folder)) for name in chosen]
-    done = solved(cases, solve, asked, lambda one: '\n'.join(rows([one])[2:]))
+    done = solved(drawn(cases, asked.share), solve, asked, lambda result: '\n'.join(rows([result])[2:]))
     print(*rows(done), sep='\n')
 
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Any
 
-from cases import add_options, solved
+from cases import add_options, drawn, of, solved
 from other_form_truths import FORMS
 
 from sma_sim.challenge.make import challenge_with
@@ -112,9 +112,9 @@ def table(results: list[dict[str, Any]]) -> Iterator[str]:
         return
     count = len(results)
     good = sum(result['last'] <= GOOD for result in results)
-    yield f'right name and scope, or exactly the true formula: {sum(map(is_right, results))} of {count}'
-    yield f'an effect too many: {sum(bool(extra_effects(result)) for result in results)} of {count}'
-    yield f'held-out error at most {GOOD}: {good} of {count}'
+    yield f'right name and scope, or exactly the true formula: {of(sum(map(is_right, results)), count)}'
+    yield f'an effect too many: {of(sum(bool(extra_effects(result)) for result in results), count)}'
+    yield f'held-out error at most {GOOD}: {of(good, count)}'
 
 
 def main() -> None:
@@ -130,7 +130,7 @@ def main() -> None:
     cases = [
         (name, seed, forces, not asked.no_variants) for seed in asked.seeds for forces in recorded for name in asked.forms
     ]
-    results = solved(cases, solve, asked, lambda result: list(table([result]))[2])
+    results = solved(drawn(cases, asked.share), solve, asked, lambda result: list(table([result]))[2])
     print(*table(results), sep='\n')
 
 

@@ -19,7 +19,7 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from cases import add_options, solved
+from cases import add_options, drawn, solved
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kstest, kstwo
@@ -89,7 +89,7 @@ def main() -> None:
     add_options(parser, 'pvalues.jsonl', 60.0)
     parser.add_argument('--figure', type=Path)
     asked = parser.parse_args()
-    done = solved([(number,) for number in range(asked.cases)], solve, asked, str)
+    done = solved(drawn([(number,) for number in range(asked.cases)], asked.share), solve, asked, str)
     print(*table(done), sep='\n')
     if asked.figure and done:
         save(draw(np.array([case['p'] for case in done])), asked.figure)

@@ -1,12 +1,14 @@
 """All measured numbers of the documentation, from one version: runs the benchmarks and writes docs/reference/validation.md.
 
-    python benchmarks/validation.py [--parts NAME ...] [--minutes 60] [--shared ../shared] [--folder benchmarks/results]
+    python benchmarks/validation.py [--parts NAME ...] [--scale 1] [--minutes 60] [--shared ../shared]
     python benchmarks/validation.py --list          # the parts, and how long they take on two free cores
     python benchmarks/validation.py --minutes 0     # only write the page from the results that there are
 
-Finished parts are kept in the folder and not run again; a part that was stopped is continued. Results of other sources
-(another state of sma_sim/ or benchmarks/) are moved to a folder `old` and measured again. Parts that need data which are not
-in the repository are left out where these are not at hand.
+By default, parts of many cases run a share of them, drawn by a hash of each, so that the whole takes about 90 minutes;
+`--scale 2` runs twice as many, and `--scale 20` all. Finished parts are kept in the folder and not run again; a part that
+was stopped, or is asked for at a larger scale, is continued. Results of other sources (another state of sma_sim/ or
+benchmarks/) are moved to a folder `old` and measured again. A part that is not measured keeps its section of the page, which
+says of which commit it is. Parts that need data which are not in the repository are left out where these are not at hand.
 """
 
 from __future__ import annotations
@@ -15,9 +17,11 @@ import argparse
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -30,10 +34,13 @@ HEAD = """# Validation
 
 All numbers on this page are measured by scripts in `benchmarks/`; each table names its command. The page is written by
 
-<!-- not run: takes hours; it can be stopped and continued -->
+<!-- not run: takes an hour and a half; it can be stopped and continued -->
 ```bash
 python benchmarks/validation.py
 ```
+
+Parts of many cases run a share of them by default; `--scale` runs more. Intervals of shares are 95 % (Wilson). Each section
+names the commit and the day of its numbers: a part that is not run again keeps those that it had.
 
 Times depend on the machine and on what else runs on it; ratios from one run do so much less. Error over noise is the RMS
 error divided by the standard deviation of the sensors' noise, so that 1 is the best possible.
@@ -64,10 +71,11 @@ class Results:
         file = self.folder / f'{part.name}.stamp.json'
         return json.loads(file.read_text()) if file.exists() else None
 
-    def set_stamp(self, part: Part, now: dict[str, str], complete: bool, seconds: float) -> None:
+    def set_stamp(self, part: Part, now: dict[str, str], scale: float, complete: bool, seconds: float) -> None:
         """Note that a part was measured."""
         before = self.stamp(part) or {}
-        stamp = {**now, 'complete': complete, 'date': f'{datetime.now(timezone.utc):%Y-%m-%d}'}
+        day = f'{datetime.now(timezone.utc):%Y-%m-%d}'
+        stamp = {**now, 'complete': complete, 'date': day, 'scale': scale, 'share': part.share_at(scale)}
         stamp['seconds'] = seconds + (before.get('seconds', 0.0) if before.get('sources') == now['sources'] else 0.0)
         (self.folder / f'{part.name}.stamp.json').write_text(json.dumps(stamp, indent=2) + '\n')
 
@@ -84,11 +92,10 @@ class Results:
         return [json.loads(line) for line in text.splitlines()] if part.file.endswith('.jsonl') else json.loads(text)
 
 
-def run_part(part: Part, results: Results, shared: Path, minutes: float, now: dict[str, str]) -> None:
+def run_part(part: Part, results: Results, asked: argparse.Namespace, minutes: float, now: dict[str, str]) -> None:
     """Run the script of a part for at most `minutes`, and note how that went."""
-    words = [
-        word.format(shared=shared, file=results.folder / part.file, minutes=minutes, root=ROOT) for word in part.command
-    ]
+    file = results.folder / part.file
+    words = part.words(asked.scale, shared=asked.shared, file=file, minutes=minutes, root=ROOT)
     print(f'--- {part.name}: python benchmarks/{" ".join(words)}', flush=True)
     t_start = time.monotonic()
     done = subprocess.run(
@@ -97,7 +104,7 @@ def run_part(part: Part, results: Results, shared: Path, minutes: float, now: di
     )  # fmt: skip
     seconds = time.monotonic() - t_start
     if done.returncode == 0 and (results.folder / part.file).exists():
-        results.set_stamp(part, now, not part.resumable or seconds < 60.0 * minutes, seconds)
+        results.set_stamp(part, now, asked.scale, not part.resumable or seconds < 60.0 * minutes, seconds)
     else:
         print(f'{part.name} failed with exit code {done.returncode}', file=sys.stderr)
 
@@ -116,51 +123,60 @@ def measure(asked: argparse.Namespace, results: Results) -> None:
         if stamp and stamp['sources'] != now['sources']:
             results.set_aside(part)
             stamp = None
-        if not (stamp and stamp['complete']):
-            run_part(part, results, asked.shared, left, now)
+        if not (stamp and stamp['complete'] and stamp['share'] >= part.share_at(asked.scale)):
+            run_part(part, results, asked, left, now)
 
 
-def page(results: Results) -> str:
-    """The page, from the results that there are."""
-    stamps = {part.name: results.stamp(part) for part in PARTS}
-    found = [stamp for stamp in stamps.values() if stamp]
-    commits = sorted({stamp['commit'] for stamp in found})
-    text = [HEAD]
-    if found:
-        machine = f'{os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}'
-        text.append(
-            f'Measured on {machine}, until {max(stamp["date"] for stamp in found)}, with commit {", ".join(commits)}.\n'
-        )
+def page(results: Results, present: str) -> str:
+    """The page, from the results that there are, and for other parts from the sections of the present one."""
+    kept = {
+        words.partition('\n')[0]: f'## {words.rstrip()}\n' for words in re.split(r'^## ', present, flags=re.MULTILINE)[1:]
+    }
+    text = [HEAD, f'The machine: {os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}.\n']
+    missing = []
     for part in PARTS:
-        stamp = stamps[part.name]
+        stamp = results.stamp(part)
         if stamp:
-            text.append(f'## {part.title}\n\n{part.text}\n')
-            marks = [f'commit {stamp["commit"]}'] * (len(commits) > 1) + ['not complete'] * (not stamp['complete'])
-            text.append(f'`python benchmarks/{part.shown}`' + (f' ({", ".join(marks)})' if marks else '') + '\n')
-            text.append(part.table(results.load(part)) + '\n')
-    missing = [part.name for part in PARTS if not stamps[part.name]]
+            text.append(section(part, stamp, results.load(part)))
+        elif part.title in kept:
+            text.append(kept[part.title])
+        else:
+            missing.append(part.name)
     if missing:
-        text.append(
-            '## Not measured\n\nWith this version, these parts have not been measured: ' + ', '.join(missing) + '.\n'
-        )
+        text.append(f'## Not measured\n\nThese parts have not been measured: {", ".join(missing)}.\n')
     return '\n'.join(text)
+
+
+def section(part: Part, stamp: Mapping[str, Any], result: Any) -> str:
+    """The section of a part that was measured."""
+    marks = [f'commit {stamp["commit"]}', stamp['date'], f'{stamp["seconds"] / 60.0:.0f} min']
+    marks += [f'{100.0 * stamp["share"]:.0f} % of its cases'] * (part.resumable and stamp['share'] < 1.0)
+    marks += ['not complete'] * (not stamp['complete'])
+    shown = f'`python benchmarks/{part.shown(stamp["scale"])}` ({", ".join(marks)})'
+    return f'## {part.title}\n\n{part.text}\n\n{shown}\n\n{part.table(result)}\n'
 
 
 def main() -> None:
     """Measure what is missing, write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--parts', nargs='+', choices=[part.name for part in PARTS], metavar='NAME', help='all by default')
+    parser.add_argument('--scale', type=float, default=1.0, help='of the shares of cases that are run; 20: all cases')
     parser.add_argument('--minutes', type=float, default=600.0, help='nothing starts later; 0: only write the page')
     parser.add_argument('--shared', type=Path, default=ROOT.parent / 'shared', help='folder with reference/ and measured/')
     parser.add_argument('--folder', type=Path, default=ROOT / 'benchmarks' / 'results', help='of finished parts')
     parser.add_argument('--list', action='store_true', help='name the parts and how long they take')
     asked = parser.parse_args()
     if asked.list:
-        print(*(f'{part.name:12} {part.minutes:5.0f} min  {part.title}' for part in PARTS), sep='\n')
+        for part in PARTS:
+            share = part.share_at(asked.scale)
+            print(
+                f'{part.name:12} {part.minutes * share:5.0f} min  {part.title}' + f' ({100.0 * share:.0f} %)' * (share < 1.0)
+            )
+        print(f'{"together":12} {sum(part.minutes * part.share_at(asked.scale) for part in PARTS):5.0f} min')
         return
     results = Results(asked.folder)
     measure(asked, results)
-    PAGE.write_text(page(results))
+    PAGE.write_text(page(results, PAGE.read_text()))
     print(f'{PAGE} written')
 
 

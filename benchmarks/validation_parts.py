@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from cases import of
 from challenges import is_detectable, is_right
 from designs import summary as design_rows
 from equations import table as equation_rows
@@ -23,7 +24,7 @@ Case = dict[str, Any]
 def cell(value: Any) -> str:
     """A value of a table."""
     if isinstance(value, Mapping):
-        return ', '.join(f'{name} {cell(one)}' for name, one in value.items())
+        return ', '.join(f'{name} {cell(entry)}' for name, entry in value.items())
     if isinstance(value, list | tuple):
         return ', '.join(map(cell, value))
     return f'{value:.3g}' if isinstance(value, float) else f'{value}'
@@ -63,14 +64,14 @@ def challenge_tables(results: list[Case]) -> str:
     counts = []
     for channels in ('forces', 'pose'):
         own = [case for case in results if case['case'][3] == (channels == 'forces')]
-        counts += [[f'{name}, {channels}', *numbers] for name, numbers in hit_rates(own)]
+        counts += [[f'{name}, {channels}', of(*numbers)] for name, numbers in hit_rates(own)]
     cases = [
         [part, ', '.join(hidden) or '-', seed, 'forces' if forces else 'pose', case['bare'], case['last'],
          f'`{case["verdict"]}`', ', '.join(case['effects']), ', '.join(case['alike'])]
         for case in results for part, hidden, seed, forces in [case['case']]
     ]  # fmt: skip
     head = ['', 'hidden', 'seed', 'recorded', 'error without', 'with', 'verdict', 'effects', 'indistinguishable']
-    return rows(['', 'as it should be', 'of'], counts) + '\n\nEvery case:\n\n' + rows(head, cases)
+    return rows(['', 'as it should be'], counts) + '\n\nEvery case:\n\n' + rows(head, cases)
 
 
 def hit_rates(results: list[Case]) -> list[tuple[str, tuple[int, int]]]:
@@ -115,8 +116,9 @@ def p_value_table(results: list[Case]) -> str:
 class Part:
     """One section of the page: a script with its arguments, the file of its result, and the table made of it.
 
-    `minutes`: about how long it takes on two free cores. `resumable`: it continues a file of cases. `needs`: what must be in
-    the folder of shared data.
+    `minutes`: about how long the whole takes on two free cores. `share` of the whole is measured by default; of a script
+    that counts something else than cases, `whole` is the number of it. `resumable`: it continues a file of cases. `needs`:
+    what must be in the folder of shared data.
     """
 
     name: str
@@ -127,6 +129,8 @@ class Part:
     table: Callable[[Any], str] = grids
     resumable: bool = False
     needs: str = ''
+    share: float = 1.0
+    whole: int = 0
 
     @property
     def file(self) -> str:
@@ -135,14 +139,21 @@ class Part:
             return 'intervals.json'
         return f'{self.name}.jsonl' if self.resumable else f'{self.name}.json'
 
-    @property
-    def shown(self) -> str:
+    def share_at(self, scale: float) -> float:
+        """The share of the whole that is measured at a scale, to three digits."""
+        return float(f'{min(1.0, scale * self.share):.3g}')
+
+    def words(self, scale: float, **values: Any) -> list[str]:
+        """The command at a scale, with what stands for the other names in braces."""
+        share = self.share_at(scale)
+        named = {'share': f'{share:g}', 'count': max(1, round(share * self.whole)), **values}
+        return [word.format(**named) for word in self.command]
+
+    def shown(self, scale: float) -> str:
         """The command, as one would type it."""
-        words, hidden = [], {'--json', '--file', '--minutes', '--figure'}
-        for k, word in enumerate(self.command):
-            if word not in hidden and (k == 0 or self.command[k - 1] not in hidden):
-                words.append(word.replace('{shared}', '../shared'))
-        return ' '.join(words)
+        words = self.words(scale, shared='../shared', file='', minutes='', root='')
+        hidden = {'--json', '--file', '--minutes', '--figure'}
+        return ' '.join(word for k, word in enumerate(words) if not {word, words[max(k - 1, 0)]} & hidden)
 
 
 def script(name: str, *words: str) -> tuple[str, ...]:
@@ -152,7 +163,7 @@ def script(name: str, *words: str) -> tuple[str, ...]:
 
 def cases(name: str, *words: str) -> tuple[str, ...]:
     """A script that keeps its cases in --file."""
-    return (f'{name}.py', *words, '--file', '{file}', '--minutes', '{minutes}', '--at-once', '2')
+    return (f'{name}.py', *words, '--file', '{file}', '--share', '{share}', '--minutes', '{minutes}', '--at-once', '2')
 
 
 def joined(lines_of: Callable[[list[Case]], Iterable[str]]) -> Callable[[list[Case]], str]:
@@ -179,50 +190,60 @@ PARTS = (
          'One evaluation of the flow without effects beside a straight transcription of the equations, and 100 s runs by '
          'the number of samples: of all columns, or of the channels that a recording has.'),
     Part('startup', 'Start-up', 2, script('startup'), 'Time to the end of a small run, with an empty cache and later.'),
-    Part('solvers', 'Other solvers', 6, script('solvers'),
+    Part('solvers', 'Other solvers', 6, script('solvers', '--runs', '{count}'),
          'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change '
          'of the command '
-         'and at every jump. CVODE needs `scikit-sundae`.'),
-    Part('robustness', 'Robustness', 4, script('robustness'),
-         'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.'),
+         'and at every jump. CVODE needs `scikit-sundae`.', share=0.6, whole=5),
+    Part('robustness', 'Robustness', 4, script('robustness', '--runs', '{count}'),
+         'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.',
+         share=0.5, whole=1000),
+    Part('structures', 'Structures', 4, script('structures', '--runs', '{count}'),
+         'Median time of runs of 5 s at the defaults beside the module\'s, and random runs with parameters up to 25 % off.',
+         share=0.5, whole=1000),
     Part('node', 'The node', 1, script('node'), 'Over DDS, integrating at 1 kHz and publishing at 100 Hz.'),
-    Part('soak', 'The node for ten minutes', 21, script('soak'), 'One module, then two, each recording its own bag.'),
-    Part('flood', 'Two nodes under a flood of commands', 39, script('flood'),
-         'Half an hour with two modules that record: `left` follows a /clock that stands still for 5 of 30 s, `right` the '
+    Part('stack', 'Modules in series', 4, script('stack', '--runs', '{count}'),
+         'Time of a 100 s run by the number of modules, and random stacks with parameters up to 25 % off.',
+         share=0.5, whole=1000),
+    Part('soak', 'The node for minutes', 21, script('soak', '--seconds', '{count}'),
+         'One module, then two, each recording its own bag.',
+         share=0.2, whole=600),
+    Part('flood', 'Two nodes under a flood of commands', 39, script('flood', '--seconds', '{count}'),
+         'Two modules that record: `left` follows a /clock that stands still for 5 of 30 s, `right` the '
          'computer\'s clock and is paused as long; 1000 commands per second to each. `wrong_statuses`: those '
-         'on /diagnostics that do not say what was done.'),
-    Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '60'),
+         'on /diagnostics that do not say what was done.', share=0.07, whole=1800),
+    Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '{count}'),
          'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; '
          'MAS data and fit. '
-         '`coverage` is the share of 95 % intervals that hold the truth.'),
+         '`coverage` is the share of 95 % intervals that hold the truth.', share=0.25, whole=60),
     Part('challenges', 'Hidden effects', 180, cases('challenges', '--seeds', '11'),
          '[Challenges](challenges.md) of a seed that no development used: one effect of the library, none, two, '
          'one outside '
-         'the library. Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True),
+         'the library. Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True, share=0.07),
     Part('pvalues', 'P-values', 30, (*cases('pvalues'), '--figure', '{root}/docs/figures/pvalues.png'),
-         'Robots that lack nothing: the family-wise p-value of the best effect should be uniform.', p_value_table, True),
+         'Robots that lack nothing: the family-wise p-value of the best effect should be uniform.',
+         p_value_table, True, share=0.2),
     Part('invariance', 'Invariance of the diagnosis', 60, cases('invariance'),
          'The same data with runs in another order, under foreign names and units, with other seeds, and decimated. '
-         '`same`: same verdict and first effect.', joined(invariance_rows), True),
+         '`same`: same verdict and first effect.', joined(invariance_rows), True, share=0.1),
     Part('module', 'Data of another program', 30, cases('invariance', '--cases', '--folder', *MODULE_DATA),
          'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity '
          'across the beam '
-         '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module'),
+         '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module', share=0.28),
     Part('equations', 'Equations', 60, cases('equations', '--no-known-effects', '--seeds', '41'),
          'Effects that the library does not have, pose recorded, without the search among known effects.',
-         joined(equation_rows), True),
+         joined(equation_rows), True, share=0.08),
     Part('other_forms', 'Listed effects in other forms', 60, cases('other_forms'),
          'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
          'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
-         joined(other_form_rows), True),
+         joined(other_form_rows), True, share=0.1),
     Part('latent', 'Latent inputs', 40, cases('latent', '--seeds', '311', '--channels', 'pose'),
-         'The port that is named, and the error over noise without and with it (`left`).', latent_table, True),
+         'The port that is named, and the error over noise without and with it (`left`).', latent_table, True, share=0.1),
     Part('designs', 'Designed experiments', 40, cases('designs'),
          'Log evidence ratio for the true explanation that a designed sequence adds, beside two random ones.',
-         joined(design_rows), True),
+         joined(design_rows), True, share=0.1),
     Part('similarity', 'Effects that look alike', 3, script('similarity'),
          'RMS change over noise of each effect, and the cosines with the most similar changes.'),
     Part('wire', 'A real superelastic wire', 30, cases('nitinol', '{shared}/measured/nitinol_wire/csv'),
          'Stress RMSE of a NiTi wire, each case with other loops held out; see [a real wire](../explanation/nitinol.md).',
-         joined(wire_rows), True, 'measured/nitinol_wire'),
+         joined(wire_rows), True, 'measured/nitinol_wire', share=0.2),
 )  # fmt: skip

@@ -1,0 +1,142 @@
+"""Small changes of sources: what a mutant is, and which ones a file has.
+
+Each changes one place: a comparison or an arithmetic operator is exchanged, a number changed, a condition negated, a
+returned value replaced. Left alone are `frozen=True` of a dataclass and `strict=True` of zip, without which nothing changes
+as long as the code keeps to them, and whatever compiles to the same byte code.
+"""
+
+from __future__ import annotations
+
+import ast
+import random
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType
+
+GUARDS = ('frozen', 'strict')
+COMPARED = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+COMPUTED = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Div,
+    ast.Mod: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+}  # fmt: skip
+ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of the source: characters `begin` to `end` of a file become `text`.
+
+    The statement has the lines `first` to `last`.
+    `kind` is boundary (< for <=, which between floats seldom matters), comparison, arithmetic, number, condition or return.
+    """
+
+    path: str
+    line: int
+    first: int
+    last: int
+    begin: int
+    end: int
+    before: str
+    text: str
+    kind: str
+
+    @property
+    def key(self) -> str:
+        """What a result is found by again."""
+        return f'{self.path}:{self.line}: {self.before} -> {self.text}'
+
+    def applied(self, source: str) -> str:
+        """The file's text with the change."""
+        return source[: self.begin] + self.text + source[self.end :]
+
+
+def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
+    """What may stand in the place of an expression, with the kind of the change."""
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
+        kind = 'boundary' if isinstance(node.ops[0], ORDERED) else 'comparison'
+        yield kind, ast.Compare(node.left, [COMPARED[type(node.ops[0])]()], node.comparators)
+    elif isinstance(node, ast.BinOp) and type(node.op) in COMPUTED:
+        yield 'arithmetic', ast.BinOp(node.left, COMPUTED[type(node.op)](), node.right)
+    elif isinstance(node, ast.BoolOp):
+        yield 'condition', ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
+        yield ('condition' if isinstance(node.op, ast.Not) else 'arithmetic'), node.operand
+    elif isinstance(node, ast.IfExp):
+        yield 'condition', ast.IfExp(node.test, node.orelse, node.body)
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float, bool):
+        yield 'number', ast.Constant(other_number(node.value))
+
+
+def other_number(value: bool | int | float) -> bool | int | float:
+    """The negated truth, the next integer, twice a number (one for zero)."""
+    if isinstance(value, bool):
+        return not value
+    return value + 1 if isinstance(value, int) or value == 0.0 else 2.0 * value
+
+
+def expressions(node: ast.AST, lines: tuple[int, int] = (1, 1)) -> Iterator[tuple[ast.expr, str, ast.expr, tuple[int, int]]]:
+    """Expressions that run, with what may stand in their place and the lines of their statement; no annotations or texts."""
+    for name, value in ast.iter_fields(node):
+        if name in ('annotation', 'returns', 'type_comment') or isinstance(node, ast.JoinedStr):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if not isinstance(child, ast.AST) or (isinstance(child, ast.keyword) and child.arg in GUARDS):
+                continue
+            if isinstance(child, ast.stmt):
+                lines = (child.lineno, child.end_lineno or child.lineno)
+            if isinstance(child, ast.expr):
+                own = lines if not hasattr(node, 'body') else (child.lineno, child.end_lineno or child.lineno)
+                yield from ((child, kind, change, own) for kind, change in changes(child))
+                if isinstance(node, ast.Return) and name == 'value' and not isinstance(child, ast.Constant):
+                    yield child, 'return', ast.Constant(None), own
+                if isinstance(node, (ast.If, ast.While)) and name == 'test':
+                    yield child, 'condition', ast.UnaryOp(ast.Not(), child), own
+                yield from expressions(child, own)
+            else:
+                yield from expressions(child, lines)
+
+
+def mutants_of(path: Path, root: Path) -> list[Mutant]:
+    """Every change of one file."""
+    source = path.read_text()
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    found = []
+    for node, kind, change, (first, last) in expressions(ast.parse(source)):
+        before = ast.get_source_segment(source, node)
+        if before is None or not source.isascii():
+            continue
+        begin = starts[node.lineno - 1] + node.col_offset
+        where = (str(path.relative_to(root)), node.lineno, first, last, begin, begin + len(before))
+        found.append(Mutant(*where, before, f'({ast.unparse(change)})', kind))
+    return found
+
+
+def changes_nothing(mutant: Mutant, source: str) -> bool:
+    """Whether the change compiles to the same byte code."""
+    return same_code(compile(source, mutant.path, 'exec'), compile(mutant.applied(source), mutant.path, 'exec'))
+
+
+def same_code(first: CodeType, second: CodeType) -> bool:
+    """Whether two pieces of byte code do the same, wherever they stand."""
+    if first.co_code != second.co_code or first.co_names != second.co_names or len(first.co_consts) != len(second.co_consts):
+        return False
+    pairs = zip(first.co_consts, second.co_consts, strict=True)
+    return all(same_code(a, b) if isinstance(a, CodeType) else repr(a) == repr(b) for a, b in pairs)
+
+
+def drawn(root: Path, rooms: Iterable[str], count: int, seed: int) -> list[Mutant]:
+    """So many different ones of all rooms, in an order that a seed decides."""
+    every = [mutant for room in rooms for path in sorted((root / room).rglob('*.py')) for mutant in mutants_of(path, root)]
+    chosen: list[Mutant] = []
+    for mutant in random.Random(seed).sample(every, len(every)):
+        if len(chosen) == count:
+            break
+        if not changes_nothing(mutant, (root / mutant.path).read_text()):
+            chosen.append(mutant)
+    return chosen
