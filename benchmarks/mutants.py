@@ -284,7 +284,7 @@ def run_all(wanted: list[Mutant], trees: list[Path], reach: Mapping[str, Reach],
     while running or (waiting and time.monotonic() < end):
         for tree in trees:
             if tree not in running and waiting and time.monotonic() < end:
-                running[tree] = begun(waiting.pop(0), tree, reach, given)
+                running[tree] = started(waiting.pop(0), tree, reach, given)
             elif tree in running and (result := running[tree][1].result()) is not None:
                 mutant, fork, source = running.pop(tree)
                 (tree / mutant.path).write_text(source)
@@ -295,7 +295,7 @@ def run_all(wanted: list[Mutant], trees: list[Path], reach: Mapping[str, Reach],
         time.sleep(0.05)
 
 
-def begun(mutant: Mutant, tree: Path, reach: Mapping[str, Reach], given: argparse.Namespace) -> tuple[Mutant, Fork, str]:
+def started(mutant: Mutant, tree: Path, reach: Mapping[str, Reach], given: argparse.Namespace) -> tuple[Mutant, Fork, str]:
     """Put a mutant into a tree and start its tests."""
     way = way_of(mutant, given.native)
     source = (tree / mutant.path).read_text()

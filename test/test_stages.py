@@ -298,8 +298,8 @@ def test_a_part_of_a_residual(engine, candidates):
         assert sum(share['share'] for share in part['states'] if share['dimension'] == name) <= 1.0 + 1e-9
     assert 273.0 < part['temperatures']['wire 1'][0] <= part['temperatures']['wire 1'][1] < 500.0
     best = part['effects'][0]
-    likeness = {one['effect']: one['likeness'] for one in part['effects']}
-    assert likeness['gravity'] > 0.8 and best['likeness'] == max(likeness.values())
+    cosines = {entry['effect']: entry['cosine'] for entry in part['effects']}
+    assert cosines['gravity'] > 0.8 and best['cosine'] == max(cosines.values())
     for where, times, words in (
         (('run9', 'alpha'), (0.0, 9.0), 'no run run9'), (('run1', 'T_9'), (0.0, 9.0), 'no channel T_9'),
         (('run1', 'alpha'), (3.0, 3.1), 'expected 5 or more'), (('run1', 'alpha'), (99.0, 199.0), '0 samples'),

@@ -43,7 +43,7 @@ def part_of_residual(
     dict
         ``samples``, ``over_noise`` (root mean square of residual over noise), ``bias_over_noise``, ``states`` (shares of the
         samples by mode, temperature, direction ...), ``temperatures`` [K] by wire, and ``effects``: by name, how alike their
-        trace is (``likeness``, 1 for the same shape) and which part of the squared residual it ``explains``, the most first.
+        trace is (``cosine``, 1 for the same shape) and which part of the squared residual it ``explains``, the most first.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def effects_like(traces: Curves, where: tuple[str, str], part: tuple[Vector, Vec
             continue
         shape = np.interp(times, known['time'], trace)
         size = float(np.linalg.norm(shape) * np.linalg.norm(residual))
-        likeness = float(shape @ residual) / size if size > 0.0 else 0.0
+        cosine = float(shape @ residual) / size if size > 0.0 else 0.0
         explains = 1.0 - float(np.sum((residual - shape) ** 2) / np.sum(residual**2))
-        found.append({'effect': effect, 'likeness': likeness, 'explains': explains})
-    return sorted(found, key=lambda one: -float(one['likeness']))
+        found.append({'effect': effect, 'cosine': cosine, 'explains': explains})
+    return sorted(found, key=lambda entry: -float(entry['cosine']))
