@@ -120,7 +120,10 @@ def soak(names: tuple[str, ...], seconds: float) -> dict[str, Any]:
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """One module, then two."""
-    return {'one': soak(('one',), arguments.seconds), 'two': soak(('left', 'right'), arguments.seconds)}
+    result = {'one': soak(('one',), arguments.seconds), 'two': soak(('left', 'right'), arguments.seconds)}
+    if any(module['exit_code'] for modules in result.values() for module in modules.values()):
+        raise SystemExit(f'a node ended with an error: {result}')
+    return result
 
 
 if __name__ == '__main__':
