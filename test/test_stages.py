@@ -216,7 +216,7 @@ def test_a_diagnosis_that_is_stopped_keeps_what_it_has(engine, moment):
     engine.close()
     engine.wait(job, PATIENCE)
     assert job.state == 'stopped' and job.result()['interrupted'] and len(job.result()['error']) == 1
-    assert set(job.files) == {'result', 'parameters', 'report', 'curves'}
+    assert set(job.files) == {'result', 'parameters', 'report', 'curves', 'summary'}
     assert [event['role'] for event in job.events() if event['kind'] == 'model'] == ['nominal']
     assert engine.acceptable() == job
 

@@ -11,6 +11,7 @@ from threading import Thread
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
+from sma_sim.cli.common.data import add_recording_options, data_request
 from sma_sim.cli.common.options import add_config_options
 from sma_sim.explore.application import Application
 from sma_sim.explore.server import PageServer
@@ -25,8 +26,8 @@ HIGHEST_PORT = 65535
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'explore', 'see the model in the browser: move its parameters, switch effects on')
-    parser.add_argument('--system', metavar='NAME', help='structure; sma-sim systems lists them')
+    parser = add_command(verbs, 'explore', 'see the model in the browser, beside recordings or a robot, and improve it')
+    add_recording_options(parser, nargs='*')
     parser.add_argument('--model', choices=('hybrid', 'mas'))
     parser.add_argument(
         '--session', type=Path, default=DEFAULT_FOLDER, metavar='FOLDER',
@@ -44,13 +45,18 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'--port {arguments.port}: expected 0 to {HIGHEST_PORT}')
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('system', 'model') if getattr(arguments, name)]
     words = (*arguments.words, *chosen)
-    start = Start(arguments.config, words, tuple(arguments.effects))
+    data = data_request(arguments) if arguments.data else None
+    if data is None and (arguments.hold_out or arguments.map or arguments.noise or arguments.namespace):
+        raise UserError('--hold-out, --map, --noise and --namespace are about recordings: name them too, as in '
+                        'sma-sim explore run1.csv run2.csv --hold-out run2')  # fmt: skip
+    start = Start(arguments.config, words, tuple(arguments.effects), data)
     folders = effect_folders_of(arguments.config, words)
     with open_session(arguments.session, start) as session, PageServer(arguments.port) as server:
         server.application = Application(session, folders, server.tabs.announce)
         first_start.announce_compilation(lambda line: say(server, line))
         with suppress(KeyboardInterrupt):
             serve(server, session, with_browser=not arguments.no_browser)
+        server.application.close()
         server.tabs.close()
         server.shutdown()
     return 0

@@ -14,10 +14,15 @@ from typing import Any
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.command import Command, columns_of, command_from, first_command
 from sma_sim.explore.controls import LEFT_OUT, OF_MAS, controls_of
+from sma_sim.explore.data_verbs import DataVerbs
 from sma_sim.explore.differences import Value
+from sma_sim.explore.live_verbs import LiveVerbs
+from sma_sim.explore.overlay import display_of
 from sma_sim.explore.packing import Numbers
+from sma_sim.explore.request_values import Body, Reply, json_number, pixels_in, text, whole, window_in
 from sma_sim.explore.runs import ShownRun, curves_data, frames_data, run_of
 from sma_sim.explore.session import Session
+from sma_sim.explore.stages import Engine
 from sma_sim.model.config import MODELS, Config, flat_parameters
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.errors import UserError
@@ -26,9 +31,6 @@ from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 
 COMMAND_FILE = 'command.json'
 RUNS_KEPT = 6
-PIXELS = (50, 8000)
-Reply = bytes | dict[str, Any]
-Body = Mapping[str, Any]
 
 
 class Application:
@@ -39,6 +41,8 @@ class Application:
 
     def __init__(self, session: Session, effect_folders: Sequence[Path], announce: Callable[[str, Body], None]) -> None:
         self.session, self._announce = session, announce
+        self.data = DataVerbs(session, Engine(session), self.config_in, self.changed)
+        self.live = LiveVerbs(session)
         self._known = find_effects(effect_folders)
         self._command = self.stored_command()
         self._runs: OrderedDict[str, ShownRun] = OrderedDict()
@@ -47,7 +51,7 @@ class Application:
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
             'state': self.state, 'curves': self.curves, 'frames': self.frames, 'change': self.change, 'undo': self.undo,
             'redo': self.redo, 'go_to': self.go_to, 'rename': self.rename, 'differences': self.differences,
-            'command': self.set_command,
+            'command': self.set_command, **self.data.verbs, **self.live.verbs,
         }  # fmt: skip
 
     def stored_command(self) -> Command:
@@ -64,13 +68,19 @@ class Application:
         with suppress(UserError):
             self.run(self.session.config())
 
+    def close(self) -> None:
+        """End what listens to a robot. A step that runs goes on: the next start of the session finds it."""
+        self.live.close()
+
     def state(self, _: Body) -> Reply:
         """All that the page shows beside curves."""
         changes = self._changes  # read first: what follows is at least as new
         config = self.session.config()
         return {
-            'changes': changes, 'history': self.session.as_data(), 'controls': controls_of(config, self._known),
+            'changes': changes, 'steps': self.data.state(), 'history': self.session.as_data(),
+            'controls': controls_of(config, self._known),
             'command': self._command.as_data(), 'columns': list(columns_of(config.structure.structure)),
+            'channels': {name: display_of(name) for name in config.structure.structure.channels},
             'modes': {number: {'name': MODE_NAMES[number], 'colour': MODE_COLOURS[number]} for number in MODE_NAMES},
         }  # fmt: skip
 
@@ -117,10 +127,7 @@ class Application:
 
     def rename(self, body: Body) -> Reply:
         """A name for a version."""
-        name = body.get('name')
-        if not isinstance(name, str) or len(name) > 200:
-            raise UserError('name: expected a text of at most 200 characters')
-        self.session.rename(whole(body.get('number'), 'number'), name)
+        self.session.rename(whole(body.get('number'), 'number'), text(body.get('name'), 'name'))
         return self.changed()
 
     def differences(self, body: Body) -> Reply:
@@ -149,7 +156,16 @@ class Application:
             self._announce('changed', {'changes': self._changes})
         return self.state({})
 
-    def download(self, name: str, number: int | None) -> tuple[str, bytes]:
+    def download(self, name: str, words: Mapping[str, str]) -> tuple[str, bytes, str]:
+        """A file: its type, bytes and name. Of a ``version``, a ``job`` or an ``export``. Raises UserError."""
+        if 'version' not in words:
+            return self.data.download(name, words)
+        given = words['version']
+        if not (given.isascii() and given.isdigit()) or len(given) > 9:
+            raise UserError(f'version: expected a number, got {given!r}')
+        return (*self.version_file(name, int(given)), name)
+
+    def version_file(self, name: str, number: int) -> tuple[str, bytes]:
         """What a version is saved as: its type and bytes. Raises UserError for an unknown name."""
         config = self.session.config(number)
         if name == 'parameters.yaml':
@@ -218,34 +234,6 @@ class Application:
                     self._runs.popitem(last=False)
             self._runs.move_to_end(key)
             return self._runs[key]
-
-
-def window_in(body: Body) -> tuple[float, float] | None:
-    """The stretch of time [s] that is looked at, None for all. Raises UserError."""
-    window = body.get('window')
-    if window is None:
-        return None
-    good = isinstance(window, list) and len(window) == 2 and all(isinstance(end, int | float) for end in window)
-    if not good or not window[0] < window[1]:
-        raise UserError('window: expected two increasing times')
-    return float(window[0]), float(window[1])
-
-
-def pixels_in(body: Body) -> int:
-    """The width of a panel, within what is sensible."""
-    return min(max(whole(body.get('pixels', 1000), 'pixels'), PIXELS[0]), PIXELS[1])
-
-
-def whole(value: Any, name: str) -> int:
-    """A whole number. Raises UserError."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise UserError(f'{name}: expected a whole number, got {value!r}')
-    return value
-
-
-def json_number(value: Any) -> Any:
-    """A value for JSON, which knows no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def csv_cell(value: float) -> str:

@@ -20,15 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.json_values import write_json
+from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.explore.lock import is_locked
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
     'jobs', 'request.json', 'state.json', 'events.jsonl', 'log.txt', 'lock', 'stop',
 )  # fmt: skip
-RESULT, PARAMETERS, REPORT, CURVES = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz'
-FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES}
+RESULT, PARAMETERS, REPORT, CURVES, SUMMARY = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz', 'summary.txt'
+FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES, 'summary': SUMMARY}
 ENDED = ('done', 'stopped', 'failed', 'killed')
 START_TIME = 60.0  # [s] that a process may take before it says that it runs
 KILLED = 'the process ended without a result: it was killed, or the computer went down; start this step again'
@@ -111,7 +113,7 @@ class Job:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The results that are there: ``result`` (JSON), ``parameters``, ``report``, ``curves``."""
+        """The results that are there: ``result`` (JSON), ``parameters``, ``report``, ``curves``, ``summary`` (words)."""
         named = {what: self.folder / name for what, name in FILES.items()}
         return {what: path for what, path in named.items() if path.exists()}
 
@@ -139,6 +141,17 @@ class Job:
         except (OSError, ValueError) as error:
             raise UserError(f'{path} cannot be read: {error}; start this step again') from error
         return found
+
+    def nuisances(self, config: Config) -> dict[str, Nuisance]:
+        """By run, delay, start and switching instants of a comparison. Raises UserError where there are none."""
+        unknown_zero = config.structure.structure.is_quasi_static
+        return {
+            name: Nuisance(
+                float(curves['nuisance.delay']), tuple(curves['nuisance.start'].tolist()),
+                tuple(curves['nuisance.switches'].tolist()), unknown_zero,
+            )
+            for name, curves in self.curves().items() if 'nuisance.delay' in curves
+        }  # fmt: skip
 
     def stop(self) -> None:
         """Ask it to end with what it has, as Ctrl-C does."""

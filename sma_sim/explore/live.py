@@ -45,6 +45,7 @@ class LiveFeed:
         self._samples: deque[dict[str, Any]] = deque(maxlen=KEPT)
         self._count, self._channels = 0, list[str]()
         self._state: dict[str, Any] = {'state': 'off', 'problems': [], 'samples': 0}
+        self._recording: dict[str, Any] = {'path': '', 'messages': 0, 'failed': ''}
         self._said: deque[str] = deque(maxlen=LAST_LINES)
         self._was_stopped = False
 
@@ -66,7 +67,7 @@ class LiveFeed:
             self._clear()
             self._state['state'] = 'starting'
             process = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+                words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
                 encoding='utf-8', errors='replace', start_new_session=True,
             )  # fmt: skip
             self._process = process
@@ -85,12 +86,23 @@ class LiveFeed:
                 process.kill()
                 process.wait()
 
+    def record(self, path: Path | None) -> None:
+        """Begin a bag of what the robot publishes, or end it (None). Raises UserError where nothing is listened to."""
+        process = self._process
+        if process is None or process.poll() is not None or process.stdin is None:
+            raise UserError('record: the page does not listen to a robot: start that first')
+        try:
+            process.stdin.write(json.dumps({'record': str(path) if path else ''}) + '\n')
+            process.stdin.flush()
+        except OSError as error:
+            raise UserError(f'record: the listening process has ended ({error.strerror})') from error
+
     def read(self, since: int = 0) -> dict[str, Any]:
         """What was heard from sample number `since` on, for JSON.
 
         ``state`` (``off``, ``starting``, ``waiting for joint_states``, ``burn-in``, ``comparing``, ``ended``, ``failed``),
-        ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` (as `sma_sim.ros.live_feed` has them) and
-        ``next``, the number to ask for then.
+        ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` and ``recording`` (as
+        `sma_sim.ros.live_feed` has them) and ``next``, the number to ask for then.
         """
         with self._lock:
             code = None if self._process is None else self._process.poll()
@@ -98,12 +110,14 @@ class LiveFeed:
             if code is not None:
                 stopped = code == 0 or self._was_stopped
                 known['state'] = 'ended' if stopped else 'failed'
+                self._recording = {**self._recording, 'path': ''}
                 known['problems'] = [] if stopped else list(self._said)[-3:] or [f'it ended with code {code}']
             samples = list(self._samples)[max(0, since - first) :]
             return known | {
                 'compared': known['samples'],
                 'channels': self._channels,
                 'samples': samples,
+                'recording': dict(self._recording),
                 'next': self._count,
             }
 
@@ -120,6 +134,8 @@ class LiveFeed:
         elif kind == 'sample':
             self._samples.append(content)
             self._count += 1
+        elif kind == 'recording':
+            self._recording = {name: content[name] for name in ('path', 'messages', 'failed')}
         elif kind == 'state':
             self._state = {name: content[name] for name in ('state', 'problems', 'samples')}
 

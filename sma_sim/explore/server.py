@@ -23,12 +23,11 @@ from sma_sim.model.errors import UserError
 
 LOOPBACK = '127.0.0.1'
 ASSETS = Path(__file__).parent / 'assets'
-TYPES = {
-    'page.css': 'text/css; charset=utf-8', 'app.js': 'text/javascript; charset=utf-8',
-    'chart.js': 'text/javascript; charset=utf-8', 'drawing.js': 'text/javascript; charset=utf-8',
-    'controls.js': 'text/javascript; charset=utf-8', 'history.js': 'text/javascript; charset=utf-8',
-    'wire.js': 'text/javascript; charset=utf-8', 'command.js': 'text/javascript; charset=utf-8',
-}  # fmt: skip
+SCRIPT = 'text/javascript; charset=utf-8'
+SCRIPTS = (
+    'app', 'chart', 'command', 'controls', 'drawing', 'figures', 'history', 'live', 'recordings', 'results', 'steps', 'wire',
+)  # fmt: skip
+TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
 JSON, BINARY = 'application/json', 'application/octet-stream'
 MOST_BODY = 25_000_000  # bytes
 HEARTBEAT = 10.0  # [s]
@@ -246,12 +245,11 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.flush()
 
     def download(self, name: str, words: Mapping[str, list[str]]) -> None:
-        """A version as a file."""
-        number = words.get('version', [''])[0]
-        if self.server.application is None or not (number.isascii() and number.isdigit()):
+        """A version, a result or an export as a file."""
+        if self.server.application is None:
             raise Refusal(404, 'Not found.')
-        kind, content = self.server.application.download(name, int(number))
-        self.send(200, kind, content, {'Content-Disposition': f'attachment; filename="{name}"'})
+        kind, content, shown = self.server.application.download(name, {word: values[0] for word, values in words.items()})
+        self.send(200, kind, content, {'Content-Disposition': f'attachment; filename="{shown}"'})
 
     def stream(self) -> None:
         """Events, until the tab or the server closes."""

@@ -195,6 +195,12 @@ class Session:
         """In what two versions differ. Raises UserError."""
         return differences(self.config(before), self.config(after))
 
+    def set_data(self, data: DataRequest) -> None:
+        """Let the session be about other recordings. Raises UserError."""
+        with self._thread_lock:
+            write_settings(self.folder, data.absolute())
+            self.data = data.absolute()
+
     def as_data(self) -> dict[str, Any]:
         """The history for JSON."""
         with self._thread_lock:

@@ -71,6 +71,12 @@ class Engine:
                 return job
         return None
 
+    def last_with(self, stage: str, file: str) -> Job | None:
+        """The last job of a stage, of any version, on the recordings as they are, that has written a file (`Job.files`)."""
+        data = self.data()
+        found = (job for job in reversed(self.jobs) if job.stage == stage and job.data == data and file in job.files)
+        return next(found, None)
+
     def data(self) -> str:
         """What tells whether the recordings are still the same; empty without any."""
         return fingerprint(self.session.data) if self.session.data else ''

@@ -11,11 +11,13 @@ import numpy as np
 
 from sma_sim.evidence.data.json_values import write_json
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
@@ -25,7 +27,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
 from sma_sim.explore.events import EventLog
-from sma_sim.explore.jobs import CURVES, PARAMETERS, REPORT, RESULT, Job, write_curves
+from sma_sim.explore.jobs import CURVES, PARAMETERS, REPORT, RESULT, SUMMARY, Job, write_curves
 from sma_sim.explore.session import VERSIONS, read_settings
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
@@ -147,6 +149,8 @@ def diagnose_version(order: WorkOrder) -> bool:
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with executor_or_threads(None) as executor:
             found = diagnose(fitted, config, held_out, request, executor, order.log.progress)
+        text = '\n'.join(as_text(found)) + '\n'
+        write_whole(order.output(SUMMARY), lambda file: file.write(text))
         out = order.output(PARAMETERS)
         written = write_improved(out, found, folders_from(out, order.effect_folders()))
         rivals = confounded(found)
@@ -186,7 +190,7 @@ def switch_candidates_on(order: WorkOrder) -> bool:
 
 
 def curves_of(comparison: Comparison) -> dict[str, Any]:
-    """Every run's time, measurement, model, noise and states (k,), named ``run|what``."""
+    """Every run's time, measurement, model, noise states (k,) and nuisances, named ``run|what``."""
     curves: dict[str, Any] = {}
     for run in comparison.runs:
         curves[f'{run.name}|time'] = run.time
@@ -195,6 +199,9 @@ def curves_of(comparison: Comparison) -> dict[str, Any]:
             curves[f'{run.name}|model.{channel}'] = run.predicted[channel]
             curves[f'{run.name}|noise.{channel}'] = np.array(run.noise[channel])
         curves |= {f'{run.name}|state.{name}': values for name, values in run.states.items()}
+        curves[f'{run.name}|nuisance.delay'] = np.array(run.nuisance.delay)
+        curves[f'{run.name}|nuisance.start'] = np.array(run.nuisance.start, float)
+        curves[f'{run.name}|nuisance.switches'] = np.array(run.nuisance.switches, float)
     return curves
 
 

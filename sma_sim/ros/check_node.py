@@ -56,6 +56,9 @@ class Observer(Protocol):
     def state(self, state: str, problems: Sequence[str], samples: int) -> None:
         """What the check is doing, what is wrong, how many samples were compared."""
 
+    def close(self) -> None:
+        """The check has ended."""
+
 
 class ModelCheck:
     """The model beside the robot whose topics one node hears."""
@@ -114,7 +117,9 @@ class ModelCheck:
             time.sleep(POLL_PERIOD)
 
     def close(self) -> None:
-        """Nothing is left open."""
+        """Tell the observer, if there is one."""
+        if self._observer is not None:
+            self._observer.close()
 
     def _reset(self, _: Any, response: Any) -> Any:
         self._reset_requested.set()

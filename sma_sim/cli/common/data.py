@@ -26,7 +26,15 @@ EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
 
 def add_data_options(parser: argparse.ArgumentParser) -> None:
     """``DATA...`` and options about them, ``--report``, ``--json``, ``--scheduler``."""
-    parser.add_argument('data', nargs='+', type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
+    add_recording_options(parser)
+    parser.add_argument('--report', type=report_path, metavar='FILE.html', help='HTML report to write, with figures')
+    parser.add_argument('--json', type=Path, metavar='FILE.json', help='results to write, for programs')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
+
+
+def add_recording_options(parser: argparse.ArgumentParser, nargs: str = '+') -> None:
+    """``DATA...`` and how they are to be read."""
+    parser.add_argument('data', nargs=nargs, type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
     parser.add_argument(
         '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
         help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
@@ -38,9 +46,6 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
         help='standard deviation of the noise of a channel, SI units (default: that of meta.json, else estimated)',
     )  # fmt: skip
     add_namespace_option(parser)
-    parser.add_argument('--report', type=report_path, metavar='FILE.html', help='HTML report to write, with figures')
-    parser.add_argument('--json', type=Path, metavar='FILE.json', help='results to write, for programs')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
 
 
 def report_path(text: str) -> Path:

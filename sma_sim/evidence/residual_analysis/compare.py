@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, nuisances_of
-from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, model_columns
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.config import Config
 
@@ -111,15 +111,26 @@ def compared_run(dataset: Dataset, k: int, config: Config, known: Mapping[str, N
     """The `k`-th recording of a dataset. Raises SimulationError when the model cannot be run."""
     recording = dataset.recordings[k]
     run = fit_data(recording, dataset.noise_std, floor=config.parameters['solver.rtol'])
-    nuisance = known.get(recording.name, Nuisance())
+    return run_beside_model(config, (recording, run), known.get(recording.name, Nuisance()), dataset.noise_std)
+
+
+def run_beside_model(
+    config: Config, prepared: tuple[Recording, FitData], nuisance: Nuisance, noise_std: Mapping[str, float],
+    with_states: bool = True,
+) -> ComparedRun:  # fmt: skip
+    """A recording, and the same made ready, beside a model; without `with_states` its states are left out.
+
+    Raises SimulationError when the model cannot be run.
+    """
+    recording, run = prepared
     columns = model_columns(config, run, nuisance)
     return ComparedRun(
         name=recording.name, held_out=False, time=np.asarray(run.time),
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
         predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
         noise={
-            name: float(1.0 / weight.max()) if weight.any() else dataset.noise_std[name]
+            name: float(1.0 / weight.max()) if weight.any() else noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
-        states=with_derived_states(config, run.time, columns), nuisance=nuisance,
+        states=with_derived_states(config, run.time, columns) if with_states else {}, nuisance=nuisance,
     )  # fmt: skip

@@ -50,15 +50,24 @@ def channel_score(runs: Sequence[ComparedRun], channel: str) -> ChannelScore | N
     residuals = [run.residual(channel) for run in runs]
     joined = np.concatenate([residual[np.isfinite(residual)] for residual in residuals])
     measured = np.concatenate([run.measured[channel] for run in runs])
-    scaled = np.concatenate(
-        [residual[np.isfinite(residual)] / run.noise[channel] for residual, run in zip(residuals, runs, strict=True)]
-    )
     rmse, span = float(np.sqrt(np.mean(joined**2))), float(np.nanmax(measured) - np.nanmin(measured))
     return ChannelScore(
         channel=channel, samples=len(joined), rmse=rmse, bias=float(joined.mean()),
-        share=rmse / span if span > 0.0 else float('nan'), over_noise=float(np.sqrt(np.mean(scaled**2))),
+        share=rmse / span if span > 0.0 else float('nan'), over_noise=error_over_noise(runs, channel),
         whiteness=ljung_box(residuals),
     )  # fmt: skip
+
+
+def error_over_noise(runs: Sequence[ComparedRun], channel: str) -> float:
+    """RMSE over noise of a channel in the runs that have it; NaN where none has."""
+    scaled = [run.residual(channel) / run.noise[channel] for run in runs if channel in run.measured]
+    known = np.concatenate([values[np.isfinite(values)] for values in scaled]) if scaled else np.zeros(0)
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float('nan')
+
+
+def pooled_over_channels(errors: Sequence[float]) -> float:
+    """sqrt(mean over channels of (RMSE over noise)^2), NaN for none."""
+    return float(np.sqrt(np.mean([error**2 for error in errors]))) if errors else float('nan')
 
 
 def channel_scores(runs: Sequence[ComparedRun], channels: Sequence[str]) -> dict[str, ChannelScore]:
@@ -68,8 +77,8 @@ def channel_scores(runs: Sequence[ComparedRun], channels: Sequence[str]) -> dict
 
 
 def total_error(found: Sequence[ChannelScore]) -> float:
-    """sqrt(mean over channels of (RMSE over noise)^2), NaN for none."""
-    return float(np.sqrt(np.mean([entry.over_noise**2 for entry in found]))) if found else float('nan')
+    """The error over noise of several channels, NaN for none."""
+    return pooled_over_channels([entry.over_noise for entry in found])
 
 
 def ljung_box(series: Sequence[Vector]) -> Whiteness:

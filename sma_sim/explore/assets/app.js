@@ -5,10 +5,17 @@ import { showCommand } from './command.js';
 import { element, showEffects, showParameters } from './controls.js';
 import { Drawing } from './drawing.js';
 import { showHistory } from './history.js';
+import { RobotView } from './live.js';
+import { RecordingsView } from './recordings.js';
+import { redrawFigure, showExport, showResult } from './results.js';
+import { nextStep, showSteps } from './steps.js';
 import { ask } from './wire.js';
 
 const part = (id) => document.getElementById(id);
-const page = { state: null, values: {}, window: null, beside: null, time: 0, end: 1, charts: new Map(), drawn: 0, latencies: [], ready: false };
+const page = {
+  state: null, values: {}, tried: null, window: null, beside: null, time: 0, end: 1, charts: new Map(), drawn: 0, latencies: [], ready: false,
+  view: 'model', step: null, results: new Map(), events: [],
+};
 window.smaExplore = page; // what tests and benchmarks look at
 const drawing = new Drawing(part('drawing').querySelector('canvas'));
 
@@ -38,13 +45,23 @@ async function attempt(what, action) {
 // Curves: one request at a time; what is asked for meanwhile comes next, and only the last of it.
 let asking = false, wanted = null;
 
+/** What is changed for a look, but is no version: a slider that moves, an effect that is tried. */
+const changes = () => ({ values: { ...page.tried?.values, ...page.values }, ...(page.tried ? { effects: page.tried.effects } : {}) });
+
+/** Draw what the view shows, unless it has nothing to show. */
+async function drawView() {
+  if (page.view === 'model') showCurves(await ask('curves', { ...changes(), window: page.window, beside: page.beside, pixels: widest() }));
+  else if (page.view === 'data' && page.state.steps.compared.length) {
+    const preview = page.tried || Object.keys(page.values).length;
+    recordings.show(await ask('overlay', { ...changes(), beside: page.beside, ...recordings.request() }), preview ? null : page.state.history.current);
+  }
+}
+
 function refresh(since = performance.now()) {
   if (asking) { wanted = since; return; }
   asking = true;
-  const body = { values: page.values, window: page.window, beside: page.beside, pixels: widest() };
   attempt('curves', async () => {
-    const answer = await ask('curves', body);
-    showCurves(answer);
+    await drawView();
     page.drawn += 1;
     page.latencies.push(performance.now() - since);
     if (page.latencies.length > 2000) page.latencies.splice(0, 1000);
@@ -64,7 +81,8 @@ let settling = 0;
 function settle() {
   clearTimeout(settling);
   settling = setTimeout(async () => {
-    const answer = await attempt('frames', () => ask('frames', { values: page.values, beside: page.beside }));
+    if (page.view !== 'model') return;
+    const answer = await attempt('frames', () => ask('frames', { ...changes(), beside: page.beside }));
     if (!answer || asking) return;
     drawing.set(answer, modeColours());
     drawing.draw(page.time);
@@ -144,9 +162,13 @@ async function load() {
 
 function show(state) {
   if (page.state && state.changes < page.state.changes) return; // answers may overtake each other
+  const first = page.state === null;
+  if (page.state && page.state.history.current !== state.history.current) page.tried = null;
   page.state = state;
   page.values = {};
   const { controls, history } = state;
+  if (first && (state.steps.data || state.steps.recorded.length)) { setView('data'); openTab('steps'); }
+  showStages();
   if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
   part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;
   part('title').title = controls.description;
@@ -189,6 +211,132 @@ function focusName() {
 function refocus(focused) {
   if (focused) document.querySelector(focused.selector)?.querySelectorAll('input, button, select')[focused.within]?.focus({ preventScroll: true });
 }
+
+// Steps: those of the recordings, and what came out of them.
+const recordings = new RecordingsView({ refresh: () => refresh(), attempt, startCandidates: () => begin('candidates', {}) });
+const robot = new RobotView(part('robot-view'), {
+  attempt, recorded: load, recordedCount: () => page.state?.steps.recorded.length ?? 0, useRecorded,
+  labels: (channel) => page.state?.channels[channel] ?? { label: channel, factor: 1, offset: 0, colour: '' },
+});
+page.recordings = recordings;
+page.robot = robot;
+
+function showStages() {
+  const { steps } = page.state;
+  page.step ??= steps.data ? nextStep(page.state) : null;
+  showSteps(part('steps'), page.state, page.step, {
+    choose: (stage) => { page.step = stage; setView('data'); showStages(); }, begin, open: (files) => perform('recordings', { files }).then(() => chooseNext()), useRecorded,
+    stop: () => perform('stop'),
+  });
+  if (!steps.compared.length) part('grid-view').hidden = true;
+  showDetail();
+  if (steps.running && !polling) poll();
+}
+
+function useRecorded() {
+  perform('recordings', { recorded: true }).then(() => { setView('data'); openTab('steps'); chooseNext(); });
+}
+
+function chooseNext() {
+  page.step = nextStep(page.state);
+  showStages();
+}
+
+async function begin(stage, options) {
+  setView('data');
+  if (stage === 'accept') { await perform('accept'); page.step = 'compare'; return showStages(); }
+  if (stage === 'export') {
+    const found = await attempt('change', () => ask('export'));
+    if (found) { page.exported = found; page.step = 'export'; showStages(); }
+    return null;
+  }
+  page.step = stage;
+  return perform('start', { stage, options });
+}
+
+/** The job whose result a stage shows. */
+function jobOf(stage) {
+  const { steps } = page.state;
+  if (stage === 'candidates') return steps.candidates;
+  return steps.stages.find((one) => one.stage === stage)?.job ?? null;
+}
+
+async function showDetail() {
+  const stage = page.step, box = part('detail');
+  if (stage === 'export') return page.exported?.number === page.state.history.current ? showExport(box, page.exported) : box.replaceChildren();
+  const job = stage && jobOf(stage);
+  if (!job) {
+    const words = page.state.steps.data ? '' : 'No recordings yet: choose the files of your robot under Steps.';
+    return box.replaceChildren(element('p', { className: 'note', textContent: words }));
+  }
+  const key = `${job.number} ${job.state}`;
+  if (!page.results.has(key) || job.state === 'running') {
+    const found = await attempt('job', () => ask('job', { number: job.number, since: 0, result: job.state !== 'running' }));
+    if (!found) return null;
+    page.results.set(key, found);
+    if (page.results.size > 20) page.results.delete(page.results.keys().next().value);
+  }
+  if (page.step !== stage) return null;
+  const found = page.results.get(key);
+  if (job.state === 'running') page.events = found.events;
+  return showResult(box, job.stage, found, { holdOut: (names) => perform('recordings', { hold_out: names }), tryEffect, keepEffect, tried: page.tried?.name ?? null });
+}
+
+/** Look at an effect with the values that explain most, without a version. */
+function tryEffect(effect) {
+  page.tried = effect && { name: effect.name, ...withEffect(effect) };
+  showDetail();
+  refresh();
+}
+
+const withEffect = (effect) => ({
+  effects: [...page.state.controls.active, effect.name],
+  values: Object.fromEntries(Object.entries(effect.values).map(([name, value]) => [`effects.${effect.name}.${name}`, value])),
+});
+
+const keepEffect = (effect) => perform('change', { ...withEffect(effect), expected: page.state.history.current });
+
+// A step that runs is asked how it proceeds.
+let polling = 0;
+function poll() {
+  polling = setTimeout(async () => {
+    const running = page.state.steps.running;
+    if (!running) { polling = 0; return; }
+    const found = await attempt('job', () => ask('job', { number: running.number, since: page.step === running.stage ? page.events.length : 0 }));
+    polling = 0;
+    if (!found) { polling = 0; setTimeout(() => { if (!polling) poll(); }, 2000); return; }
+    if (found.job.state !== 'running') {
+      await load();
+      refresh();
+      recordings.again();
+      return;
+    }
+    running.words = found.job.words;
+    for (const words of document.querySelectorAll(`[data-stage="${running.stage}"] .words, #detail .words`)) words.textContent = found.job.words;
+    if (page.step === running.stage && found.events.length) {
+      page.events = [...page.events, ...found.events];
+      redrawFigure(part('detail'), running.stage, page.events);
+    }
+    poll();
+  }, 400);
+}
+
+// Views: the model by itself, recordings beside it, a robot beside it.
+function setView(name) {
+  if (page.view === name) return;
+  page.view = name;
+  for (const one of ['model', 'data', 'robot']) {
+    part(`view-${one}`).setAttribute('aria-pressed', String(one === name));
+    part(`${one}-view`).hidden = one !== name;
+  }
+  document.body.dataset.view = name;
+  robot.wake();
+  if (page.state) refresh();
+}
+for (const name of ['model', 'data', 'robot']) part(`view-${name}`).addEventListener('click', () => {
+  setView(name);
+  if (name === 'data') openTab('steps');
+});
 
 // Tabs of the controls.
 function openTab(id) {
@@ -244,6 +392,8 @@ document.addEventListener('keydown', (event) => {
 function redraw() {
   for (const chart of page.charts.values()) chart.draw();
   drawing.draw(page.time);
+  recordings.draw();
+  if (page.step) redrawFigure(part('detail'), page.step, page.results.get(`${jobOf(page.step)?.number} ${jobOf(page.step)?.state}`)?.events ?? []);
 }
 new ResizeObserver(redraw).observe(part('curves'));
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);

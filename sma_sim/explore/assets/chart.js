@@ -54,7 +54,7 @@ export class Chart {
 
   get em() { return 0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize); }
 
-  listen({ point, zoom, whole }) {
+  listen({ point, zoom, whole, pick = null }) {
     const at = (event) => {
       const [left, width] = [LEFT * this.em, this.canvas.clientWidth - (LEFT + RIGHT) * this.em];
       const part = (event.offsetX - left) / width;
@@ -68,15 +68,15 @@ export class Chart {
     });
     this.canvas.addEventListener('pointerup', (event) => {
       if (start && Math.abs(event.offsetX - start[1]) > 8) zoom([start[0], at(event)].sort((a, b) => a - b));
-      else point(at(event));
+      else (pick ?? point)(at(event));
       start = null;
     });
     this.canvas.addEventListener('dblclick', whole);
   }
 
-  /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x, or null for all. */
-  set({ curves = [], bands = [], label = '', xLabel = '', range = null }) {
-    Object.assign(this, { curves, bands, label, xLabel, range });
+  /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x, or null for all; `shade`: a band of y; `mark`: a part of x. */
+  set({ curves = [], bands = [], label = '', xLabel = '', range = null, shade = null, mark = null }) {
+    Object.assign(this, { curves, bands, label, xLabel, range, shade, mark });
     this.box.style.setProperty('--rows', String(bands.length));
     this.x = range ?? (curves.length ? extent(curves, 'x', (_, x) => x) : [0, 1]);
     this.y = extent(curves, 'y', (curve, y) => curve.factor * y + curve.offset);
@@ -101,14 +101,11 @@ export class Chart {
     context.beginPath();
     context.rect(area.left, area.top, area.width, area.height);
     context.clip();
+    if (this.shade) this.fill(area.left, py(this.shade[1]), area.width, py(this.shade[0]) - py(this.shade[1]), '--soft');
     if (this.bands.length) this.drawBands(area, px);
     for (const curve of this.curves) this.line(curve, px, py);
-    if (marked) {
-      context.fillStyle = styleOf('--blue');
-      context.globalAlpha = 0.2;
-      context.fillRect(px(marked[0]), area.top, px(marked[1]) - px(marked[0]), area.height);
-      context.globalAlpha = 1;
-    }
+    const part = marked ?? this.mark;
+    if (part) this.fill(px(part[0]), area.top, px(part[1]) - px(part[0]), area.height, '--blue');
     if (this.cursor !== undefined && this.kind !== 'loop') {
       context.strokeStyle = styleOf('--soft');
       context.lineWidth = 1;
@@ -119,6 +116,14 @@ export class Chart {
     }
     context.restore();
     this.legend(area);
+  }
+
+  fill(x, y, width, height, colour) {
+    const { context } = this;
+    context.fillStyle = styleOf(colour);
+    context.globalAlpha = 0.2;
+    context.fillRect(x, y, width, height);
+    context.globalAlpha = 1;
   }
 
   axes(area, px, py) {
@@ -159,8 +164,8 @@ export class Chart {
 
   line(curve, px, py) {
     const { context } = this, { x, y, factor, offset, held } = curve;
-    context.strokeStyle = curve.colour;
-    context.lineWidth = curve.beside ? 1.2 : 1.7;
+    context.strokeStyle = curve.colour || styleOf('--ink');
+    context.lineWidth = curve.beside || curve.thin ? 1.2 : 1.7;
     context.setLineDash(curve.beside ? [5, 4] : []);
     context.beginPath();
     let before = 0;
@@ -212,7 +217,7 @@ export class Chart {
       context.fillStyle = styleOf('--ink');
       context.fillText(text, right, base);
       right -= context.measureText(text).width + 0.4 * em;
-      context.fillStyle = curve.colour;
+      context.fillStyle = curve.colour || styleOf('--ink');
       context.fillRect(right - 1.1 * em, base - 0.5 * em, 1.1 * em, 0.22 * em);
       right -= 2 * em;
     }

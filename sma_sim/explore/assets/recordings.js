@@ -1,0 +1,135 @@
+// All recordings beside the model: a chart for each channel of each run, errors over noise, and what a part of a residual is.
+
+import { Chart } from './chart.js';
+import { element } from './controls.js';
+import { digits, errorCell, showRegion, table } from './results.js';
+import { ask } from './wire.js';
+
+const part = (id) => document.getElementById(id);
+const SHOWN_AT_FIRST = 3; // runs
+const NEAR = 0.03; // of a run, on both sides of a click
+
+export class RecordingsView {
+  /** `actions`: refresh(), attempt(what, action), startCandidates(). */
+  constructor(actions) {
+    this.actions = actions;
+    this.charts = new Map();
+    this.window = null;
+    this.runs = null;
+    this.marked = null;
+    part('drawn').addEventListener('change', () => actions.refresh());
+    part('run').addEventListener('change', () => actions.refresh());
+    part('whole-data').addEventListener('click', () => this.zoom(null));
+  }
+
+  get residuals() { return part('drawn').value === 'residuals'; }
+
+  /** What is asked for beside the model. */
+  request() {
+    const widths = [...this.charts.values()].map((chart) => chart.pixels);
+    return { window: this.window, pixels: widths.length ? Math.max(...widths) : 500, residuals: this.residuals };
+  }
+
+  zoom(range) {
+    this.window = range;
+    part('whole-data').hidden = range === null;
+    this.actions.refresh();
+  }
+
+  show({ content, numbers }, version) {
+    this.content = content;
+    part('grid-view').hidden = false;
+    this.offerRuns(content.runs);
+    this.showErrors(content, version);
+    const chosen = part('run').value, used = new Set();
+    const runs = content.runs.filter((run, k) => chosen === run.name || (chosen === '' && k < SHOWN_AT_FIRST) || chosen === '*');
+    part('grid').style.setProperty('--runs', String(Math.min(runs.length, SHOWN_AT_FIRST)));
+    for (const channel of content.channels) for (const run of runs) if (channel.name in run.channels) {
+      const id = `${run.name}|${channel.name}`;
+      used.add(id);
+      this.chart(id, run, channel).set(this.shown(run, channel, numbers));
+    }
+    let changed = false;
+    for (const [id, chart] of this.charts) if (!used.has(id)) { chart.box.remove(); this.charts.delete(id); changed = true; }
+    if (changed || used.size !== this.order?.length) this.arrange([...used]);
+    this.draw();
+  }
+
+  draw() { for (const chart of this.charts.values()) chart.draw(); }
+
+  arrange(order) {
+    this.order = order;
+    for (const id of order) part('grid').append(this.charts.get(id).box);
+  }
+
+  chart(id, run, channel) {
+    if (!this.charts.has(id)) {
+      const at = (time) => { for (const [other, chart] of this.charts) if (other.startsWith(`${run.name}|`)) { chart.cursor = time; chart.draw(); } };
+      const explain = (range) => this.explain(run.name, channel.name, range);
+      const near = (time) => { const span = NEAR * (this.charts.get(id).x[1] - this.charts.get(id).x[0]); return [time - span, time + span]; };
+      this.charts.set(id, new Chart(part('grid'), 'time', {
+        point: at, zoom: (range) => (this.residuals ? explain(range) : this.zoom(range)), whole: () => this.zoom(null),
+        pick: (time) => (this.residuals ? explain(near(time)) : at(time)),
+      }));
+    }
+    return this.charts.get(id);
+  }
+
+  shown(run, channel, numbers) {
+    const curves = run.channels[channel.name], place = ([x, y]) => ({ x: numbers(x), y: numbers(y) });
+    const error = run.errors[channel.name] === undefined ? '' : `, ${digits(run.errors[channel.name], 3)} \u00d7 noise`;
+    const held = run.held_out ? ' (held out)' : '', si = { factor: channel.factor, offset: channel.offset };
+    const range = this.window ?? [run.begin, run.end];
+    const mark = this.marked?.run === run.name && this.marked.channel === channel.name ? this.marked.range : null;
+    if (this.residuals) {
+      return { label: `${run.name}${held} ${channel.name} / noise${error}`, range, mark, shade: [-2, 2], curves: [{ factor: 1, offset: 0, colour: channel.colour, label: '', ...place(curves.residual) }] };
+    }
+    const beside = run.beside?.[channel.name];
+    return { label: `${run.name}${held} ${channel.label}${error}`, range, mark, curves: [
+      { ...si, colour: '', thin: true, label: '', ...place(curves.measured) },
+      ...(beside ? [{ ...si, colour: channel.colour, beside: true, label: '', ...place(beside.model) }] : []),
+      { ...si, colour: channel.colour, label: '', ...place(curves.model) }] };
+  }
+
+  offerRuns(runs) {
+    const names = runs.map((run) => run.name).join('|');
+    if (this.runs === names) return;
+    this.runs = names;
+    const first = runs.length > SHOWN_AT_FIRST ? [['', `the first ${SHOWN_AT_FIRST}`], ['*', 'all']] : [['', 'all']];
+    part('run').replaceChildren(...[...first, ...runs.map((run) => [run.name, run.name])].map(([value, textContent]) => element('option', { value, textContent })));
+  }
+
+  showErrors(content, version) {
+    const { channels, runs, parts, error } = content, names = channels.map((one) => one.name);
+    const row = (title, errors, all) => [title, ...names.map((name) => errorCell(errors[name])), errorCell(all)];
+    const held = Object.keys(parts.held_out).length > 0;
+    const rows = [...runs.map((run) => row(run.name + (run.held_out ? ' (held out)' : ''), run.errors, run.error)),
+      row(held ? 'fitted runs' : 'all runs', parts.train, error.train), ...(held ? [row('held-out runs', parts.held_out, error.held_out)] : [])];
+    part('errors').replaceChildren(table(['error over noise', ...names, 'all'], rows, 'Error over noise: 1 is as large as the noise'));
+    const exact = content.compared === version;
+    part('basis').textContent = exact ? `Version ${version}, as compared. Black or white: measured; coloured: model.`
+      : `Preview: delay and start of each run are those of the comparison with version ${content.compared}. To have the exact numbers, compare again.`;
+    part('basis').classList.toggle('preview', !exact);
+    part('grid-title').textContent = this.residuals ? 'Residual (measured \u2212 model) over noise; grey: \u00b12. Click on a part of it to see what happens there' : 'Measured and model. Drag across a curve to look closer';
+  }
+
+  async explain(run, channel, [t0, t1]) {
+    this.marked = { run, channel, range: [t0, t1] };
+    const found = await this.actions.attempt('part', () => ask('part', { run, channel, t0, t1 }));
+    if (!found) return;
+    this.region(found);
+  }
+
+  region(found) {
+    const range = [found.t0, found.t1];
+    for (const [id, chart] of this.charts) { chart.mark = id === `${found.run}|${found.channel}` ? range : null; chart.draw(); }
+    showRegion(part('region'), found, {
+      switchOn: () => this.actions.startCandidates(), closer: () => this.zoom(range),
+      close: () => { this.marked = null; part('region').hidden = true; for (const chart of this.charts.values()) { chart.mark = null; chart.draw(); } },
+    });
+    part('region').scrollIntoView({ block: 'nearest' });
+  }
+
+  /** Explain the marked part again, as when effects were switched on meanwhile. */
+  again() { if (this.marked && !part('region').hidden) this.explain(this.marked.run, this.marked.channel, this.marked.range); }
+}

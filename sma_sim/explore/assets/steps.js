@@ -1,0 +1,127 @@
+// The steps from recordings to an improved model, in their order; each can be taken when what it needs is there.
+
+import { element } from './controls.js';
+
+export const TITLES = {
+  check: 'Check the recordings', compare: 'Compare', calibrate: 'Calibrate', diagnose: 'Diagnose', accept: 'Accept', export: 'Export',
+  candidates: 'Switch effects on, one at a time',
+};
+const PURPOSES = {
+  check: 'Reads the files: runs and channels, what is missing or was repaired, how large the noise is.',
+  compare: 'Runs the model under the recorded commands and measures its error in units of the noise.',
+  calibrate: 'Fits the parameters of the model as it is. It may be left out: a diagnosis calibrates too.',
+  diagnose: 'Searches for the physical effect that the model lacks, and judges it by runs that were not fitted. Takes minutes.',
+  accept: 'Makes the calibrated or diagnosed model the current version. Undo goes back.',
+  export: 'Gives you the parameter file, the report, and the commands and Python lines that do the same.',
+};
+const VERBS = { check: 'Check', compare: 'Compare', calibrate: 'Calibrate', diagnose: 'Diagnose', accept: 'Accept', export: 'Export' };
+const MARKS = { done: '\u2713', stopped: '\u25a0', failed: '\u2717', killed: '\u2717', running: '\u25b6' };
+
+/** The step that comes next, by what there is. */
+export function nextStep({ steps, history }) {
+  const of = Object.fromEntries(steps.stages.map((one) => [one.stage, one]));
+  const has = (stage) => ['done', 'stopped'].includes(of[stage].job?.state) && 'result' in (of[stage].job?.files ?? {});
+  if (steps.running) return steps.running.stage;
+  if (!has('check')) return 'check';
+  if (!has('compare')) return 'compare';
+  const current = history.versions.find((one) => one.number === history.current);
+  const found = of.accept.job;
+  if (current.step !== null) return 'export';
+  if (found && !history.versions.some((one) => one.step === found.number)) return found.stage === 'diagnose' ? 'accept' : 'diagnose';
+  return 'diagnose';
+}
+
+/** Show the steps; `chosen` is the one whose result is looked at. */
+export function showSteps(parent, state, chosen, actions) {
+  const { steps } = state;
+  if (!steps.data) return parent.replaceChildren(...openRecordings(actions, steps.recorded));
+  const next = nextStep(state), open = new Set([...parent.querySelectorAll('details[open]')].map((one) => one.dataset.options));
+  const list = element('ol', { className: 'steps' }, ...steps.stages.map((one) => stepItem(one, state, { next, chosen, open }, actions)));
+  parent.replaceChildren(element('p', { className: 'note', textContent: 'From recordings to an improved model, in this order. What is marked comes next.' }), list,
+    element('details', {}, element('summary', { textContent: 'Other recordings' }), ...openRecordings(actions, steps.recorded)));
+}
+
+function stepItem(one, state, { next, chosen, open }, actions) {
+  const { stage, ready, reason, job } = one, running = job?.state === 'running', busy = state.steps.running !== null;
+  const accepted = stage === 'accept' && job && state.history.versions.some((version) => version.step === job.number);
+  const mark = stage === 'accept' ? (accepted ? MARKS.done : '') : MARKS[job?.state] ?? '';
+  const title = element('button', { type: 'button', className: 'link', textContent: TITLES[stage], title: 'Show what came out of it' });
+  title.addEventListener('click', () => actions.choose(stage));
+  const item = element('li', { className: [stage === next ? 'next' : '', stage === chosen ? 'chosen' : '', ready || running ? '' : 'locked'].join(' ') },
+    element('div', { className: 'head' }, title, element('span', { className: `mark ${job?.state ?? ''}`, textContent: mark })),
+    element('p', { className: 'small', textContent: PURPOSES[stage] }));
+  item.dataset.stage = stage;
+  if (stage === chosen) item.setAttribute('aria-current', 'step');
+  if (job && ['failed', 'killed'].includes(job.state) && stage !== 'accept') item.append(element('p', { className: 'problem', textContent: job.words }));
+  if (running) return progress(item, job, actions);
+  if (!ready) { item.append(element('p', { className: 'small reason', textContent: `${reason[0].toUpperCase()}${reason.slice(1)}.` })); return item; }
+  const { fields, read } = optionsOf(stage, open.has(stage));
+  const begin = element('button', { type: 'button', className: stage === next ? 'primary' : '', textContent: label(stage, state, job, accepted), disabled: busy || accepted });
+  begin.dataset.begin = stage;
+  begin.addEventListener('click', () => actions.begin(stage, read()));
+  item.append(element('div', { className: 'row' }, begin), ...fields);
+  return item;
+}
+
+function label(stage, { history }, job, accepted) {
+  if (stage === 'accept') return accepted ? 'Accepted' : `Accept the ${job.stage === 'diagnose' ? 'diagnosed' : 'calibrated'} model`;
+  if (stage === 'compare' || stage === 'export') return `${VERBS[stage]} version ${history.current}`;
+  return job ? `${VERBS[stage]} again` : VERBS[stage];
+}
+
+function progress(item, job, actions) {
+  const stop = element('button', { type: 'button', textContent: 'Stop, and keep what it has' });
+  stop.dataset.stop = job.stage;
+  stop.addEventListener('click', actions.stop);
+  item.append(element('progress', { ariaLabel: `${TITLES[job.stage]} is running` }), element('p', { className: 'small words', role: 'status', textContent: job.words }), stop);
+  return item;
+}
+
+function optionsOf(stage, open) {
+  const make = OPTIONS[stage];
+  if (!make) return { fields: [], read: () => ({}) };
+  const { rows, read } = make();
+  const details = element('details', { open }, element('summary', { textContent: 'Options' }), ...rows);
+  details.dataset.options = stage;
+  return { fields: [details], read };
+}
+
+const field = (words, control) => element('label', { className: 'field' }, `${words} `, control);
+const check = (checked) => element('input', { type: 'checkbox', checked });
+const kinetics = () => element('select', {}, ...[['auto', 'the better of both'], ['hybrid', 'hybrid'], ['mas', 'mas']].map(([value, textContent]) => element('option', { value, textContent })));
+
+const OPTIONS = {
+  calibrate() {
+    const free = element('input', { type: 'text', placeholder: 'chosen automatically' }), starts = element('input', { type: 'number', min: '1', max: '100', value: '2' });
+    const model = kinetics(), robust = check(false);
+    return {
+      rows: [field('kinetics', model), field('parameters to fit, such as beam.E, wire.lambda', free), field('starting points', starts), field('give outliers less weight', robust)],
+      read: () => ({ model: model.value, starts: Number(starts.value), robust: robust.checked,
+        ...(free.value.trim() ? { free: free.value.split(',').map((name) => name.trim()).filter(Boolean) } : {}) }),
+    };
+  },
+  diagnose() {
+    const model = kinetics(), equation = check(true), variants = check(true);
+    return {
+      rows: [field('kinetics', model), field('search for an equation if no known effect explains the error', equation), field('also effects in one wire or coordinate only', variants)],
+      read: () => ({ model: model.value, equation: equation.checked, variants: variants.checked }),
+    };
+  },
+};
+
+function openRecordings({ open, useRecorded }, recorded) {
+  const chosen = element('input', { type: 'file', accept: '.csv,text/csv', multiple: true, id: 'recordings-files' });
+  chosen.setAttribute('aria-label', 'CSV files with recordings');
+  chosen.addEventListener('change', async () => {
+    const files = await Promise.all([...chosen.files].map(async (file) => ({ name: file.name, text: await file.text() })));
+    if (files.length) open(files);
+  });
+  const found = [element('p', { textContent: 'Choose the recordings of your robot: one CSV file for each run, three runs or more if you have them.' }), chosen,
+    element('p', { className: 'note', textContent: 'Columns with units in the header: time_s, the command (J_eq_W), and what was measured, such as alpha_rad, F_1_N, T_1_K. Rosbags and folders are named when the program is started: sma-sim explore FOLDER. Copies of the files are kept in the session.' })];
+  if (recorded.length) {
+    const use = element('button', { type: 'button', textContent: `Use what was recorded here (${recorded.length})` });
+    use.addEventListener('click', useRecorded);
+    found.push(use);
+  }
+  return found;
+}

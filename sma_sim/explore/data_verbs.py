@@ -1,0 +1,216 @@
+"""What the page can ask for of recordings: the steps, what came out of them, curves beside the model, files to take away."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sma_sim.evidence.data.json_values import finite
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
+from sma_sim.explore.export import export
+from sma_sim.explore.jobs import FILES
+from sma_sim.explore.overlay import Overlay, overlay_data
+from sma_sim.explore.packing import Numbers
+from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
+from sma_sim.explore.session import Session
+from sma_sim.explore.stages import Engine
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.workflow.data_request import DataRequest
+
+RECORDINGS = 'recordings'  # folder in the session: what was given to the page, and what it has recorded
+BAG = 'robot'  # what the name of such a bag begins with
+FILE_NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_. -]{0,100}\.csv')
+MOST_FILES, MOST_TEXT = 50, 20_000_000
+SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
+    'compare': ('comparisons', 'noise_std'), 'check': ('runs', 'noise_std', 'notes', 'system'),
+    'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
+    'diagnose': ('verdict', 'model', 'effects', 'ranking', 'error', 'held_out', 'interrupted', 'seconds', 'proposed',
+                 'next'),
+    'candidates': ('errors', 'error', 'expected_error', 'effects'),
+}  # fmt: skip
+SHOWN_COMPARISON = ('error', 'channels', 'runs', 'patterns', 'findings', 'delay')
+TYPES = {'.yaml': 'application/yaml', '.html': 'text/html; charset=utf-8', '.json': 'application/json'}
+
+
+class DataVerbs:
+    """The steps of a session behind the page; verbs may be called from several threads.
+
+    `config_in` finds the configuration that a request is about; `changed` tells all tabs and answers with the state.
+    """
+
+    def __init__(
+        self, session: Session, engine: Engine, config_in: Callable[[Body], Config], changed: Callable[[], Reply]
+    ) -> None:
+        self.engine = engine
+        self._session, self._config_in, self._changed = session, config_in, changed
+        self._overlay = Overlay(engine)
+        self.verbs: Mapping[str, Callable[[Body], Reply]] = {
+            'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'part': self.part,
+            'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
+        }  # fmt: skip
+
+    def state(self) -> dict[str, Any]:
+        """The steps and their jobs, for the page."""
+        running = self.engine.running()
+        version = self._session.current.number
+        candidates = self.engine.latest('candidates')
+        data, request = self.engine.data(), self._session.data
+        compares = (job for job in self.engine.jobs if job.stage == 'compare' and job.data == data)
+        compared = {job.version for job in compares if 'curves' in job.files}
+        return {
+            'data': request.as_data() if request else None,
+            'stages': self.engine.overview(), 'running': running.as_data() if running else None, 'version': version,
+            'candidates': candidates.as_data() if candidates else None, 'compared': sorted(compared),
+            'recorded': [str(path) for path in recorded_bags(self._session.folder)],
+        }  # fmt: skip
+
+    def start(self, body: Body) -> Reply:
+        """Begin a step."""
+        options = body.get('options', {})
+        if not isinstance(options, dict):
+            raise UserError('options: expected a mapping')
+        self.engine.start(text(body.get('stage'), 'stage'), **options)
+        return self._changed()
+
+    def stop(self, _: Body) -> Reply:
+        """Ask the step that runs to end with what it has."""
+        self.engine.close()
+        return self._changed()
+
+    def job(self, body: Body) -> Reply:
+        """How a step proceeds: its state, events from number `since` on, and with `result` what came out of it."""
+        job = self.engine.job(whole(body.get('number'), 'number'))
+        events = job.events(max(whole(body.get('since', 0), 'since'), 0))
+        answer: dict[str, Any] = {'job': job.as_data(), 'events': events}
+        if body.get('result') and 'result' in job.files:
+            content = job.result()
+            shown = {name: content.get(name) for name in SHOWN_RESULTS[job.stage]}
+            if job.stage == 'compare':
+                shown['comparisons'] = [{name: one[name] for name in SHOWN_COMPARISON} for one in content['comparisons']]
+            answer['result'] = shown
+            answer['summary'] = job.files['summary'].read_text(encoding='utf-8') if 'summary' in job.files else ''
+        return finite_reply(answer)
+
+    def overlay(self, body: Body) -> Reply:
+        """All recordings beside the model that a request is about."""
+        config, numbers = self._config_in(body), Numbers()
+        view = window_in(body), pixels_in(body), body.get('residuals') is True
+        content = overlay_data(self._overlay.beside(config), config, view, numbers)
+        if (beside := body.get('beside')) is not None and not view[2]:
+            other = self._session.config(whole(beside, 'beside'))
+            shown = overlay_data(self._overlay.beside(other), other, view, numbers)
+            for run, same in zip(content['runs'], shown['runs'], strict=True):
+                run['beside'] = {name: {'model': curves['model']} for name, curves in same['channels'].items()}
+        return numbers.message(finite_reply(content))
+
+    def part(self, body: Body) -> Reply:
+        """What is known of a part of a residual."""
+        where = text(body.get('run'), 'run'), text(body.get('channel'), 'channel')
+        return finite_reply(
+            self.engine.part_of_residual(where, (number(body.get('t0'), 't0'), number(body.get('t1'), 't1')))
+        )
+
+    def accept(self, body: Body) -> Reply:
+        """The model of a calibration or diagnosis as the current version."""
+        given = body.get('number')
+        self.engine.accept(None if given is None else whole(given, 'number'))
+        return self._changed()
+
+    def export(self, _: Body) -> Reply:
+        """Write the current version with its report and the way to it."""
+        done = export(self.engine)
+        return {
+            'folder': str(done.folder), 'number': self._session.current.number, 'shell': done.shell, 'python': done.python,
+            'files': [path.name for path in done.files], 'yaml': (done.folder / EXPORTED_PARAMETERS).read_text('utf-8'),
+        }  # fmt: skip
+
+    def recordings(self, body: Body) -> Reply:
+        """Other recordings, or others held out (`hold_out`: names).
+
+        `files`: name and text of CSV files, which are kept in the session. `recorded`: the bags of the session.
+        """
+        if self.engine.running() is not None:
+            raise UserError('recordings: a step is running on those that are there: wait for it, or stop it')
+        request = self._session.data
+        if body.get('files') is not None:
+            request = DataRequest((*(self.kept(body['files'])),))
+        if body.get('recorded') is True:
+            request = DataRequest(tuple(recorded_bags(self._session.folder)))
+        if request is None or not request.data:
+            raise UserError('recordings: expected files')
+        held_out = body.get('hold_out', [])
+        if not isinstance(held_out, list) or len(held_out) > MOST_FILES:
+            raise UserError('hold_out: expected a list of names')
+        names = tuple(text(name, 'hold_out') for name in held_out)
+        if names:
+            dataset = replace(request, hold_out=()).read(self._session.config())
+            unknown = [name for name in names if name not in [one.name for one in dataset.recordings]]
+            if unknown:
+                raise UserError(f'hold_out: there is no recording {unknown[0]!r}')
+            replace(request, hold_out=names).split(dataset)  # some are to be left to fit
+        self._session.set_data(replace(request, hold_out=names))
+        return self._changed()
+
+    def kept(self, files: Any) -> list[Path]:
+        """Files of the page as files of the session. Raises UserError for names that could lead elsewhere."""
+        if not isinstance(files, list) or not 1 <= len(files) <= MOST_FILES:
+            raise UserError(f'files: expected one to {MOST_FILES} files')
+        named = {}
+        for entry in files:
+            if not isinstance(entry, dict):
+                raise UserError('files: expected a name and a text each')
+            name = text(entry.get('name'), 'name')
+            if not FILE_NAME.fullmatch(name) or name in named:
+                raise UserError(
+                    f'{name}: expected CSV files with different names of letters, digits, spaces, dots, _ and -; rename it. '
+                    'Bags are named on the command line: sma-sim explore BAG'
+                )
+            named[name] = text(entry.get('text'), name, MOST_TEXT)
+        folder = new_folder(self._session.folder / RECORDINGS)
+        for name, content in named.items():
+            write_whole(folder / name, lambda file, content=content: file.write(content))
+        return [folder / name for name in named]
+
+    def download(self, name: str, words: Mapping[str, str]) -> tuple[str, bytes, str]:
+        """A file of a step (``job``) or of an export (``export``): type, bytes, and a name for it. Raises UserError."""
+        kind, given = next(((kind, words[kind]) for kind in ('job', 'export') if kind in words), ('', ''))
+        if not (given.isascii() and given.isdigit()) or len(given) > 9:
+            raise UserError(f'no download {name!r}: expected the number of a step or of an export')
+        number_of = int(given)
+        if kind == 'job':
+            path = self.engine.job(number_of).files.get(next((k for k, file in FILES.items() if file == name), ''))
+        else:
+            folder = self._session.folder / 'export' / f'{number_of:04}'
+            path = next((one for one in folder.glob('*') if one.name == name and one.is_file()), None)
+        if path is None:
+            raise UserError(f'there is no {name} of {kind} {number_of}')
+        stem, dot, suffix = name.rpartition('.')
+        return TYPES.get(f'.{suffix}', 'text/plain; charset=utf-8'), path.read_bytes(), f'{stem}_{given}{dot}{suffix}'
+
+
+def recorded_bags(session: Path) -> list[Path]:
+    """The bags that the page has recorded of a robot, the oldest first."""
+    return sorted(path.parent for path in (session / RECORDINGS).glob(f'*/{BAG}*/metadata.yaml'))
+
+
+def new_folder(home: Path) -> Path:
+    """A new numbered folder. Raises UserError."""
+    try:
+        home.mkdir(exist_ok=True)
+        count = 1 + max((int(path.name) for path in home.iterdir() if path.name.isdecimal()), default=0)
+        folder = home / f'{count:04}'
+        folder.mkdir()
+    except OSError as error:
+        raise UserError(f'cannot write {home}: {error.strerror}') from error
+    return folder
+
+
+def finite_reply(content: dict[str, Any]) -> dict[str, Any]:
+    """The same as JSON can hold it."""
+    found: dict[str, Any] = finite(content)
+    return found

@@ -1,0 +1,54 @@
+"""What the page can ask for of a robot that runs: listen to it beside the model, and record it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from sma_sim.explore.data_verbs import BAG, RECORDINGS, new_folder, recorded_bags
+from sma_sim.explore.live import LiveFeed
+from sma_sim.explore.request_values import Body, Reply, text, whole
+from sma_sim.explore.session import Session
+from sma_sim.model.errors import UserError
+
+
+class LiveVerbs:
+    """The model of a session beside a robot; verbs may be called from several threads."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._feed = session, LiveFeed()
+        self.verbs: Mapping[str, Callable[[Body], Reply]] = {
+            'live': self.live, 'live_start': self.start, 'live_stop': self.stop, 'record': self.record,
+        }  # fmt: skip
+
+    def live(self, body: Body) -> Reply:
+        """What was heard from sample number `since` on."""
+        return self._feed.read(max(whole(body.get('since', 0), 'since'), 0))
+
+    def start(self, body: Body) -> Reply:
+        """Listen, beside the model of the current version."""
+        domain = body.get('domain')
+        self._feed.start(
+            self._session.file(), text(body.get('namespace', ''), 'namespace'),
+            None if domain is None else whole(domain, 'domain'),
+        )  # fmt: skip
+        return self._feed.read()
+
+    def stop(self, _: Body) -> Reply:
+        """Listen no more."""
+        self._feed.stop()
+        return self._feed.read()
+
+    def record(self, body: Body) -> Reply:
+        """Begin (`on`) or end a bag in the session."""
+        if not isinstance(on := body.get('on'), bool):
+            raise UserError('on: expected true or false')
+        if on:
+            number = 1 + len(recorded_bags(self._session.folder))
+            self._feed.record(new_folder(self._session.folder / RECORDINGS) / f'{BAG}_{number}')
+        else:
+            self._feed.record(None)
+        return self._feed.read()
+
+    def close(self) -> None:
+        """End the listening process."""
+        self._feed.stop()

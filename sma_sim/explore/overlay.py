@@ -1,0 +1,184 @@
+"""The recordings of a session beside any model, within milliseconds: while a slider moves, and to the digits of `compare`.
+
+What is unknown about the recordings (delay, starts, switching instants) is taken from the last comparison. For the version
+that was compared, all numbers are those of ``sma-sim compare``; for another they are a preview, and that is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data
+from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, run_beside_model
+from sma_sim.evidence.residual_analysis.metrics import error_over_noise, pooled_over_channels
+from sma_sim.explore.decimation import decimated
+from sma_sim.explore.jobs import Job
+from sma_sim.explore.packing import Numbers
+from sma_sim.explore.request_values import json_number
+from sma_sim.explore.stages import Engine
+from sma_sim.model.config import Config, flat_parameters
+from sma_sim.model.errors import UserError
+from sma_sim.report.run_panels import curve_of
+
+Vector = NDArray[np.float64]
+KEPT = 4  # models whose runs are kept for the next closer look
+
+
+@dataclass(frozen=True)
+class PreparedRuns:
+    """Recordings made ready for many models: `held_out` has the names of those that are not fitted."""
+
+    dataset: Dataset
+    fitted: Dataset
+    runs: tuple[tuple[Recording, FitData], ...]
+    held_out: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """All runs beside a model, those held out last, with the comparison that delay and starts come from."""
+
+    runs: tuple[ComparedRun, ...]
+    base: Job
+
+    def part(self, held_out: bool) -> tuple[ComparedRun, ...]:
+        """The runs that were held out, or the others."""
+        return tuple(run for run in self.runs if run.held_out == held_out)
+
+
+class Overlay:
+    """The recordings of an engine's session beside models. All methods may be called from any thread."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self._lock = engine, Lock()
+        self._prepared: tuple[str, PreparedRuns] | None = None
+        self._shown: OrderedDict[str, Shown] = OrderedDict()
+        self._threads = ThreadPoolExecutor(thread_name_prefix='overlay')
+
+    def base(self) -> Job:
+        """The comparison whose delay and starts are used: of the current version, else the last. Raises UserError."""
+        found = self._engine.latest('compare')
+        if found is None or 'curves' not in found.files:
+            found = self._engine.last_with('compare', 'curves')
+        if found is None:
+            raise UserError('compare the model with the recordings first')
+        return found
+
+    def beside(self, config: Config) -> Shown:
+        """All runs beside a model. Raises UserError where it cannot be run, and where nothing was compared yet."""
+        base = self.base()
+        key = repr((base.number, sorted(flat_parameters(config).items(), key=lambda item: item[0])))
+        with self._lock:
+            if key not in self._shown:
+                self._shown[key] = self._compute(config, base)
+                while len(self._shown) > KEPT:
+                    self._shown.popitem(last=False)
+            self._shown.move_to_end(key)
+            return self._shown[key]
+
+    def _compute(self, config: Config, base: Job) -> Shown:
+        prepared, known = self._ready(config), base.nuisances(config)
+        started = started_from_curves(prepared.fitted, config)[0]
+
+        def one(pair: tuple[Recording, FitData]) -> ComparedRun:
+            nuisance = known.get(pair[0].name, Nuisance())
+            return run_beside_model(started, pair, nuisance, prepared.dataset.noise_std, with_states=False)
+
+        found = [replace(run, held_out=run.name in prepared.held_out) for run in self._threads.map(one, prepared.runs)]
+        return Shown(tuple(sorted(found, key=lambda run: run.held_out)), base)
+
+    def _ready(self, config: Config) -> PreparedRuns:
+        """The recordings as `compare` reads them with a model, read once as long as they stay the same."""
+        request = self._engine.session.data
+        if request is None:
+            raise UserError('this session has no recordings')
+        rtol = config.parameters['solver.rtol']
+        key = repr((self._engine.data(), config.system, config.parameters['environment.T_E'], rtol))
+        if self._prepared is None or self._prepared[0] != key:
+            dataset = request.read(config)
+            fitted, held_out = request.split(dataset)
+            runs = tuple((one, fit_data(one, dataset.noise_std, floor=rtol)) for one in dataset.recordings)
+            names = tuple(one.name for one in held_out.recordings) if held_out else ()
+            self._prepared = key, PreparedRuns(dataset, fitted, runs, names)
+        return self._prepared[1]
+
+
+def overlay_data(
+    shown: Shown, config: Config, view: tuple[tuple[float, float] | None, int, bool], numbers: Numbers
+) -> dict[str, Any]:
+    """Runs beside a model for the page: `view` is the window [s], the width in pixels, and whether residuals are drawn."""
+    window, pixels, residuals = view
+    order = config.structure.structure.channels
+    names = [name for name in order if any(name in run.measured for run in shown.runs)]
+    runs = [
+        {
+            'name': run.name, 'held_out': run.held_out, 'begin': float(run.time[0]), 'end': float(run.time[-1]),
+            'error': json_number(pooled(run_errors := errors_of((run,), names))), 'errors': run_errors,
+            'channels': {
+                name: curves_of_channel(run, name, window, pixels, residuals, numbers)
+                for name in names if name in run.measured
+            },
+        }
+        for run in shown.runs
+    ]  # fmt: skip
+    parts = {name: errors_of(shown.part(held_out), names) for name, held_out in (('train', False), ('held_out', True))}
+    return {
+        'runs': runs, 'channels': [channel_data(name, shown) for name in names], 'parts': parts,
+        'error': {name: json_number(pooled(errors)) for name, errors in parts.items()},
+        'compared': shown.base.version, 'job': shown.base.number,
+    }  # fmt: skip
+
+
+def errors_of(runs: tuple[ComparedRun, ...], channels: list[str]) -> dict[str, float]:
+    """Error over noise by channel, of those that are known."""
+    found = {name: error_over_noise(runs, name) for name in channels}
+    return {name: error for name, error in found.items() if math.isfinite(error)}
+
+
+def pooled(errors: dict[str, float]) -> float:
+    """The error over noise of all channels, NaN without any."""
+    return pooled_over_channels(list(errors.values()))
+
+
+def channel_data(name: str, shown: Shown) -> dict[str, Any]:
+    """A channel: how it is drawn, and its noise."""
+    noise = next((run.noise[name] for run in shown.runs if name in run.noise), None)
+    return {'name': name, 'noise': noise, **display_of(name)}
+
+
+def display_of(channel: str) -> dict[str, Any]:
+    """How a channel is drawn: label with unit, colour, factor and offset from SI units."""
+    label, (_, _, colour, factor, offset) = curve_of(CHANNEL_COLUMNS[channel]) or (channel, ('', '', '', 1.0, 0.0))
+    axis = label if label.startswith(channel) else f'{channel}: {label}'
+    return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset}
+
+
+def curves_of_channel(
+    run: ComparedRun, name: str, window: tuple[float, float] | None, pixels: int, residuals: bool, numbers: Numbers
+) -> dict[str, list[list[int]]]:
+    """Measured and model, or residual over noise, as places among the numbers: [x, y] each."""
+    part = slice(None)
+    if window is not None:
+        first, last = np.searchsorted(run.time, window)
+        part = slice(max(int(first) - 1, 0), int(last) + 1)
+    time = run.time[part]
+    curves = (
+        {'residual': run.residual(name)[part] / run.noise[name]}
+        if residuals
+        else {'measured': run.measured[name][part], 'model': run.predicted[name][part]}
+    )
+    found = {}
+    for what, values in curves.items():
+        at = decimated(time, values, pixels)
+        found[what] = [numbers.put(time[at]), numbers.put(values[at])]
+    return found
