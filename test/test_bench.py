@@ -8,7 +8,8 @@ import pytest
 
 from sma_sim import FitOptions, Input, Model, UserError, calibrate, diagnose, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests, started_from_curves
+from sma_sim.evidence.estimation.starting_values import started_from_curves
+from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests
 from sma_sim.model.material import latent_heat
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'real' / 'isobaric'
@@ -129,7 +130,7 @@ def test_starts_come_from_the_curves(tmp_path):
     write_levels(tmp_path, levels, [SMOOTH])
     config = read_config(EXAMPLE / 'config.yaml')
     dataset = read_dataset([tmp_path], config.system, 298.0, EXAMPLE / 'map.yaml')
-    tests = isobaric_tests(dataset, config.structure.structure)
+    tests = isobaric_tests(dataset)
     assert [test.stress for test in tests] == levels
     for test in tests:
         middle = 420.0 + (test.stress - 1e8) / 6e6

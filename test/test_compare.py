@@ -146,7 +146,7 @@ def test_every_dimension_of_the_module_is_there(right):
 def test_resting_wires_have_a_class_of_their_own():
     source = module_input([0.0, 20.0, 40.0, 150.0], [0.0, 10.0, 0.0, 0.0])
     run = simulate(Model(), source, 10.0)
-    rests = with_derived_states(Config(), run.time, run.columns)['class_1'] == RESTING
+    rests = with_derived_states(Config(), Config(), run.time, run.columns)['class_1'] == RESTING
     assert rests[run.time < 15.0].all() and rests[run.time > 140.0].all()
     assert not rests[(run.time > 20.1) & (run.time < 25.0)].any()
 

@@ -31,6 +31,7 @@ from sma_sim.cli.common.options import (
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.workflow.fit import remarks_on, reviewed_fit, write_fitted
+from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
 
 
 def add_parser(verbs: Any) -> None:
@@ -49,13 +50,17 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file to write, for the node and --config'
     )
+    parser.add_argument(
+        '--sheet', type=Path, metavar='FILE', help='parameter sheet to write: value, interval, unit (.yaml, .csv or .md)'
+    )
     add_config_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, predict what was held out, write what was asked for."""
-    check_outputs(arguments, arguments.out)
+    check_sheet(arguments.sheet)
+    check_outputs(arguments, arguments.out, arguments.sheet)
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
     (config,) = from_curves(fitted, config)
@@ -69,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress.close()
         if arguments.out:
             write_fitted(arguments.out, found, folders_beside(arguments, arguments.out))
+        if arguments.sheet:
+            write_sheet(arguments.sheet, found)
         review = reviewed_fit(found, config, fitted, held_out, executor)
     print(fit_text(found, review.predicted))
     if review.runs:

@@ -180,7 +180,7 @@ WRITE_LINES = {
 }  # fmt: skip
 IMPORTS = (
     'from sma_sim.evidence.data.json_values import write_json',
-    'from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves',
+    'from sma_sim.evidence.estimation.starting_values import started_from_curves',
     'from sma_sim.evidence.residual_analysis.compare import compare',
     'from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize',
     'from sma_sim.workflow.data_request import DataRequest',

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.search_context import OnModel, silent_model
-from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
+from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize

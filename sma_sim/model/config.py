@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shlex import quote
 from types import MappingProxyType
@@ -94,6 +94,23 @@ class Config:
     def structure(self) -> FoundStructure:
         """What the wires pull on, of the size that the parameters say."""
         return structure_of_size(self.own_structure or package_structures()[self.system], self.parameters)
+
+    def on_bench(self, name: str) -> Config:
+        """The same wire and effects on another bench of the package: a structure that differs in its options only.
+
+        What only this bench has, such as the lag of a load-controlled machine, keeps its value; what only the other one has
+        gets its default, and wires start as they do there.
+        """
+        own = self.structure.structure
+        if name == own.name:
+            return self
+        other = package_structures()[name].structure
+        values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
+        effects = tuple(
+            one if one.found.effect.scope.name else replace(one, found=(one.found.plain or one.found).on(other, values))
+            for one in self.effects
+        )
+        return replace(self, system=name, own_structure=None, parameters=other.default_values | values, effects=effects)
 
 
 def flat_parameters(config: Config) -> dict[str, Any]:

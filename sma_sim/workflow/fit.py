@@ -13,6 +13,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
+from sma_sim.evidence.estimation.fit_result import starts_sentence
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
@@ -70,8 +71,8 @@ def predict_held_out(found: Calibration, held_out: Dataset | None, executor: Exe
 def runs_of_wire(
     found: Calibration, fitted: Dataset, held_out: Dataset | None, executor: Executor
 ) -> HomogeneityTest | None:
-    """A wire run by run, where there are several runs and the fit was not stopped."""
-    if found.config.system != 'wire' or found.interrupted:
+    """A wire run by run, where there are several runs on its bench and the fit was not stopped."""
+    if found.config.system != 'wire' or found.interrupted or fitted.benches != {'wire'}:
         return None
     return homogeneity_test(found.config, fitted, held_out, executor)
 
@@ -91,10 +92,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     remarks += [sentence] if (sentence := agreement_sentence(found.by_run)) else []
-    other = [start for start in found.other_starts if not start.same]
-    if other:
-        points = f'{len(other)} of {len(found.other_starts) + 1} starting points'
-        remarks.append(f'{points} led to another minimum, of higher cost: see --json')
+    remarks += [sentence] if (sentence := starts_sentence(found.other_starts)) else []
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         remarks.append(f'error over noise of runs left out in turn: {scores}')
@@ -102,9 +100,9 @@ def remarks_on(found: Calibration) -> list[str]:
         shown = ', '.join(f'{fit.name} {fit.zeros[channel]:.3g}' for fit in found.runs if channel in fit.zeros)
         remarks.append(f'zero of {channel}, estimated for each recording [SI]: {shown}')
     if any(fit.zero for fit in found.runs):
-        zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs)
+        zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs if fit.quasi_static)
         remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
-    else:  # a quasi-static test has no delay
+    if not all(fit.quasi_static for fit in found.runs):
         remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
     return remarks
 

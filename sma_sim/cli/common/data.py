@@ -14,8 +14,9 @@ from sma_sim.evidence.data.json_values import write_json as write_json
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable
+from sma_sim.evidence.estimation.calibrate import on_leading_bench
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
-from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves, tests_as_text
+from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import require
@@ -108,10 +109,10 @@ def data_request(arguments: argparse.Namespace) -> DataRequest:
 
 
 def from_curves(fitted: Dataset, *configs: Config) -> list[Config]:
-    """The configurations with starts from the curves of isobaric tests, whose transformation temperatures are printed."""
-    started = [started_from_curves(fitted, config) for config in configs]
-    if tests := started[0][1]:
-        print(*tests_as_text(tests), '', sep='\n', flush=True)
+    """The configurations with starts from the curves of the tests of a wire, whose features are printed."""
+    started = [started_from_curves(fitted, on_leading_bench(config, fitted)) for config in configs]
+    if features := started[0][1]:
+        print(*features.as_text(), '', sep='\n', flush=True)
     return [config for config, _ in started]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'flo
 POSITIVE_KEYS = ENTRY_KEYS[4:]
 INDEPENDENT_AFTER = 'independent_after'  # a key of the whole map [s]
 PACE_KEYS = ('path', 'rate')
+TESTS, FILES, BENCH = 'tests', 'files', 'bench'  # keys of a campaign of several kinds of tests
 REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
 
@@ -44,13 +45,39 @@ class Origin:
 class ColumnMap:
     """Origins by the names of the contract, and the `system` that the map was written for, if it says so.
 
-    `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated.
+    `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated. `tests`: the maps
+    of a campaign of several kinds of tests, each with the pattern of its `files` and the options of its `bench`.
     """
 
     origins: Mapping[str, Origin] = field(default_factory=dict)
     system: str | None = None
     path: Path | None = None
     independent_after: float = 0.0
+    tests: tuple[ColumnMap, ...] = ()
+    files: str = '*'
+    bench: Mapping[str, str] = field(default_factory=dict)
+
+    def of_file(self, path: Path) -> ColumnMap:
+        """The map of a file: of a campaign, that of the first test whose pattern it matches. Raises UserError."""
+        if not self.tests:
+            return self
+        found = next((test for test in self.tests if path.resolve().match(test.files)), None)
+        if found is None:
+            patterns = ', '.join(test.files for test in self.tests)
+            raise UserError(f'{path} belongs to none of the {TESTS} of the map {self.path}; their {FILES} are {patterns}')
+        return found
+
+    def of_bench(self) -> ColumnMap:
+        """Zeros and floors of all tests by column. Raises UserError where tests state different ones of a column."""
+        known = dict(self.origins)
+        for test in self.tests:
+            for name, entry in test.origins.items():
+                before = known.setdefault(name, entry)
+                if (before.zero_std, before.floor) != (entry.zero_std, entry.floor):
+                    if (before.zero_std or before.floor) and (entry.zero_std or entry.floor):
+                        raise UserError(f'the map {self.path}, {name}: expected one zero_std and one floor in all {TESTS}')
+                    known[name] = max(before, entry, key=lambda one: (one.zero_std, one.floor))
+        return replace(self, origins=known)
 
 
 def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
@@ -67,10 +94,32 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
     if system is not None and system not in known:
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
     lasting = checked_positive(f'the map {path}', INDEPENDENT_AFTER, given.pop(INDEPENDENT_AFTER, 0.0))
-    names = known[system] if system else [name for columns in known.values() for name in columns]
-    return ColumnMap(
-        {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}, system, path, lasting
-    )
+    every = [name for columns in known.values() for name in columns]
+    tests = tuple(parsed_test(path, entry, every) for entry in checked_tests(path, given.pop(TESTS, [])))
+    names = known[system] if system and not tests else every
+    origins = {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}
+    tests = tuple(replace(test, origins=origins | dict(test.origins), system=system) for test in tests)
+    return ColumnMap(origins, system, path, lasting, tests)
+
+
+def checked_tests(path: Path, given: Any) -> list[dict[str, Any]]:
+    """The kinds of tests of a campaign, as a map lists them. Raises UserError."""
+    entries = given if isinstance(given, list) else [given]
+    if not all(isinstance(entry, dict) and isinstance(entry.get(FILES), str) for entry in entries):
+        raise UserError(f'the map {path}, {TESTS}: expected a list of entries with {FILES} (a pattern such as pulls/*.csv), '
+                        f'{BENCH} and columns, got {given!r}')  # fmt: skip
+    return entries
+
+
+def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> ColumnMap:
+    """One kind of test: which files, on which bench, and where their columns come from. Raises UserError."""
+    bench = entry.get(BENCH, {})
+    if not isinstance(bench, dict) or not all(isinstance(word, str) for word in bench.values()):
+        raise UserError(f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
+                        f'temperature: prescribed}}, got {bench!r}')  # fmt: skip
+    columns = {str(name): one for name, one in entry.items() if name not in (FILES, BENCH)}
+    origins = {name: parsed_origin(path, name, one, names) for name, one in columns.items()}
+    return ColumnMap(origins, path=path, files=entry[FILES], bench={f'{BENCH}.{name}': word for name, word in bench.items()})
 
 
 def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:

@@ -127,3 +127,8 @@ class Dataset:
     def system(self) -> str:
         """`module` or `wire`."""
         return self.recordings[0].system
+
+    @property
+    def benches(self) -> set[str]:
+        """The systems of all recordings: several where a wire was on several benches."""
+        return {recording.system for recording in self.recordings}

@@ -86,18 +86,40 @@ def read_dataset(
     found = [
         (path, recording)
         for path, named in files
-        for recording in sessions_in_file(SourceFile(path, system, T_E, namespace=namespace), columns, named, notes)
+        for file in (source_file(path, system, T_E, columns, namespace),)
+        for recording in sessions_in_file(file, columns.of_file(path), named, notes)
     ]
     if not found:
         raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
     recordings = with_distinct_names(found)
     noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], channels, notes) | given, notes)
-    return with_bench(Dataset(recordings, noise, tuple(notes)), columns)
+    return with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench())
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:
     """The recordings of one file: one, or `name#1`, `name#2` where time starts again. Raises UserError."""
-    return recordings_in_file(SourceFile(Path(path), system, T_E), column_map_for(system, mapping))
+    columns = column_map_for(system, mapping)
+    return recordings_in_file(source_file(Path(path), system, T_E, columns), columns.of_file(Path(path)))
+
+
+def source_file(path: Path, system: str, T_E: float, mapping: ColumnMap, namespace: str | None = None) -> SourceFile:
+    """A file on the bench that its map says. Raises UserError."""
+    return SourceFile(path, bench_of(system, mapping.of_file(path)), T_E, namespace=namespace)
+
+
+def bench_of(system: str, test: ColumnMap) -> str:
+    """The structure with the options that a test names, others as those of the `system`. Raises UserError."""
+    if not test.bench:
+        return system
+    own, known = known_structures()[system], known_structures()
+    family = [one for one in known.values() if own.options and one.options.keys() == own.options.keys()]
+    wanted = {**own.options, **test.bench}
+    found = next((one.name for one in family if dict(one.options) == wanted), None)
+    if found is None:
+        choices = {name: sorted({one.options[name] for one in family}) for name in own.options}
+        words = ', '.join(f'{name}: {" or ".join(values)}' for name, values in choices.items())
+        raise UserError(f'the map {test.path}, {test.files}: bench {dict(test.bench)!r}; expected {words or "no bench"}')
+    return found
 
 
 def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording, ...]:
@@ -118,11 +140,11 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
     mapping = read_column_map(path, {**COLUMNS_BY_SYSTEM, family: COLUMNS_BY_SYSTEM[system]})
     if mapping.system not in (None, family) and not same_options(str(mapping.system), system):
         raise UserError(f'the map {path} is for --system {mapping.system}, asked for was {system}')
-    foreign = [name for name in mapping.origins if name not in COLUMNS_BY_SYSTEM[system]]
-    if foreign:
-        raise UserError(
-            f'the map {path}: a {system} has no column {foreign[0]}; expected {", ".join(COLUMNS_BY_SYSTEM[system])}'
-        )
+    for test in mapping.tests or (mapping,):
+        columns = COLUMNS_BY_SYSTEM[bench_of(system, test)]
+        foreign = [name for name in test.origins if name not in columns]
+        if foreign:
+            raise UserError(f'the map {path}: a {system} has no column {foreign[0]}; expected {", ".join(columns)}')
     return mapping
 
 
@@ -213,15 +235,16 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
             reason = f', most of it the resolution {estimate.step:.3g}' if estimate.quantised else ''
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
             notes.append(f'noise of {name}: {estimate.std:.3g}, estimated from the data{reason}')
-        if known_structures()[recordings[0].system].is_quasi_static and name in RESPONDING:
-            noise[name] = with_temperature_error(name, noise[name], recordings, notes)
+        quasi_static = [one for one in recordings if known_structures()[one.system].is_quasi_static and name in one.channels]
+        if quasi_static and name in RESPONDING:
+            noise[name] = with_temperature_error(name, noise[name], quasi_static, notes)
     return noise
 
 
 def with_temperature_error(channel: str, noise: float, recordings: Sequence[Recording], notes: list[str]) -> float:
     """The noise of a channel, and what a specimen's temperature, known so well, adds where the channel is steep."""
     drive = known_structures()[recordings[0].system].imposed_temperature
-    found = [error_by_temperature(recording, channel, drive) for recording in recordings if channel in recording.channels]
+    found = [error_by_temperature(recording, channel, drive) for recording in recordings]
     errors = [error for error in found if error is not None]
     if not errors:
         return noise

@@ -19,14 +19,14 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
-from sma_sim.evidence.estimation.calibrate import Calibration, check
+from sma_sim.evidence.estimation.calibrate import Calibration, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
-from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
+from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -202,7 +202,7 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
-    config, _ = started_from_curves(training, config)
+    config, _ = started_from_curves(training, on_leading_bench(config, training))
     with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(
             pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model

@@ -102,8 +102,8 @@ class StageData:
         A quasi-static test has far less noise than a model of one homogeneous wire can follow: there the least is a part
         of what the strain spans.
         """
-        structure = known_structures()[self.training.system]
-        if not structure.is_quasi_static or 'strain' not in self.training.noise_std:
+        structures = [known_structures()[recording.system] for recording in self.training.recordings]
+        if not all(structure.is_quasi_static for structure in structures) or 'strain' not in self.training.noise_std:
             return CRITERIA.unexplained
         span = max(float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
                    for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip

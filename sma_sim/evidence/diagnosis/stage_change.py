@@ -35,8 +35,8 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
     worst = max((fit for fit in first if channel in fit.channel_errors), key=lambda fit: fit.channel_errors[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in dataset.recordings].index(worst.name)
-    run_before = compared_run(dataset, k, before.config, nuisances_of(before.config, before.delay, first))
-    run_after = compared_run(dataset, k, after.config, nuisances_of(after.config, after.delay, then))
+    run_before = compared_run(dataset, k, before.config, nuisances_of(before.delay, first))
+    run_after = compared_run(dataset, k, after.config, nuisances_of(after.delay, then))
     return StageChange(channel, out, run_before, run_after, (worst.channel_errors[channel], same.channel_errors[channel]))
 
 

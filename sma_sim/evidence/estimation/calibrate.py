@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
@@ -29,11 +30,12 @@ from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_by_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
+from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.estimation.transformation_temperatures import started_from_curves
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search, and of the last fit
@@ -181,6 +183,7 @@ def calibrate(
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
+    config = on_leading_bench(config, dataset)
     if options.free != ():  # else the model is to be compared as it is
         config, _ = started_from_curves(dataset, config)
     with executor_or_threads(executor) as pool:
@@ -210,7 +213,7 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
     if not dataset.recordings:
         raise UserError('there is no recording to fit')
     for recording in dataset.recordings:
-        if recording.system != config.structure.structure.name:
+        if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
             raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                             f'{config.system}: change it, or leave the recording out')  # fmt: skip
     if options.model not in (*MODELS, 'auto'):
@@ -219,12 +222,21 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
         raise UserError(f'starts = {options.starts}: expected 1 or more')
 
 
+def on_leading_bench(config: Config, dataset: Dataset) -> Config:
+    """The configuration on that bench of the recordings whose model says most: with a heat balance before one without."""
+    benches = dict.fromkeys(recording.system for recording in dataset.recordings)
+    if set(benches) == {config.structure.structure.name}:
+        return config
+    return config.on_bench(min(benches, key=lambda name: known_structures()[name].imposed_temperature >= 0))
+
+
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     free, _ = choose_free(config, options.free)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
-    delay = 0.0 if config.structure.structure.is_quasi_static else None
+    quasi_static = all(known_structures()[one.system].is_quasi_static for one in dataset.recordings)
+    delay = 0.0 if quasi_static else None
     return Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
 
 

@@ -44,7 +44,7 @@ class RunFit:
     `start`: per wire the part of the hysteresis (0 on sigma_A, 1 on sigma_M) and `x_M` the phase fraction there;
     `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
     over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much;
-    `zeros`: the same of other channels, by channel (SI).
+    `zeros`: the same of other channels, by channel (SI). `quasi_static`: a test whose time says nothing.
     """
 
     name: str
@@ -55,12 +55,14 @@ class RunFit:
     error: float
     zero: float = 0.0
     zeros: Mapping[str, float] = field(default_factory=dict)
+    quasi_static: bool = False
 
 
-def nuisances_of(config: Config, delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
+def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
     """What was estimated of each run beside the parameters, by its name."""
-    unknown_zero = config.structure.structure.is_quasi_static
-    return {fit.name: Nuisance(delay, fit.start, fit.switches, unknown_zero) for fit in fits}
+    return {
+        fit.name: Nuisance(0.0 if fit.quasi_static else delay, fit.start, fit.switches, fit.quasi_static) for fit in fits
+    }
 
 
 def own_unknowns(fit: RunFit) -> list[float]:
@@ -90,13 +92,19 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     config, fits = problem.fitted(z), []
     residuals = residuals_at(problem, z, executor)
     for run, indices, found in zip(problem.runs, problem.indices(), residuals, strict=True):
-        nuisance = problem.nuisance(z[indices])
+        nuisance = problem.nuisance(run, z[indices])
         errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
-        initial = with_start(config, run.source, nuisance.start).parameters if found is not None else config.parameters
-        x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires))
+        initial = (
+            with_start(run.on_bench(config), run.source, nuisance.start).parameters
+            if found is not None
+            else config.parameters
+        )
+        x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires(run)))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
         known = zeros_of(config, run, nuisance) if found is not None else {}
-        fits.append(RunFit(run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, known))
+        fits.append(RunFit(
+            run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, known, nuisance.unknown_zero
+        ))  # fmt: skip
     return tuple(fits)
 
 
@@ -114,7 +122,7 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
         found: list[RunFit] = []
         for guess in INITIAL_GUESSES:
             z = start_point(problem)
-            z[: problem.wires] = guess
+            z[: problem.wires(run)] = guess
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
                 z = minimize(problem, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])
@@ -207,6 +215,6 @@ def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:
     """The configuration with the mean start of the runs as initial.x_M_*."""
-    x = np.mean([fit.x_M for fit in fits], axis=0)
+    x = np.mean([fit.x_M for fit in fits if fit.x_M] or [()], axis=0)
     initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
     return replace(config, parameters={**config.parameters, **initial})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isnan, nan, sqrt
 
@@ -81,3 +81,13 @@ class FitResult:
         """The fitted parameters of one effect, by their short names (SI)."""
         prefix = f'effects.{effect}.'
         return {name.removeprefix(prefix): value for name, value in self.values.items() if name.startswith(prefix)}
+
+
+def starts_sentence(others: Sequence[OtherStart]) -> str:
+    """How many starting points of a fit agree, `others` beside the best; nothing of a single one."""
+    same, count = 1 + sum(start.same for start in others), 1 + len(others)
+    if count == 1:
+        return ''
+    if same == count:
+        return f'all {count} starting points led to the same minimum'
+    return f'{same} of {count} starting points led to this minimum, the others to one of higher cost: see --json'

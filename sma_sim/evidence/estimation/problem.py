@@ -43,10 +43,9 @@ class Problem:
     delay: float | None = None
     nominal_effects: tuple[str, ...] = ()
 
-    @property
-    def wires(self) -> int:
-        """Wires whose start is unknown: none where stress and temperature say what a wire was before."""
-        structure = self.config.structure.structure
+    def wires(self, run: FitData) -> int:
+        """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""
+        structure = run.on_bench(self.config).structure.structure
         return 0 if structure.is_quasi_static else structure.wires
 
     @property
@@ -56,7 +55,7 @@ class Problem:
 
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
-        return (START,) * self.wires + (SWITCH,) * run.groups
+        return (START,) * self.wires(run) + (SWITCH,) * run.groups
 
     @property
     def unknowns(self) -> tuple[FreeParameter, ...]:
@@ -85,12 +84,13 @@ class Problem:
         """The configuration with the free parameters at z."""
         return with_values(self.config, self.values(z))
 
-    def nuisance(self, part: Vector) -> Nuisance:
+    def nuisance(self, run: FitData, part: Vector) -> Nuisance:
         """What z says about one run; `part` are its unknowns."""
-        at, wires = len(self.shared), self.wires
+        at, wires = len(self.shared), self.wires(run)
+        quasi_static = run.on_bench(self.config).structure.structure.is_quasi_static
         start = tuple(START.value(float(x)) for x in part[at : at + wires])
         switches = tuple(SWITCH.value(float(x)) for x in part[at + wires :])
-        return Nuisance(self.delay_at(part), start, switches, self.config.structure.structure.is_quasi_static)
+        return Nuisance(0.0 if quasi_static else self.delay_at(part), start, switches, quasi_static)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
@@ -146,7 +146,7 @@ def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix
     """Weighted residuals of every run."""
     config = PickledConfig(problem.fitted(z))
     tasks = [
-        EvaluationTask(run, ((config, problem.nuisance(z[indices])),))
+        EvaluationTask(run, ((config, problem.nuisance(run, z[indices])),))
         for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
     return [future.result()[0] for future in [executor.submit(evaluate, task) for task in tasks]]
@@ -166,7 +166,7 @@ def linearize(
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
         part = z[indices]
         moves = difference_points(part, low[indices], high[indices], steps[indices], central)
-        points = [(PickledConfig(problem.fitted(at)), problem.nuisance(at)) for at in [part, *(at for _, at in moves)]]
+        points = [(PickledConfig(problem.fitted(at)), problem.nuisance(run, at)) for at in [part, *(at for _, at in moves)]]
         chunks = [points[k::pieces] for k in range(pieces)]
         futures = [executor.submit(evaluate, EvaluationTask(run, tuple(chunk))) for chunk in chunks if chunk]
         submitted.append((run, indices, moves, futures, len(points)))

@@ -40,7 +40,8 @@ class FitData:
     long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`
-    (channels,): prior of a zero of this recording, 0 where it is known; empty where all are.
+    (channels,): prior of a zero of this recording, 0 where it is known; empty where all are. `bench`: on which the wire was,
+    by the name of its structure; empty for that of the configuration.
     """
 
     name: str
@@ -55,6 +56,7 @@ class FitData:
     step_limited: bool = False
     initial_state: Run | None = None
     zero_std: tuple[float, ...] = ()
+    bench: str = ''
 
     @property
     def groups(self) -> int:
@@ -65,6 +67,10 @@ class FitData:
     def samples(self) -> int:
         """Measured values that count."""
         return int(np.count_nonzero(self.weight))
+
+    def on_bench(self, config: Config) -> Config:
+        """The configuration on the bench of this recording."""
+        return config.on_bench(self.bench) if self.bench else config
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,7 @@ def fit_data(
         source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
         zero_std=tuple(recording.zero_std.get(name, 0.0) for name in channels) if recording.zero_std else (),
+        bench=recording.system if structure.options else '',
     )  # fmt: skip
 
 
@@ -237,8 +244,15 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
-    _, trajectory, index = simulated(config, recording, nuisance, config.structure.structure.channels)
-    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in config.structure.structure.channels}
+    run = prepared(recording)
+    channels = run.on_bench(config).structure.structure.channels
+    _, trajectory, index = simulated(config, run, nuisance, channels)
+    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in channels}
+
+
+def prepared(recording: Recording | FitData) -> FitData:
+    """A recording made ready, whatever its noise."""
+    return recording if isinstance(recording, FitData) else fit_data(recording, dict.fromkeys(recording.channels, 1.0))
 
 
 def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
@@ -265,7 +279,8 @@ def simulated(
     Raises SimulationError when a run cannot be made.
     """
     nuisance = nuisance or Nuisance()
-    run = recording if isinstance(recording, FitData) else fit_data(recording, dict.fromkeys(recording.channels, 1.0))
+    run = prepared(recording)
+    config = run.on_bench(config)
     times = run.time - nuisance.delay
     source = held_until(with_switches(run, nuisance.switches), float(times[-1]))
     early = int(np.searchsorted(times, source.times[0], side='right'))
@@ -282,7 +297,8 @@ def simulated(
 
 def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
     """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
-    absent = [name for name in run.channels if name not in config.structure.structure.channels]
+    shown_by = run.on_bench(config).structure.structure.channels
+    absent = [name for name in run.channels if name not in shown_by]
     if absent:
         raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
     _, trajectory, index = simulated(config, run, nuisance, run.channels)

@@ -225,7 +225,7 @@ def simulated_recordings(hypothesis: ModelHypothesis, pool: Executor) -> list[Si
     problem, z = hypothesis.fitted.problem, hypothesis.fitted.z
     config = PickledConfig(problem.fitted(z))
     futures = [
-        pool.submit(simulate_points, (ModelPoint(config, problem.nuisance(z[indices])),), run)
+        pool.submit(simulate_points, (ModelPoint(config, problem.nuisance(run, z[indices])),), run)
         for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
     return [simulated[0] for simulated in (future.result() for future in futures) if simulated is not None]

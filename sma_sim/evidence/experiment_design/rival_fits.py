@@ -232,7 +232,8 @@ def laplace_hypothesis(rival: NamedFit, noise_factor: float, context: SearchCont
     hessian = accumulated(parts, z)[2]
     n = len(problem.shared)
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    starts: Vector = np.array([z[indices[n : n + problem.wires]] for indices in problem.indices()]).mean(axis=0)
+    wires = problem.wires(problem.runs[0])
+    starts: Vector = np.array([z[indices[n : n + wires]] for indices in problem.indices()]).mean(axis=0)
     root = np.asarray(np.linalg.cholesky(covariance[:n, :n]), dtype=np.float64)
     draws = posterior_draws(rival.fitted, cost, covariance, context)[:, :n]
     log_evidence = -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])

@@ -226,7 +226,7 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
     problem, z = point.problem_of_run(k)
     run, grid, config = problem.runs[0], point.grids[k], problem.fitted(z)
     linearized = linearize(problem, z, context.pool)[0]
-    initial_state, fixed_run, nuisance = initialized(config, run, problem.nuisance(z))
+    initial_state, fixed_run, nuisance = initialized(config, run, problem.nuisance(run, z))
     rows, first_row = port_responses(ports, initial_state, fixed_run, nuisance, grid, context)
     rows.append(np.array([binned(row, run, grid).ravel() for row in linearized.jacobian]))
     all_rows = np.concatenate(rows)

@@ -98,7 +98,8 @@ def probe_all(
         values = {**probe.shape, probe.parameter: probe.neutral + probe.step}
         probed = PickledConfig(with_effect(config, candidate.found, values))
         tasks = [
-            EvaluationTask(run, ((probed, problem.nuisance(z[k])),)) for run, k in zip(problem.runs, indices, strict=True)
+            EvaluationTask(run, ((probed, problem.nuisance(run, z[k])),))
+            for run, k in zip(problem.runs, indices, strict=True)
         ]
         futures.append([pool.submit(evaluate, task) for task in tasks])
     found = {}

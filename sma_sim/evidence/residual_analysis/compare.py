@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
-from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, nuisances_of
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
@@ -29,7 +29,7 @@ class ComparedRun:
 
     `measured` and `predicted` (by the model): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
     by channel. `states`: the model's columns (file contract) and quantities derived from them
-    (docs/explanation/residual-analysis.md), (k,).
+    (docs/explanation/residual-analysis.md), (k,). `system`: the bench of a wire, where it is not that of the model.
     """
 
     name: str
@@ -40,6 +40,7 @@ class ComparedRun:
     noise: Mapping[str, float]
     states: Mapping[str, Vector]
     nuisance: Nuisance
+    system: str = ''
 
     def residual(self, channel: str) -> Vector:
         """Measured - model (k,), NaN where a sample is missing."""
@@ -75,6 +76,7 @@ def compare(
     runs start as the configuration says. Raises UserError for what cannot be compared.
     """
     options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
+    config = on_leading_bench(config, dataset)
     if nuisances:
         found = calibrate(dataset, config, options, executor)
         predicted = evaluate_held_out(config, held_out, found.delay, executor) if held_out is not None else ()
@@ -101,7 +103,7 @@ def comparison_of_runs(
     for (dataset, fits), is_held_out in ((fitted, False), (held_out, True)):
         if dataset is None:
             continue
-        known = nuisances_of(config, delay, fits)
+        known = nuisances_of(delay, fits)
         compared_runs = [compared_run(dataset, k, config, known) for k in range(len(dataset.recordings))]
         runs += [replace(run, held_out=is_held_out) for run in compared_runs]
     return Comparison(label, config, delay, tuple(runs))
@@ -132,5 +134,6 @@ def run_beside_model(
             name: float(1.0 / weight.max()) if weight.any() else noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
-        states=with_derived_states(config, run.time, columns) if with_states else {}, nuisance=nuisance,
+        states=with_derived_states(config, run.on_bench(config), run.time, columns) if with_states else {},
+        nuisance=nuisance, system=recording.system,
     )  # fmt: skip

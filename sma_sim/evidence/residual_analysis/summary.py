@@ -14,11 +14,17 @@ from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.patterns import Pattern, find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import Band, error_bands
 from sma_sim.evidence.residual_analysis.state_density import StateDensity, state_densities
+from sma_sim.evidence.residual_analysis.wire_tests import (
+    Characterization,
+    characterization,
+    characterization_data,
+)
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run; `densities` by channel."""
+    """What a comparison says. `fitted`, `held_out`: scores by channel; `runs`: the same by run; `densities` by channel;
+    `tests`: isobaric and isothermal tests of a wire."""
 
     comparison: Comparison
     fitted: Mapping[str, ChannelScore]
@@ -29,6 +35,7 @@ class Summary:
     splits: tuple[Split, ...]
     bands: Mapping[str, tuple[Band, ...]]
     densities: Mapping[str, tuple[StateDensity, ...]]
+    tests: Characterization
 
     @property
     def fitted_error(self) -> float:
@@ -53,7 +60,7 @@ def summarize(comparison: Comparison) -> Summary:
         {run.name: channel_scores((run,), channels) for run in comparison.runs}, find_patterns(comparison),
         find_error_regions(comparison), all_splits(comparison),
         {channel: error_bands(comparison.runs, channel) for channel in channels},
-        state_densities(comparison),
+        state_densities(comparison), characterization(comparison),
     )  # fmt: skip
 
 
@@ -83,6 +90,7 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
         'findings': [asdict(finding) for finding in summary.findings],
         'splits': [asdict(split) for split in summary.splits],
         'bands': {channel: [asdict(band) for band in found] for channel, found in summary.bands.items()},
+        **({'characterization': characterization_data(summary.tests)} if summary.tests else {}),
     }  # fmt: skip
 
 

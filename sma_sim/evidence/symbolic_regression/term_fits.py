@@ -126,8 +126,9 @@ class LinearizedFit:
 
     def _submit(self, config: PickledConfig, k: int) -> Future[list[Any]]:
         """The residuals of run k."""
-        nuisance = self._problem.nuisance(self._z[self._indices[k]])
-        return self._pool.submit(evaluate, EvaluationTask(self._problem.runs[k], ((config, nuisance),)))
+        run = self._problem.runs[k]
+        nuisance = self._problem.nuisance(run, self._z[self._indices[k]])
+        return self._pool.submit(evaluate, EvaluationTask(run, ((config, nuisance),)))
 
     def project(self, response: Vector) -> Vector | None:
         """What the fitted parameters do not absorb of a response; None where the channels do not see it."""

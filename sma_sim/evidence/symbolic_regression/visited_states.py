@@ -44,7 +44,7 @@ def visited_by_wire(problem: Problem, z: Vector, wire: int = 0) -> list[VisitedS
     """All runs of a problem at z, as one wire sees them."""
     config, visited = problem.fitted(z), []
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
-        columns = model_columns(config, run, problem.nuisance(z[indices]))
+        columns = model_columns(config, run, problem.nuisance(run, z[indices]))
         every = max(1, len(run.time) // MAX_STATES_PER_RUN)
         fields = kernel_fields(run.time, columns, config.parameters, wire)
         visited.append(VisitedStates(run.name, wire, {name: values[::every] for name, values in fields.items()}))

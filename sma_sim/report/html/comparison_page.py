@@ -11,6 +11,7 @@ from sma_sim.evidence.estimation.homogeneity import HomogeneityTest
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.changes import changes_section
+from sma_sim.report.html.characterization import characterization_section
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.error_location import error_location_section
 from sma_sim.report.html.homogeneity import homogeneity_section
@@ -26,7 +27,8 @@ def comparison_sections(summary: Summary) -> list[Section]:
     """What there is to see of one configuration beside a dataset."""
     comparison = summary.comparison
     return [
-        summary_section(summary), error_location_section(summary), runs_section(summary), hysteresis_section(comparison),
+        summary_section(summary), characterization_section(summary.tests, comparison.config),
+        error_location_section(summary), runs_section(summary), hysteresis_section(comparison),
         states_section(summary.densities),
     ]  # fmt: skip
 

@@ -11,6 +11,7 @@ from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, wires_of
+from sma_sim.model.structures.structure import Structure
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
@@ -47,9 +48,14 @@ def runs_to_show(summary: Summary) -> list[ComparedRun]:
     return [run for run in runs if summary.run_error(run.name) >= least]
 
 
-def input_curves(comparison: Comparison) -> list[tuple[str, str, float, str]]:
+def structure_of(comparison: Comparison, run: ComparedRun) -> Structure:
+    """The structure of a run: that of the model, on the bench of the run."""
+    own = comparison.config.structure.structure
+    return comparison.config.on_bench(run.system).structure.structure if run.system and own.options else own
+
+
+def input_curves(structure: Structure) -> list[tuple[str, str, float, str]]:
     """Column, label, factor and unit of what is imposed and of every heating command."""
-    structure = comparison.config.structure.structure
     imposed = [(drive.column, drive.name, 1.0, drive.unit) for drive in structure.drives]
     imposed = [
         (column, name, 100.0, '%') if unit == '-' else (column, name, factor, unit) for column, name, factor, unit in imposed
@@ -60,7 +66,7 @@ def input_curves(comparison: Comparison) -> list[tuple[str, str, float, str]]:
 def run_plot(comparison: Comparison, run: ComparedRun, points: int) -> Plot:
     """One run."""
     channels = [name for name in comparison.channels if name in run.measured and np.isfinite(run.measured[name]).any()]
-    commands = [column for column in input_curves(comparison) if np.ptp(run.states[column[0]]) > 0.0]
+    commands = [column for column in input_curves(structure_of(comparison, run)) if np.ptp(run.states[column[0]]) > 0.0]
     wires = wires_of(comparison.config)
     heights = [VALUE_ROW, RESIDUAL_ROW] * len(channels) + [INPUT_ROW] * len(commands) + [MODE_ROW * len(wires)]
     total = sum(heights)

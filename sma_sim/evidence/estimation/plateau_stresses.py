@@ -1,0 +1,111 @@
+"""Plateau stresses of isothermal tests: stress over strain at one temperature, loading and unloading.
+
+Where the wire transforms, the slope is a small part of that of the elastic wire. The stress in the middle of that stretch is
+the plateau stress; ASTM F2516 reads it at 3 % on the way up and 2.5 % on the way down, which presupposes a plateau there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
+from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.model.structures.discovery import known_structures
+
+Vector = NDArray[np.float64]
+FLAT = 0.35  # of the steepest slope, below which the wire transforms
+LEAST_PLATEAU = 0.1  # part of the strains that it must take
+STEEPEST = 0.95  # quantile of the slopes: the elastic wire, but for noise
+LEAST_STRAIN = 5e-3  # that a test must reach
+STEADY = 3.0  # [K] within which a temperature counts as constant
+
+
+@dataclass(frozen=True)
+class IsothermalTest:
+    """The features of one isothermal test.
+
+    `temperature` [K]; `loading`, `unloading`: plateau stresses [Pa], NaN where there is none; `modulus` [Pa]: the steepest
+    slope of loading; `plateau_strain` [-]: how much strain the plateau of loading takes.
+    """
+
+    name: str
+    temperature: float
+    loading: float
+    unloading: float
+    modulus: float
+    plateau_strain: float
+
+    @property
+    def hysteresis(self) -> float:
+        """Width of the hysteresis [Pa]."""
+        return self.loading - self.unloading
+
+
+def isothermal_tests(dataset: Dataset) -> tuple[IsothermalTest, ...]:
+    """The features of all recordings that are isothermal tests with a plateau, by temperature."""
+    found = (isothermal_test(recording) for recording in dataset.recordings)
+    return tuple(sorted((test for test in found if test is not None), key=lambda test: test.temperature))
+
+
+def isothermal_test(recording: Recording) -> IsothermalTest | None:
+    """The features of one recording; None where it is no isothermal test, or nothing transforms."""
+    structure = known_structures()[recording.system]
+    if 'stress' not in recording.channels or [drive.name for drive in structure.drives][:1] != ['strain']:
+        return None
+    times, values = np.asarray(recording.source.times, float), np.asarray(recording.source.values, float)
+    columns = dict(zip(structure.input_columns, values.T, strict=True))
+    if np.any(columns.get('J_W', 0.0)):
+        return None
+    strain, T = (np.interp(recording.time, times, columns[name]) for name in ('strain', temperature_column(columns)))
+    return isothermal_features(recording.name, T, strain, np.asarray(recording.channels['stress'], float))
+
+
+def isothermal_features(name: str, T: Vector, strain: Vector, stress: Vector) -> IsothermalTest | None:
+    """The features of `stress` (k,) [Pa], NaN where missing, over `strain` (k,) at a temperature (k,) [K] that is constant.
+
+    None where that is not constant, or where nothing transforms.
+    """
+    known = np.isfinite(stress)
+    T, strain, stress = T[known], strain[known], stress[known]
+    if len(T) < 10 or np.ptp(T) > STEADY or np.ptp(strain) < LEAST_STRAIN:
+        return None
+    ways = both_ways(strain, stress)
+    if ways is None:
+        return None
+    grid, smooth, slope = smoothed_way(*ways[0])
+    modulus = float(np.quantile(slope, STEEPEST))
+    flat = slope < FLAT * modulus
+    loading, unloading = plateau(smooth, flat), plateau(*plateau_of(ways[1]))
+    if np.isnan(loading):
+        return None
+    return IsothermalTest(name, float(np.mean(T)), loading, unloading, modulus, float(flat.mean() * (grid[-1] - grid[0])))
+
+
+def temperature_column(columns: dict[str, Vector]) -> str:
+    """The column that tells the temperature of the wire: its own where it is imposed, else that of the room."""
+    return 'T_K' if 'T_K' in columns else 'T_E_K'
+
+
+def plateau_of(way: tuple[Vector, Vector]) -> tuple[Vector, NDArray[np.bool_]]:
+    """Smoothed stresses of a way, and where it is flat."""
+    _, smooth, slope = smoothed_way(*way)
+    return smooth, slope < FLAT * float(np.quantile(slope, STEEPEST))
+
+
+def plateau(smooth: Vector, flat: NDArray[np.bool_]) -> float:
+    """The stress [Pa] in the middle of what is flat; NaN where that is too short."""
+    return float(np.median(smooth[flat])) if flat.mean() >= LEAST_PLATEAU else float('nan')
+
+
+def plateaus_as_text(tests: Sequence[IsothermalTest]) -> list[str]:
+    """A table of the plateau stresses."""
+    lines = ['plateau stresses of isothermal tests [MPa], strain that the plateau takes:',
+             'test                 temperature [deg C]  loading  unloading   strain']  # fmt: skip
+    for test in tests:
+        numbers = f'{1e-6 * test.loading:9.1f}{1e-6 * test.unloading:11.1f}{100.0 * test.plateau_strain:7.2f} %'
+        lines.append(f'{test.name:<20} {test.temperature - 273.15:19.1f}{numbers}')
+    return lines

@@ -1,0 +1,204 @@
+"""Section: the tests of a wire as a materials scientist reads them, measured and of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from sma_sim.evidence.estimation.transformation_temperatures import IsobaricTest
+from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
+from sma_sim.model.config import Config
+from sma_sim.report.html.figures import envelope, new_figure, small
+from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Table
+from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
+
+LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, '#CC79A7', '#56B4E9', GREY)
+NAMES = ('M_f', 'M_s', 'A_s', 'A_f')
+TEMPERATURE_COLOURS = dict(zip(NAMES, (BLUE, '#56B4E9', ORANGE, RED), strict=True))
+MOST_POINTS = 500  # of one curve
+WORDS = (
+    'Temperatures by tangents (the evaluation of ASTM F2082 and F3097): lines through the cold and the hot end of each way '
+    'cross the steepest tangent between them. In brackets the same evaluation of the model.'
+)
+
+
+def characterization_section(found: Characterization, config: Config) -> Section:
+    """Tables and figures of the isobaric and isothermal tests; empty without any."""
+    blocks: list[Block] = []
+    if found.isobaric:
+        blocks += [Paragraph(WORDS), temperature_table(found.isobaric)]
+    if found.isothermal:
+        blocks.append(plateau_table(found))
+    if found:
+        blocks += [Bullets(slope_sentences(found, config)), Grid(figures(found, config))]
+    return Section('Characterization', blocks)
+
+
+def figures(found: Characterization, config: Config) -> list[Plot]:
+    """The figures that the tests allow."""
+    plots = [Plot(phase_diagram(found, config), 'Phase diagram. Marks: measured; lines: the model, dotted sigma_A and '
+                  'sigma_M', 360)]  # fmt: skip
+    if found.isobaric:
+        levels = [(test, f'{1e-6 * test.measured.stress:.3g} MPa') for test in found.isobaric]
+        plots = [
+            Plot(curves_figure(levels, 'strain', ('T_K', 1.0, -273.15, 'temperature [deg C]'), (100.0, 'strain [%]')),
+                 'Strain over temperature. Dots: measured; lines: the model', 360),
+            *plots,
+            Plot(over_stress(found.isobaric, lambda test: test.hysteresis, 'width of the hysteresis [K]'),
+                 'Width of the hysteresis over stress', 300),
+            Plot(over_stress(found.isobaric, lambda test: 100.0 * test.recovered, 'recovered strain [%]'),
+                 'Strain that heating recovers, over stress', 300),
+        ]  # fmt: skip
+    if found.isothermal:
+        labelled = [(test, f'{test.measured.temperature - 273.15:.3g} deg C') for test in found.isothermal]
+        plots.append(Plot(
+            curves_figure(labelled, 'stress', ('strain', 100.0, 0.0, 'strain [%]'), (1e-6, 'stress [MPa]')),
+            'Stress over strain. Dots: measured; lines: the model', 360,
+        ))  # fmt: skip
+    return plots
+
+
+def temperature_table(tests: Sequence[EvaluatedTest[IsobaricTest]]) -> Table:
+    """Transformation temperatures and strains by level."""
+    rows = []
+    for test in tests:
+        cells = [both(test, lambda one, k=k: one.temperatures[k] - 273.15, '.1f') for k in range(4)]  # type: ignore[misc]
+        cells.append(both(test, lambda one: one.hysteresis, '.1f'))
+        cells.append(both(test, lambda one: 100.0 * one.recovered, '.2f'))
+        rows.append((label_of(test), f'{1e-6 * test.measured.stress:.4g}', *cells))
+    header = ('test', 'stress [MPa]', *(f'{name} [deg C]' for name in NAMES), 'hysteresis [K]', 'recovered strain [%]')
+    return Table(header, rows, 'Transformation temperatures')
+
+
+def plateau_table(found: Characterization) -> Table:
+    """Plateau stresses and moduli by temperature."""
+    rows = [
+        (
+            label_of(test), f'{test.measured.temperature - 273.15:.1f}', both(test, lambda one: 1e-6 * one.loading, '.0f'),
+            both(test, lambda one: 1e-6 * one.unloading, '.0f'), both(test, lambda one: 1e-6 * one.hysteresis, '.0f'),
+            both(test, lambda one: 1e-9 * one.modulus, '.1f'), both(test, lambda one: 100.0 * one.plateau_strain, '.2f'),
+        )
+        for test in found.isothermal
+    ]  # fmt: skip
+    header = ('test', 'temperature [deg C]', 'loading [MPa]', 'unloading [MPa]', 'hysteresis [MPa]', 'modulus [GPa]',
+              'plateau [%]')  # fmt: skip
+    return Table(header, rows, 'Plateau stresses')
+
+
+def label_of(test: EvaluatedTest[Any]) -> str:
+    """The name of a test, and whether it was held out."""
+    return test.run.name + (' (held out)' if test.run.held_out else '')
+
+
+def both(test: EvaluatedTest[Any], value: Callable[[Any], float], form: str) -> str:
+    """A feature as measured, and as the model has it in brackets."""
+    model = '-' if test.model is None else f'{value(test.model):{form}}'
+    return f'{value(test.measured):{form}} ({model})'
+
+
+def slope_sentences(found: Characterization, config: Config) -> list[str]:
+    """What the measured slopes of the phase diagram are, beside that of the model."""
+    own, words = 1e-6 * config.parameters['wire.sigma_T'], []
+    for slope, way in zip(found.slopes, ('martensite', 'austenite'), strict=True):
+        if np.isfinite(slope):
+            words.append(f'The stress of the transformation to {way} rises by {1e-6 * slope:.3g} MPa/K (median of all pairs '
+                         f'of tests); sigma_T of the model is {own:.3g} MPa/K.')  # fmt: skip
+    return words
+
+
+def curves_figure(
+    tests: Sequence[tuple[EvaluatedTest[Any], str]], channel: str, over: tuple[str, float, float, str],
+    shown: tuple[float, str],
+) -> Any:  # fmt: skip
+    """A channel of all tests over a state, a colour for each test."""
+    column, scale, offset, label = over
+    figure = new_figure()
+    for k, (test, name) in enumerate(tests):
+        colour = LEVEL_COLOURS[k % len(LEVEL_COLOURS)]
+        at = envelope(test.run.measured[channel], MOST_POINTS)
+        x = small(scale * test.run.states[column][at] + offset)
+        figure.add_scatter(
+            x=x, y=small(shown[0] * test.run.measured[channel][at]), mode='markers', legendgroup=name, showlegend=False,
+            marker={'color': colour, 'size': 4, 'opacity': 0.5}, hoverinfo='skip',
+        )  # fmt: skip
+        figure.add_scatter(
+            x=x, y=small(shown[0] * test.run.predicted[channel][at]), mode='lines', legendgroup=name,
+            name=name + (' (held out)' if test.run.held_out else ''),
+            line={'color': colour, 'width': 1.8, 'dash': 'dash' if test.run.held_out else 'solid'},
+        )  # fmt: skip
+    figure.update_xaxes(title_text=label)
+    figure.update_yaxes(title_text=shown[1])
+    figure.update_layout(margin_r=10)
+    return figure
+
+
+def phase_diagram(found: Characterization, config: Config) -> Any:
+    """Stress over temperature: where the transformations begin and end, measured and of the model."""
+    figure = new_figure()
+    for k, name in enumerate(NAMES):
+        points = [(test.measured.temperatures[k], test.measured.stress) for test in found.isobaric]
+        lines = [(test.model.temperatures[k], test.model.stress) for test in found.isobaric if test.model is not None]
+        if points:
+            add_points(figure, points, name, TEMPERATURE_COLOURS[name], 'circle')
+            add_line(figure, lines, name, TEMPERATURE_COLOURS[name], 'solid')
+    for name, colour, value in (('loading', BLUE, 0), ('unloading', RED, 1)):
+        points = [(test.measured.temperature, (test.measured.loading, test.measured.unloading)[value])
+                  for test in found.isothermal]  # fmt: skip
+        if points:
+            add_points(figure, points, f'plateau, {name}', colour, 'square-open')
+    add_transformation_stresses(figure, found, config)
+    figure.update_xaxes(title_text='temperature [deg C]')
+    figure.update_yaxes(title_text='stress [MPa]', rangemode='tozero')
+    figure.update_layout(margin_r=10)
+    return figure
+
+
+def add_transformation_stresses(figure: Any, found: Characterization, config: Config) -> None:
+    """sigma_A(T) and sigma_M(T) of the model where they are positive and measured."""
+    p = config.parameters
+    tests = [test.measured.stress for test in found.isobaric]
+    top = 1.1 * max([*tests, *(test.measured.loading for test in found.isothermal)])
+    for name, colour, part in (('sigma_A', BLUE, 0.5), ('sigma_M', RED, -0.5)):
+        ends = [
+            p['wire.T0'] + (stress - p['wire.sigma_MW0'] - part * p['wire.dsigma']) / p['wire.sigma_T']
+            for stress in (0.0, top)
+        ]
+        add_line(figure, list(zip(ends, (0.0, top), strict=True)), name, colour, 'dot')
+
+
+def add_points(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, symbol: str) -> None:
+    """Measured points (temperature [K], stress [Pa])."""
+    figure.add_scatter(
+        x=[T - 273.15 for T, _ in points], y=[1e-6 * stress for _, stress in points], mode='markers', name=name,
+        legendgroup=name, marker={'color': colour, 'size': 9, 'symbol': symbol},
+        hovertemplate='%{y:.4g} MPa at %{x:.1f} deg C',
+    )  # fmt: skip
+
+
+def add_line(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, dash: str) -> None:
+    """A line of the model through points (temperature [K], stress [Pa])."""
+    figure.add_scatter(
+        x=[T - 273.15 for T, _ in points], y=[1e-6 * stress for _, stress in points], mode='lines', name=name,
+        legendgroup=name, showlegend=dash == 'dot', line={'color': colour, 'width': 1.4, 'dash': dash}, hoverinfo='skip',
+    )  # fmt: skip
+
+
+def over_stress(
+    tests: Sequence[EvaluatedTest[IsobaricTest]], value: Callable[[IsobaricTest], float], label: str
+) -> Any:  # fmt: skip
+    """A feature over the stress of the tests, measured and of the model."""
+    figure = new_figure()
+    figure.add_scatter(
+        x=[1e-6 * test.measured.stress for test in tests], y=[value(test.measured) for test in tests], mode='markers',
+        name='measured', marker={'color': GREY, 'size': 9, 'symbol': [
+            'circle-open' if test.run.held_out else 'circle' for test in tests]},
+    )  # fmt: skip
+    known = [(test.model.stress, value(test.model)) for test in tests if test.model is not None]
+    figure.add_scatter(x=[1e-6 * stress for stress, _ in known], y=[one for _, one in known], mode='lines+markers',
+                       name='model', line={'color': BLUE, 'width': 1.5}, marker={'size': 5})  # fmt: skip
+    figure.update_xaxes(title_text='stress [MPa]')
+    figure.update_yaxes(title_text=label, rangemode='tozero')
+    figure.update_layout(margin_r=10)
+    return figure
