@@ -2,8 +2,8 @@
 
 python benchmarks/stack.py [--runs 1000] [--json FILE]
 
-Every module has its own random command. The random stacks hang, lean up to a tenth, and have parameters within a quarter of
-the defaults.
+Every module has its own random command, or all have the same one, so that their wires transform together. The random stacks
+hang, lean up to a tenth, and have parameters within a quarter of the defaults.
 """
 
 from __future__ import annotations
@@ -34,12 +34,14 @@ def processor_time(call: Callable[[], Any]) -> float:
     return min(durations)
 
 
-def scaling(modules: int, kind: str) -> dict[str, float]:
-    """Medians of runs of a stack at the defaults: time [ms], steps, time of a step [us]."""
+def scaling(modules: int, kind: str, together: bool) -> dict[str, float]:
+    """Medians of runs of a stack at the defaults: time [ms], steps, time of a step [us]; all modules with one command?"""
     structure, times, steps = stack_of(modules), [], []
     model = Model(Config({'stack.modules': float(modules)}, 'stack', kind))
     for seed in range(TIMED):
         source = random_input(structure, structure.default_values['wire.n'], np.random.default_rng(seed))
+        if together:
+            source.values[:, :modules] = source.values[:, :1]
         times.append(1e3 * processor_time(lambda source=source: simulate(model, source, 5.0)))
         steps.append(simulate(model, source, 5.0).steps)
     return {
@@ -67,8 +69,10 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """A row for each number of modules, and for the random runs of each kind of kinetics."""
     result: dict[str, Any] = {}
     for kind in ('hybrid', 'mas'):
-        for modules in range(1, MOST_MODULES + 1):
-            result[f'{kind}, modules {modules}'] = scaling(modules, kind)
+        for together in (False, True):
+            for modules in range(1, MOST_MODULES + 1):
+                name = f'{kind}, {"one command, " if together else ""}modules {modules}'
+                result[name] = scaling(modules, kind, together)
         result[f'{kind}, random stacks'] = random_runs(kind, arguments.runs)
     return result
 

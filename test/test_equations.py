@@ -29,7 +29,7 @@ from sma_sim.model.config import read_config
 from sma_sim.solver.model import Model
 
 CHANNELS = ('U_x', 'U_y', 'alpha')
-LOCATIONS = {location.name: location for location in locations_for('module', CHANNELS)}
+LOCATIONS = {location.name: location for location in locations_for(config(), CHANNELS)}
 SHAPES = {
     'threshold': 0.02, 'width': 0.03, 'wavenumber': 80.0, 'phase': 0.5, 'instant': 9.0, 'time_constant': 4.0,
     'frequency': 0.1, 'fixed': 1.5,
@@ -62,7 +62,7 @@ def shown(model):
 def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coefficient):
     """The universal term and the file come from one text; they must do the same, and nothing with a coefficient of 0."""
     fit = fit_of(location, term, coefficient)
-    formula, chooser = Formula((fit,)), universal_term(fit.location.hook, bool(fit.term.rate))
+    formula, chooser = Formula((fit,)), universal_term(fit.location.hook, bool(fit.term.rate), config().structure)
     nominal = config()
     compiled = with_effect(nominal, chooser.found, chooser.values(fit.location, fit.term, coefficient, fit.shapes))
     values = {p.name: p.default for p in formula.parameters}
@@ -75,7 +75,7 @@ def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coeffic
 
 
 def test_every_term_makes_a_file_that_loads():
-    for location in locations_for('module', (*CHANNELS, 'F_1')):
+    for location in locations_for(config(), (*CHANNELS, 'F_1')):
         for term in location.terms:
             fit = TermFit(
                 location, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes)
@@ -109,7 +109,7 @@ def test_terms_along_a_run_are_those_of_the_simulator():
     hot = {'T_E_K': np.full(201, 298.0), 'alpha_rad': 0 * time, 'U_x_m': 0 * time, 'U_y_m': 0 * time, 'J_eq_W': 0 * time}
     hot |= {f'{kind}_{k}{unit}': np.full(201, value) for k in (1, 2)
             for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))}  # fmt: skip
-    fields = kernel_fields(time, hot, config().parameters, 0)
+    fields = kernel_fields(time, hot, config(), 0)
     from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
     assert term_values(term, (4.0,), VisitedStates('run', 0, fields)) == pytest.approx(

@@ -10,7 +10,7 @@ from sma_sim import Config, Dataset, Input, Recording, module_input
 from sma_sim.evidence.estimation import executors, homogeneity
 from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
-from sma_sim.evidence.estimation.injection_points import PORTS, SENSOR_UNITS, ports_of
+from sma_sim.evidence.estimation.injection_points import ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import (
     NormalEquations,
     accumulated,
@@ -64,16 +64,15 @@ def test_parameters_of_active_effects_are_free_within_their_bounds():
 
 def test_every_channel_is_shown_by_one_sensor_of_its_system():
     """Seven on the module, two on the wire; what an unknown does is said with its unit."""
-    assert [port.name for port in ports_of('module', CHANNELS) if port.hook == 'sensing'] == [
+    module, wire = Config(), Config(system='wire')
+    assert [port.name for port in ports_of(module, CHANNELS) if port.hook == 'sensing'] == [
         f'sense_{c}' for c in CHANNELS[:7]
     ]
-    assert [port.name for port in ports_of('wire', CHANNELS) if port.hook == 'sensing'] == [
-        f'sense_{c}' for c in CHANNELS[7:]
-    ]
-    assert [port.name for port in ports_of('module', ('alpha',)) if port.hook == 'sensing'] == ['sense_alpha']
-    assert [port.name for port in ports_of('wire', ()) if port.component == 1] == []
-    assert all(port.adds.startswith(port.description) and f'[{port.unit}]' in port.adds for port in PORTS)
-    assert len(SENSOR_UNITS) == len(CHANNELS)
+    assert [port.name for port in ports_of(wire, CHANNELS) if port.hook == 'sensing'] == [f'sense_{c}' for c in CHANNELS[7:]]
+    assert [port.name for port in ports_of(module, ('alpha',)) if port.hook == 'sensing'] == ['sense_alpha']
+    assert [port.name for port in ports_of(wire, ()) if port.component == 1] == []
+    both = [*ports_of(module, CHANNELS), *ports_of(wire, CHANNELS)]
+    assert all(port.adds.startswith(port.description) and f'[{port.unit}]' in port.adds for port in both)
 
 
 def test_rows_that_change_nothing_are_left_out_of_held_inputs_only():

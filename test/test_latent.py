@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, config, dataset
 
+from sma_sim import Config
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import latent as latent_command
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.injection_points import PORTS, ports_of
+from sma_sim.evidence.estimation.injection_points import ports_of
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
 from sma_sim.evidence.latent_input.hypotheses import confounding_reason, hypotheses_of
 from sma_sim.evidence.latent_input.inference import (
@@ -40,7 +41,8 @@ from sma_sim.evidence.latent_input.sensitivities import (
 )
 from sma_sim.evidence.latent_input.summary import latent_data, ranking_rows, verdict_sentences
 
-BY_NAME = {port.name: port for port in PORTS}
+STRUCTURE = config('mas').structure.structure
+BY_NAME = {port.name: port for port in ports_of(config('mas'), STRUCTURE.channels)}
 
 
 @pytest.fixture(scope='module')
@@ -116,7 +118,7 @@ def test_responses_add_up(name, model):
     )
 
     def response(values):
-        with_input = replace(initial_state, effects=(input_effect(port, grid, 1e-2 * port.probe * values),))
+        with_input = replace(initial_state, effects=(input_effect(port, grid, 1e-2 * port.probe * values, STRUCTURE),))
         return binned(
             weighted_residuals(with_input, fixed_run, nuisance) - weighted_residuals(initial_state, fixed_run, nuisance),
             run,
@@ -148,7 +150,7 @@ def test_what_an_input_cannot_reach_is_not_simulated_again(name, model):
 
     def from_the_beginning(values):
         return weighted_residuals(
-            replace(initial_state, effects=(input_effect(port, grid, port.probe * values),)), fixed_run, nuisance
+            replace(initial_state, effects=(input_effect(port, grid, port.probe * values, STRUCTURE),)), fixed_run, nuisance
         )
 
     for k, knot in enumerate(part.knots):
@@ -221,13 +223,13 @@ def test_gaps_of_noise_are_not_predicted_by_an_input():
 
 
 def test_hypotheses_and_reasons():
-    by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses_of(ports_of('module', ('U_x', 'U_y', 'alpha')))}
+    by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses_of(ports_of(config('mas'), ('U_x', 'U_y', 'alpha')))}
     assert {'heat', 'heat_1', 'power', 'sense_alpha', 'force_U_y'} <= set(by_name) and 'sense_F_1' not in by_name
     assert [port.name for port in by_name['stress'].ports] == ['stress_1', 'stress_2']
     assert 'sum of all heat' in confounding_reason(by_name['heat_1'], by_name['power_1'], True)
     assert confounding_reason(by_name['moment_alpha'], by_name['stress'], True) == ''
     assert 'no force is measured' in confounding_reason(by_name['moment_alpha'], by_name['stress'], False)
-    assert [found.name for found in hypotheses_of(ports_of('wire', ('stress',)))] == [
+    assert [found.name for found in hypotheses_of(ports_of(Config(system='wire'), ('stress',)))] == [
         'heat_1', 'strain_1', 'stress_1', 'power_1', 'sense_stress',
     ]  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Structures of one's own: they join without an edit of the package, and what is wrong with a file is told."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from sma_sim import UserError, find_structures, read_config
 from sma_sim.cli.main import main
 from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
 from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.model import inertia_of
 from sma_sim.solver.structure_kernels import native_structure
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
@@ -29,9 +31,6 @@ def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):
     assert found['inputs'] == ['time_s', 'J_eq_W', 'T_E_K'] and found['coordinates'][0]['name'] == 'angle'
     assert main(['compare', str(out), *words, '--noise', 'angle=1e-4']) == 0
     assert 'angle' in capsys.readouterr().out
-    for verb in ('latent', 'next'):  # which know the module and a wire only
-        assert main([verb, str(out), *words, '--noise', 'angle=1e-4']) == 2
-        assert verb in capsys.readouterr().err
 
 
 def test_systems_are_listed(capsys):
@@ -70,6 +69,8 @@ def changed(**fields):
         ({'forces': lambda q, v, p: (0.0, 0.0)}, r'its forces returns 2 number\(s\); expected 1'),
         ({'lengths': lambda q, p: p.nothing}, "its lengths fails: AttributeError: .*'nothing'"),
         ({'lengths': lambda q, p: sorted([p.L - q.position])[0]}, 'cannot be compiled'),
+        ({'forces': lambda q, v, p: math.nan * q.position}, 'its forces returns nan at the default parameters'),
+        ({'stiffness': lambda q, p, part: (0.0, part)}, r'its stiffness returns 2 number\(s\); expected 1'),
     ],
 )
 def test_wrong_structures_are_told(fields, words):
@@ -87,18 +88,41 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
     with pytest.raises(StructureError, match=r'structures\.paths: .* is not a folder'):
         find_structures([tmp_path / 'nowhere'])
     text = (EXAMPLE / 'rocker.py').read_text()
-    for content, words in (
-        (text.replace("name='rocker'", "name='lever'"), "a structure named 'lever' exists already"),
-        (text.replace("'angle', 'rad'", "'angle', 'deg'"), 'the coordinate angle would be the column angle_deg'),
-        ('STRUCTURE = 1', 'STRUCTURE must be an sma_sim.Structure'),
+    for before, after, words in (
+        ("name='rocker'", "name='lever'", "a structure named 'lever' exists already"),
+        ("name='rocker'", "name='my rocker'", 'expected a name of letters, digits and _'),
+        ("'angle', 'rad'", "'angle', 'deg'", 'the coordinate angle would be the column angle_deg'),
+        ("'angle', 'rad'", "'angle', ''", "coordinate angle: expected a unit, such as 'm' or 'rad'"),
+        ("'angle', 'rad', 0.1,", "'angle', 'rad', 0.0,", 'coordinate angle: scale = 0 rad; expected more than 0'),
+        ("'positive where wire 1 is shorter'),", "''), Coordinate('angle', 'rad', 0.1),", 'angle is there twice'),
+        ("'k', 50.0", "'k', math.nan", 'parameter k: default nan N/m; expected 0 to 100000'),
+        ("Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring', SOURCE)", "'k'", "a Parameter .*, got 'k'"),
+        ("'rocker.k', 'rocker.b'", "'rocker.c',", 'fitted names rocker.c, which is no parameter; its own are rocker.a'),
+        ("'wire.n'", "'wire.N'", 'defaults names wire.N, which is no parameter'),
+        ('p.h - up)', 'p.h - up) * math.acos(2.0 + q.angle)', 'its lengths fails: ValueError: math domain error'),
+        (
+            'return math.hypot(along, p.h - up)',
+            'return -1.0',
+            'its lengths give -1 m for wire 1 where all coordinates are 0',
+        ),
+        (text, 'STRUCTURE = 1', 'STRUCTURE must be an sma_sim.Structure'),
     ):
-        (tmp_path / 'own.py').write_text(content)
+        (tmp_path / 'own.py').write_text(text.replace(before, after))
+        assert before in text
         with pytest.raises(StructureError, match=words):
             find_structures([tmp_path])
 
 
+def test_an_inertia_that_cannot_be_is_told():
+    """Of a function that depends on parameters, when a model is made of it."""
+    found = FoundStructure(changed(name='light', inertia=lambda p: p.m - 0.1), (), ('sma_sim.', __name__))
+    with pytest.raises(UserError, match=r"structure 'light': its inertia in position is -0\.07 kg; expected more than 0"):
+        inertia_of(found.structure, found.structure.default_constants)
+    assert inertia_of(found.structure, found.structure.constants_of({**found.structure.default_values, 'light.m': 0.3}))
+
+
 def test_data_do_not_say_which_structure_files_are_run(tmp_path):
-    (tmp_path / 'rocker2.py').write_text((EXAMPLE / 'rocker.py').read_text().replace("name='rocker'", "name='rocker2'"))
+    (tmp_path / 'rocker2.py').write_text((EXAMPLE / 'rocker.py').read_text().replace('rocker', 'rocker2'))
     recorded = {'system': 'rocker2', 'structures.paths': [str(tmp_path)]}
     with pytest.raises(UserError, match=r'the structure rocker2 is needed, but only data name its folder'):
         read_config(recorded=recorded)

@@ -52,7 +52,9 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         '--hold', type=float, default=DesignRequest.hold, metavar='S', help='shortest duration of a level (default 0.5 s)'
     )
-    parser.add_argument('--max-power', type=float, metavar='W', help='largest J_eq (default: the largest in the recordings)')
+    parser.add_argument(
+        '--max-power', type=float, metavar='W', help='largest command (default: the largest in the recordings)'
+    )
     parser.add_argument(
         '--max-temperature', type=float, metavar='K', help='limit of the wires (default: 10 %% above the recordings)'
     )
@@ -84,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         plan = next_experiment(training, config, request_from(arguments), executor, print_progress)
     if arguments.out:
         times, levels = as_rows(plan.levels, plan.grid)
-        write_columns(arguments.out, {'time_s': times, 'J_eq_W': levels})
+        write_columns(arguments.out, {'time_s': times, plan.grid.columns[0]: levels})
     if arguments.json:
         write_json(arguments.json, plan_data(plan))
     if arguments.report:

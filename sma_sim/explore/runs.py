@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.residual_analysis.wire_states import strains_from_pose, wires_of
+from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.explore.command import Command, input_of
 from sma_sim.explore.decimation import decimated
 from sma_sim.explore.packing import Numbers
@@ -21,6 +21,7 @@ from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, is_held, panels_of
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
+from sma_sim.solver.wire_columns import strains_from_pose
 
 Vector = NDArray[np.float64]
 RATE, MOST_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most

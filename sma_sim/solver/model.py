@@ -89,10 +89,22 @@ class Model:
 
 
 def inertia_of(structure: Structure, constants: Constants) -> tuple[float, ...]:
-    """The inertia of every coordinate, 1 where accelerations are a kernel of their own."""
+    """The inertia of every coordinate, 1 where accelerations are a kernel of their own. Raises UserError."""
     if structure.inertia is None:
         return (1.0,) * len(structure.coordinates)
-    return numbers(structure.inertia(constants))
+    inertia = numbers(structure.inertia(constants))
+    if len(inertia) != len(structure.coordinates):
+        raise UserError(
+            f'structure {structure.name!r}: its inertia returns {len(inertia)} number(s); expected one for each of '
+            f'{", ".join(structure.coordinate_names)}'
+        )
+    for coordinate, value in zip(structure.coordinates, inertia, strict=True):
+        if not 0.0 < value < math.inf:
+            unit = 'kg m^2' if coordinate.unit == 'rad' else 'kg'
+            raise UserError(
+                f'structure {structure.name!r}: its inertia in {coordinate.name} is {value:g} {unit}; expected more than 0'
+            )
+    return inertia
 
 
 def rate_scales(structure: Structure, constants: Constants) -> list[float]:

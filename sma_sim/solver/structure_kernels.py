@@ -20,6 +20,8 @@ SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all 
 STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordinate
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding
 AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
+OF_EFFECTS = ('stiffness', 'gravity')  # which effects call, not the structure's own kernels
+TRIED_POSE = 0.1  # relative to the scale of each coordinate
 MOST_EFFECTS = 64  # on one structure
 CHECKED_POSES = (0.0, 0.7, -1.3)  # relative to the scales of the coordinates
 
@@ -81,9 +83,9 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
     n, driven = len(one.coordinates), 'u' if structure.drives else ''
     constants, kinds = structure.default_constants, records_of(structure)
     example: dict[str, Any] = {
-        letter: kinds[letter](*(0.1 * c.size(constants) for c in one.coordinates)) for letter in 'qvf'
+        letter: kinds[letter](*(TRIED_POSE * c.size(constants) for c in one.coordinates)) for letter in 'qvf'
     }
-    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives)), 'k': 0}
+    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives)), 'k': 0, 'g': 1.0}
     example |= {letter: np.full((structure.segments, n), 1e-3) for letter in SERIES}
     kernels = {}
     for role, python, takes, returns in (
@@ -91,25 +93,36 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
         ('gradients', one.gradients, 'qp', n * one.wires),
         ('forces', one.forces, 'qvp' + driven, n),
         ('accelerations', structure.accelerations, f'k{SERIES}p' if structure.segment else 'qvfp', n),
+        ('stiffness', one.stiffness, 'qpg', n),
+        ('gravity', one.gravity, 'qpggg', n),
     ):
-        if python is None:
-            continue
-        try:
-            value = python(*(example[letter] for letter in takes))
-        except Exception as error:
-            raise StructureError(
-                f'structure {structure.name!r}: its {role} fails: {type(error).__name__}: {error}'
-            ) from error
-        count = len(numbers(value))
-        if count != returns:
-            raise StructureError(
-                f'structure {structure.name!r}: its {role} returns {count} number(s); expected {returns}, for '
-                f'{one.wires} wire(s) and {n} coordinate(s)'
-            )
-        kernels[role] = Kernel(python, takes, returns, isinstance(value, tuple))
+        if python is not None:
+            value = checked_value(structure, role, python, tuple(example[letter] for letter in takes), returns)
+            kernels[role] = Kernel(python, takes, returns, isinstance(value, tuple))
     if 'gradients' in kernels:
         check_gradients(one, constants)
-    return kernels
+    return {role: kernel for role, kernel in kernels.items() if role not in OF_EFFECTS}
+
+
+def checked_value(structure: Structure, role: str, python: Callable[..., Any], given: tuple[Any, ...], returns: int) -> Any:
+    """What a kernel returns. Raises StructureError where it fails, or returns what cannot be."""
+    one = segment_of(structure)
+    try:
+        value = python(*given)
+    except Exception as error:
+        raise StructureError(f'structure {structure.name!r}: its {role} fails: {type(error).__name__}: {error}') from error
+    count = len(numbers(value))
+    if count != returns:
+        raise StructureError(
+            f'structure {structure.name!r}: its {role} returns {count} number(s); expected {returns}, for '
+            f'{one.wires} wire(s) and {len(one.coordinates)} coordinate(s)'
+        )
+    if not np.isfinite(numbers(value)).all():
+        raise StructureError(
+            f'structure {structure.name!r}: its {role} returns {value} at the default parameters, with each coordinate at a '
+            'tenth of its scale; expected finite numbers'
+        )
+    return value
 
 
 def check_gradients(structure: Structure, constants: Any) -> None:
@@ -129,7 +142,8 @@ def check_gradients(structure: Structure, constants: Any) -> None:
                 ahead, behind = (np.array(numbers(lengths(pose(*(at + s * step)), constants))) for s in (1.0, -1.0))
                 slope += weight * (ahead - behind) / (STEP * scale)
             worst = int(np.argmax(np.abs(slope - by_hand[:, j])))
-            if abs(slope[worst] - by_hand[worst, j]) > AGREEMENT * max(1e-3, float(np.abs(by_hand).max())):
+            largest = max(1e-3, float(np.abs(by_hand).max()))
+            if not abs(slope[worst] - by_hand[worst, j]) <= AGREEMENT * largest:
                 raise StructureError(
                     f'structure {structure.name!r}: its gradients give {by_hand[worst, j]:g} for wire {worst + 1} in '
                     f'{structure.coordinate_names[j]}, differences of its lengths {slope[worst]:g}; leave gradients out to '

@@ -69,6 +69,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -107,7 +108,7 @@ def next_experiment(
     Parameters
     ----------
     training
-        Recordings of a module, and the noise of their channels: the experiment is to have the same.
+        Recordings of a robot with one command, and the noise of their channels: the experiment is to have the same.
     config
         The model to start from.
     request
@@ -120,13 +121,14 @@ def next_experiment(
     Returns
     -------
     Plan
-        The sequence of J_eq, the limits that it keeps under every hypothesis, and what it is expected to tell. Ctrl-C during
-        the search gives the best so far (`interrupted`).
+        The sequence of the command, the limits that it keeps under every hypothesis, and what it is expected to tell. Ctrl-C
+        during the search gives the best so far (`interrupted`).
 
     Raises
     ------
     UserError
-        For what cannot be designed: a wire, unknown names, limits that not even a weak command keeps.
+        For what cannot be designed: a wire on a bench, several commands, unknown names, limits that not even a weak command
+        keeps.
     KeyboardInterrupt
         For Ctrl-C before the search has started.
     """
@@ -142,7 +144,8 @@ def best_plan(
     training: Dataset, hypotheses: tuple[ModelHypothesis, ...], request: DesignRequest, context: SearchContext
 ) -> Plan:
     """The design for some fitted hypotheses. Raises UserError for limits that no command keeps, and unknown names."""
-    grid, grid_origins = command_grid(training, request)
+    structure = hypotheses[0].fitted.problem.config.structure.structure
+    grid, grid_origins = command_grid(training, request, structure)
     run, every = blank_run(training, grid, hypotheses[0].noise_factor)
     limits, origins = operating_limits(hypotheses, request, context.pool)
     single = len(hypotheses) == 1
@@ -165,8 +168,10 @@ def best_plan(
 
 def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
-    if config.system != 'module':
-        raise UserError('next designs commands J_eq of a module; for a wire (system wire) it has no sequence of strain')
+    structure = config.structure.structure
+    if not structure.has_one_command:
+        moved = ', '.join([drive.name for drive in structure.drives] + list(structure.commands))
+        raise UserError(f'next designs one heating command over time; system {config.system} is moved by {moved}')
     if len(set(request.between)) != len(request.between) or len(request.between) == 1:
         raise UserError(f'--between {" ".join(request.between)}: expected at least two different explanations')
     if request.between and request.parameters:
@@ -194,7 +199,7 @@ def hypotheses_for(
     return fit_hypotheses(training, rivals, context)
 
 
-def command_grid(training: Dataset, request: DesignRequest) -> tuple[CommandGrid, dict[str, str]]:
+def command_grid(training: Dataset, request: DesignRequest, structure: Structure) -> tuple[CommandGrid, dict[str, str]]:
     """The grid of levels, and where its limit comes from: the largest command of the recordings where none was given."""
     sources = [recording.source for recording in training.recordings]
     reached = max(float(np.abs(source.values[:, command_column(source)]).max()) for source in sources)
@@ -202,7 +207,9 @@ def command_grid(training: Dataset, request: DesignRequest) -> tuple[CommandGrid
     origin = 'given' if request.power is not None else 'the largest command in the recordings'
     if not power > 0.0:
         raise UserError('the recordings have no command other than zero: give --max-power')
-    return CommandGrid(round(request.length / request.hold), request.hold, power), {'power': origin}
+    cells = round(request.length / request.hold)
+    grid = CommandGrid(cells, request.hold, power, not structure.antagonistic, structure.input_columns)
+    return grid, {'power': origin}
 
 
 def operating_limits(

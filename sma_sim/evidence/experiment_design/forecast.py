@@ -102,7 +102,7 @@ def blank_run(training: Dataset, grid: CommandGrid, noise_factor: float) -> tupl
     every = max(1, -(-len(time) // MAX_PREDICTED_SAMPLES))
     channels = {name: np.zeros(len(time)) for name in first.channels}
     T_E = float(first.source.values[0, -1])
-    blank = Recording('next', 'module', time, channels, as_input(np.zeros(grid.cells), grid, T_E))
+    blank = Recording('next', first.system, time, channels, as_input(np.zeros(grid.cells), grid, T_E))
     run = fit_data(blank, training.noise_std, every, PREDICTION_RTOL, step_limited=True)
     return replace(run, weight=run.weight * np.sqrt(every) / noise_factor), every
 
@@ -168,8 +168,9 @@ def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedR
     columns = model_columns(config, run, nuisance)
     values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
     section = config.parameters['wire.n'] * pi * config.parameters['wire.r0'] ** 2
-    temperature = max(columns['T_1_K'].max(), columns['T_2_K'].max())
-    force = max(columns['F_1_N'].max(), columns['F_2_N'].max())
+    wires = range(1, config.structure.structure.wires + 1)
+    temperature = max(columns[f'T_{i}_K'].max() for i in wires)
+    force = max(columns[f'F_{i}_N'].max() for i in wires)
     return SimulatedRun(values.ravel(), float(temperature), float(force / section))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import LinearizedRun, linearize
 from sma_sim.evidence.estimation.residuals import FitData
@@ -31,10 +32,8 @@ from sma_sim.evidence.experiment_design.utilities import (
 
 Matrix = NDArray[np.float64]
 MAX_SAMPLES, RTOL = 500, 1e-6  # of a recording, and of its simulation
-SENSOR_WORDS = {
-    'U_x': 'displacement U_x', 'U_y': 'displacement U_y', 'alpha': 'angle alpha', 'F_1': 'force of wire 1 (F_1)',
-    'F_2': 'force of wire 2 (F_2)', 'T_1': 'temperature of wire 1 (T_1)', 'T_2': 'temperature of wire 2 (T_2)',
-}  # fmt: skip
+OF_WIRES = {'F': 'force', 'T': 'temperature'}
+BY_UNIT = {'m': 'displacement', 'rad': 'angle'}
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,12 @@ class FurtherChannel:
     @property
     def words(self) -> str:
         """What a sentence calls it."""
-        return f'second, equal sensor of the {SENSOR_WORDS[self.channel]}' if self.measured else SENSOR_WORDS[self.channel]
+        letter, _, number = self.channel.partition('_')
+        if letter in OF_WIRES and number.isdigit():
+            words = f'{OF_WIRES[letter]} of wire {number} ({self.channel})'
+        else:
+            words = f'{BY_UNIT.get(CHANNEL_COLUMNS[self.channel].rpartition("_")[2], "channel")} {self.channel}'
+        return f'second, equal sensor of the {words}' if self.measured else words
 
     @property
     def least(self) -> float:

@@ -1,4 +1,4 @@
-"""Command sequences: levels of J_eq on a grid of equal cells, random ones of several shapes, and mutations of them.
+"""Command sequences: levels of a command on a grid of equal cells, random ones of several shapes, and mutations of them.
 
 A cell is as long as the hold time, so that no level is held for less. Ramps and sines are stairs on that grid.
 """
@@ -22,11 +22,16 @@ LEVEL_DIGITS = 3  # decimals of a level [W]: a driver resolves no more
 
 @dataclass(frozen=True)
 class CommandGrid:
-    """`cells` cells of `hold` [s]; levels lie within +-`power` [W]."""
+    """`cells` cells of `hold` [s]; levels lie within +-`power` [W], not below 0 where a command only heats (`one_sided`).
+
+    `columns`: of the command and of the ambient temperature in files.
+    """
 
     cells: int
     hold: float
     power: float
+    one_sided: bool = False
+    columns: tuple[str, ...] = ('J_eq_W', 'T_E_K')
 
     @property
     def length(self) -> float:
@@ -41,15 +46,15 @@ def as_rows(levels: Vector, grid: CommandGrid) -> tuple[Vector, Vector]:
 
 
 def as_input(levels: Vector, grid: CommandGrid, T_E: float) -> Input:
-    """The input of the module at an ambient temperature [K]; the last level holds to the end."""
+    """The input at an ambient temperature [K]; the last level holds to the end."""
     times, values = as_rows(levels, grid)
     values[-1] = values[-2]
-    return Input(times, np.column_stack([values, np.full(len(times), T_E)]), (False, False))
+    return Input(times, np.column_stack([values, np.full(len(times), T_E)]), (False, False), grid.columns)
 
 
 def quantized(levels: Vector, grid: CommandGrid) -> Vector:
-    """Levels within the limits, rounded."""
-    rounded = np.round(levels, LEVEL_DIGITS) + 0.0
+    """Levels within the limits, rounded; one that would have the other sign is turned round where a command only heats."""
+    rounded = np.round(np.abs(levels) if grid.one_sided else levels, LEVEL_DIGITS) + 0.0
     return np.clip(rounded, -grid.power, grid.power)  # last: rounding must not exceed the limit
 
 
@@ -57,7 +62,7 @@ def default_sequence(grid: CommandGrid, random: Random) -> Vector:
     """Steps at random times to random levels, as recordings are often made: what a design is compared with."""
     fewest, most = DEFAULT_STEPS
     count = max(1, round(int(random.integers(fewest, most + 1)) * grid.length / 100.0))
-    return steps_between(grid, random, random.uniform(-grid.power, grid.power, count + 1))
+    return steps_between(grid, random, random.uniform(0.0 if grid.one_sided else -grid.power, grid.power, count + 1))
 
 
 def steps_between(grid: CommandGrid, random: Random, levels: Vector) -> Vector:

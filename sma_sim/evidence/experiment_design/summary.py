@@ -18,7 +18,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         'kind': 'rivals' if plan.discriminates else 'parameters',
         'length_s': plan.grid.length,
         'hold_s': plan.grid.hold,
-        'sequence': {'time_s': times.tolist(), 'J_eq_W': levels.tolist()},
+        'sequence': {'time_s': times.tolist(), plan.grid.columns[0]: levels.tolist()},
         'hypotheses': [hypothesis_data(hypothesis) for hypothesis in plan.hypotheses],
         'expected_log_evidence_ratio': [
             {'true': ratio.true, 'rival': ratio.rival, 'designed': ratio.designed, 'default': ratio.default}

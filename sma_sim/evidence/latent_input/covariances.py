@@ -17,8 +17,7 @@ Matrix = NDArray[np.float64]
 CORRELATION_TIMES = (2.0, 10.0, 50.0)  # [s]: from the spacing of the knots to half a run
 LENGTH_SCALES = (0.15, 0.5, 1.5)  # of a law, in standard deviations of the state: from steep to nearly linear
 TEMPERATURE_UNIT = 20.0  # [K] above ambient at which heat in proportion to the temperature has size 1
-STATE_DEPENDENCES = {
-    'structure_force': (('alpha',),),
+STATE_DEPENDENCES = {  # of a force: the coordinate that its port names
     'wire_heat': (('T',), ('x',), ('T', 'x')),
     'wire_strain': (('T',), ('x',), ('T', 'x')),
     'transformation_stress': (('T',), ('x',), ('T', 'x')),
@@ -69,7 +68,7 @@ def prior_covariances(hook: str, knots: KnotStates) -> dict[str, Matrix]:
             covariances[f'T times time, {time:g} s'] = decay * np.outer(above_ambient, above_ambient)
         if hook == 'actuation':
             covariances[f'both, time of the run, {time:g} s'] = decay
-    for names in STATE_DEPENDENCES[hook]:
+    for names in STATE_DEPENDENCES.get(hook, (tuple(knots.states),)):
         for scale in LENGTH_SCALES:
             covariances[f'{" and ".join(names)}, {scale:g}'] = state_covariance(knots, names, scale)
     return covariances

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.estimation.problem import Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, model_columns
@@ -29,7 +28,7 @@ from sma_sim.evidence.latent_input.sensitivities import (
     with_rows_at_knots,
 )
 from sma_sim.model.config import Config
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.solver.wire_columns import heating_of_wire
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -44,7 +43,7 @@ class RunDesign:
 
     `rows` (rows, channels bins) are per probe and per unit of z; `first_row`: where the rows of a port begin; `z_indices`:
     where its z are among all. `excess`: squares of the samples beyond those of the bins, `samples` their number.
-    `columns`: the model at the knots.
+    `columns`: the model at the knots, and the heating of every wire, ``J_wire_1`` [W].
     """
 
     name: str
@@ -149,14 +148,24 @@ class DesignMatrix:
 def states_at(port: Port, columns: Mapping[str, Vector], T_E: float) -> dict[str, Vector]:
     """The states of the model on which an input at this port may depend, (knots,) each."""
     if port.hook == 'sensing':
-        return {'value': columns[CHANNEL_COLUMNS[CHANNELS[port.component]]]}
+        return {'value': columns[port.column]}
     if port.hook == 'structure_force':
-        return {'alpha': columns['alpha_rad']}
-    if 'J_W' in columns:
-        return {'T': columns['T_K'] - T_E, 'x': columns['x_M'], 'J': columns['J_W']}
-    i = port.component + 1
-    side = columns['J_eq_W'] if i == 1 else -columns['J_eq_W']
-    return {'T': columns[f'T_{i}_K'] - T_E, 'x': columns[f'x_M_{i}'], 'J': np.maximum(side, 0.0)}
+        return {port.variable: columns[port.column]}
+    suffix = f'_{port.component + 1}' if 'T_1_K' in columns else ''
+    J = columns[wire_heating(port.component)]
+    return {'T': columns[f'T{suffix}_K'] - T_E, 'x': columns[f'x_M{suffix}'], 'J': J}
+
+
+def wire_heating(wire: int) -> str:
+    """The name of the heating of a wire among the columns at the knots."""
+    return f'J_wire_{wire + 1}'
+
+
+def columns_at_knots(config: Config, run: FitData, nuisance: Nuisance) -> dict[str, Vector]:
+    """What the model does at the knots, `run` having its samples there. Raises SimulationError."""
+    columns = model_columns(config, run, nuisance)
+    wires = range(config.structure.structure.wires)
+    return columns | {wire_heating(i): heating_of_wire(config, columns, i) for i in wires}
 
 
 class Stopped(Exception):
@@ -177,7 +186,9 @@ class LinearizationPoint:
 
     def problem_of_run(self, k: int) -> tuple[Problem, Vector]:
         """The problem of run k alone, its inputs active, and its part of z."""
-        effects = [input_effect(port, self.grids[k], u) for port, u in self.inputs[k].items() if port.hook != 'sensing']
+        structure = self.problem.config.structure.structure
+        inputs = [(port, u) for port, u in self.inputs[k].items() if port.hook != 'sensing']
+        effects = [input_effect(port, self.grids[k], u, structure) for port, u in inputs]
         config = replace(self.problem.config, effects=(*self.problem.config.effects, *effects))
         return replace(self.problem, config=config, runs=(self.problem.runs[k],)), self.z[self.problem.indices()[k]]
 
@@ -187,7 +198,7 @@ class LinearizationPoint:
         offsets = np.zeros_like(run.weight)
         for port, u in self.inputs[k].items():
             if port.hook == 'sensing':
-                row = run.channels.index(CHANNELS[port.component])
+                row = run.channels.index(port.variable)
                 offsets[row] += time_function_at(grid, u, run.time - delay) * run.weight[row]
         return offsets
 
@@ -239,7 +250,7 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
     return RunDesign(
         run.name, run.channels, grid, residuals, all_rows, first_row, point.problem.indices()[k],
         statistics_by_fold(all_rows, residuals, grid), excess, run.samples,
-        model_columns(initial_state, replace(fixed_run, time=grid.knots), nuisance),
+        columns_at_knots(initial_state, replace(fixed_run, time=grid.knots), nuisance),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Which inputs may be missing: one port, or the same quantity on both wires; and which of them physics confounds."""
+"""Which inputs may be missing: one port, or the same quantity on all wires; and which of them physics confounds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class InputHypothesis:
 
 
 def hypotheses_of(ports: Sequence[Port]) -> tuple[InputHypothesis, ...]:
-    """Every port alone, and the same quantity on both wires."""
+    """Every port alone, and the same quantity on all wires."""
     hypotheses = [InputHypothesis(port.name, (port,)) for port in ports]
     for group in dict.fromkeys(port.group for port in ports):
         both = tuple(port for port in ports if port.group == group)
@@ -49,7 +49,8 @@ CONFOUNDING_REASONS = {
     frozenset(('stiffness', 'force_U_y')): 'a softer beam bends as if a force helped',
 }  # fmt: skip
 WIRE_QUANTITIES = ('heat', 'power', 'stress', 'strain')
-FORCES_UNMEASURED = 'where no force is measured, the tension of the wires shows only as the moment that it makes'
+ALONG_WIRES = 'force_U_x'  # stretches the beam, which no tension of a wire does alone
+FORCES_UNMEASURED = 'where no force is measured, the tension of the wires shows only as the force or moment that it makes'
 
 
 def confounding_reason(first: InputHypothesis, second: InputHypothesis, forces_measured: bool) -> str:
@@ -58,9 +59,10 @@ def confounding_reason(first: InputHypothesis, second: InputHypothesis, forces_m
     `forces_measured`: the recordings have the wires' forces (or stress).
     """
     if first.group == second.group:
-        return 'the same quantity, on one wire or on both'
+        return 'the same quantity, on one wire or on several'
     pair = frozenset((first.group, second.group))
     one_of_a_wire = len(pair.intersection(WIRE_QUANTITIES)) == 1
-    if not forces_measured and one_of_a_wire and pair & {'moment_alpha', 'force_U_y', 'stiffness'}:
+    on_structure = [one.group for one in (first, second) if one.hook == 'structure_force' and one.group != ALONG_WIRES]
+    if not forces_measured and one_of_a_wire and on_structure:
         return FORCES_UNMEASURED
     return CONFOUNDING_REASONS.get(pair, '')

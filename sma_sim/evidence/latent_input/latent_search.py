@@ -58,7 +58,7 @@ Matrix = NDArray[np.float64]
 BAND_SIGMAS = 1.96  # half width of a 95 % band in standard deviations
 NUISANCE_SAMPLES = 1000  # per run, on which starts and delay are estimated: a handful of unknowns
 EXTERNAL_HOOKS = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors
-FORCE_SENSORS = ('sense_F_1', 'sense_F_2', 'sense_stress')  # ports that exist where the wires' forces were measured
+FORCE_SENSORS = ('sense_F_', 'sense_stress')  # ports that exist where the wires' forces were measured
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def estimate_latent_inputs(
     Parameters
     ----------
     dataset
-        Recordings of a module or of a wire, and the noise of their channels.
+        Recordings of a robot or of a wire, and the noise of their channels.
     config
         The model to start from; its effects are part of it.
     held_out
@@ -136,8 +136,11 @@ def estimate_latent_inputs(
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
     training, _ = hold_out_last(dataset, held_out)
-    if not ports_of(config.system, tuple(name for run in dataset.recordings for name in run.channels)):
-        raise UserError(f'latent estimates inputs of a module or of a wire; system {config.system} has none that it knows')
+    if config.structure.structure.is_quasi_static:
+        raise UserError(
+            f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '
+            f'(system {config.system}): use sma-sim diagnose'
+        )
     check(training, config, request.options)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, stop, on_progress, (), request.seed)
@@ -209,7 +212,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     chosen = worst_runs(fitted, context.pool)
     problem, z = problem_on_all_samples(training, fitted, chosen)
     config = problem.fitted(z)
-    ports = ports_of(config.system, tuple(dict.fromkeys(name for run in problem.runs for name in run.channels)))
+    ports = ports_of(config, {name for run in problem.runs for name in run.channels})
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
     result = LatentInputs(
@@ -267,7 +270,7 @@ def evaluate_hypotheses(
     result = replace(result, findings=tuple(findings), noise_inflation=inflation)
     if not refined or best.error > (1.0 - LATENT_CRITERIA.min_error_reduction) * result.error:
         return result
-    forces_measured = any(port.name in FORCE_SENSORS for port in ports)
+    forces_measured = any(port.name.startswith(FORCE_SENSORS) for port in ports)
     return replace(result, verdict=best.name, indistinguishable=confounded_with_best(findings, forces_measured))
 
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.injection_points import Port
+from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
 from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, simulate
@@ -29,7 +29,7 @@ Matrix = NDArray[np.float64]
 TIME_FUNCTION_FOLDER = Path(__file__).parent / 'time_functions'
 EFFECT_BY_HOOK = {
     'structure_force': 'latent_force', 'wire_heat': 'latent_heat', 'wire_strain': 'latent_strain',
-    'transformation_stress': 'latent_stress', 'actuation': 'latent_power',
+    'transformation_stress': 'latent_stress', 'actuation': 'latent_power', 'stiffness': 'latent_stiffness',
 }  # fmt: skip
 MIN_KNOT_SPACING = 1.0  # [s]: heat and bending take about as long
 BINS_PER_KNOT = 5  # so that a hat function is resolved
@@ -103,13 +103,19 @@ def initialized(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Confi
     return initial_state, run, Nuisance(delay=nuisance.delay)
 
 
-def input_effect(port: Port, grid: KnotGrid, values: Vector) -> ActiveEffect:
-    """The effect that acts at a port with `values` (knots,) at the knots."""
+def input_effect(port: Port, grid: KnotGrid, values: Vector, structure: Structure) -> ActiveEffect:
+    """The effect that acts at a port of a structure with `values` (knots,) at the knots."""
     beyond = np.full(KNOT_COUNT - len(values), values[-1])
-    return ActiveEffect(
-        time_function_effects()[port.hook],
-        (float(grid.knots[0]), grid.spacing, float(port.component), *values.tolist(), *beyond.tolist()),
-    )
+    at = (float(grid.knots[0]), grid.spacing, float(max(port.component, 0)))
+    return ActiveEffect(effect_at(port, structure), (*at, *values.tolist(), *beyond.tolist()))
+
+
+def effect_at(port: Port, structure: Structure) -> FoundEffect:
+    """The effect of a port; that of a force acts in one coordinate."""
+    if port.component == STIFFNESS:
+        return time_function_effects()['stiffness'].on(structure)
+    found = time_function_effects()[port.hook].on(structure)
+    return found.in_scope(found.effect.scopes[port.component]) if port.hook == 'structure_force' else found
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,8 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
 
     An input of zero acts at the port, since its effect may have states.
     """
-    config = replace(config, effects=(*config.effects, input_effect(port, grid, np.zeros(len(grid.knots)))))
+    nothing = input_effect(port, grid, np.zeros(len(grid.knots)), config.structure.structure)
+    config = replace(config, effects=(*config.effects, nothing))
     nominal, source = weighted_residuals(config, run, nuisance), run.source
     segments: list[RunSegment] = []
     begin, state = float(source.times[0]), None
@@ -167,7 +174,8 @@ def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
     segment, grid, config = task.segment, task.grid, task.config.config
     responses = np.zeros((len(segment.knots), len(task.whole.channels), grid.bins), dtype=np.float32)
     for k, knot in enumerate(segment.knots):
-        effect = input_effect(task.port, grid, task.port.probe * (np.arange(len(grid.knots)) == knot))
+        values = task.port.probe * (np.arange(len(grid.knots)) == knot)
+        effect = input_effect(task.port, grid, values, config.structure.structure)
         try:
             residuals = weighted_residuals(replace(config, effects=(*config.effects, effect)), segment.run, task.nuisance)
         except SimulationError:
@@ -190,7 +198,7 @@ def time_function_at(grid: KnotGrid, values: Vector, time: Vector) -> Vector:
 def sensor_responses(port: Port, run: FitData, grid: KnotGrid, delay: float) -> NDArray[np.float32]:
     """Change of the binned residuals per probe by an offset of what a channel shows, (knots, channels, bins)."""
     responses = np.zeros((len(grid.knots), len(run.channels), grid.bins), dtype=np.float32)
-    row = run.channels.index(CHANNELS[port.component])
+    row = run.channels.index(port.variable)
     change = np.zeros_like(run.weight)
     for k, values in enumerate(port.probe * np.eye(len(grid.knots))):
         change[row] = time_function_at(grid, values, run.time - delay) * run.weight[row]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.config import Config
-from sma_sim.model.structures.structure import numbers, record
+from sma_sim.solver.wire_columns import strains_from_pose
 
 Vector = NDArray[np.float64]
 REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/explanation/physics.md) ...
@@ -45,16 +45,6 @@ def with_derived_states(
         mode = np.nan_to_num(found[f'mode{suffix}'], nan=3.0)
         found |= {f'dT{suffix}': dT, f'deps{suffix}': deps, f'class{suffix}': np.where(rests, RESTING, mode)}
     return found
-
-
-def strains_from_pose(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
-    """Strains of a structure's wires from its pose (of the module EB-B2a), (k,) each."""
-    structure, l0 = config.structure.structure, config.parameters['wire.l0']
-    assert structure.lengths is not None
-    constants, pose = structure.constants_of(config.parameters), record('Pose', structure.coordinate_names)
-    rows = np.column_stack([columns[coordinate.column] for coordinate in structure.coordinates]).tolist()
-    lengths = np.array([numbers(structure.lengths(pose(*row), constants)) for row in rows])
-    return {f'strain_{i + 1}': lengths[:, i] / l0 - 1.0 for i in range(structure.wires)}
 
 
 def rate_of_change(time: Vector, values: Vector) -> Vector:

@@ -54,7 +54,7 @@ def augmented_problem(base: FitResult, terms: tuple[TermFit, ...]) -> tuple[Prob
     """The problem with the terms, and where to start."""
     config, free = base.problem.config, list(base.problem.free)
     for copy, fit in enumerate(terms):
-        effect = universal_term(fit.location.hook, bool(fit.term.rate), copy)
+        effect = universal_term(fit.location.hook, bool(fit.term.rate), config.structure, copy)
         config = with_effect(config, effect.found, effect.values(fit.location, fit.term, fit.coefficient, fit.shapes))
         free += free_parameters_of(fit, effect.found.effect.name)
     at = len(base.problem.free)
@@ -73,7 +73,8 @@ def fit_with_terms(
         return None
     values, refitted = fitted.values, []
     for copy, fit in enumerate(terms):
-        prefix = f'effects.{universal_term(fit.location.hook, bool(fit.term.rate), copy).found.effect.name}'
+        effect = universal_term(fit.location.hook, bool(fit.term.rate), problem.config.structure, copy)
+        prefix = f'effects.{effect.found.effect.name}'
         shapes = tuple(values[f'{prefix}.q_{k}'] for k in range(len(fit.shapes)))
         refitted.append(replace(fit, coefficient=values[f'{prefix}.c'], shapes=shapes))
     return AugmentedFit(fitted, tuple(refitted))

@@ -7,28 +7,39 @@ from threading import Lock
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, CHAIN_STAGES, Location
+from sma_sim.evidence.symbolic_regression.locations import CHAIN_STAGES, EVERY_WIRE, Location
 from sma_sim.model.effects.discovery import FoundEffect, find_effects
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.compile import cache_folder
 
 LOADING_LOCK = Lock()
 STIFFNESS_IMPORT = 'from sma_sim.model.structures.beam import stiffness_forces\n'  # for what acts along K q
+STIFFNESS_CALL = 'stiffness_forces(s.U_x, s.U_y, s.alpha, w, VALUE)'
 
 
-def kernel_return(location: Location, value: str, constants: str = 'w') -> str:
+def kernel_return(location: Location, value: str, structure: Structure, constants: str = 'w') -> str:
     """What the kernel of an effect at a location returns for a value there."""
     if location.hook == 'structure_force':
         if location.component == STIFFNESS:
-            return f'stiffness_forces(s.U_x, s.U_y, s.alpha, {constants}, {value})'
-        return '(' + ', '.join(value if k == location.component else '0.0' for k in range(3)) + ')'
+            return STIFFNESS_CALL.replace(' w,', f' {constants},').replace('VALUE', value)
+        count = len(structure.coordinates)
+        each = ', '.join(value if k == location.component else '0.0' for k in range(count))
+        return f'({each})' if count > 1 else each
     if location.hook == 'sensing':
         return f's.value + {value}'
-    if location.component != BOTH_WIRES:
-        value = f'{"s.wire" if location.component == 1 else "(1.0 - s.wire)"} * {value}'
+    value = in_wire(location.component, structure.wires, value)
     if location.hook == 'actuation':
         return f's.J + {value}'
     return f'({value}, {value})' if location.hook == 'transformation_stress' else value
+
+
+def in_wire(wire: int, wires: int, value: str) -> str:
+    """An expression that is zero in other wires than one."""
+    if wire == EVERY_WIRE or wires == 1:
+        return value
+    if wires == 2:
+        return f'{"s.wire" if wire == 1 else "(1.0 - s.wire)"} * {value}'
+    return f'(1.0 if s.wire == {float(wire)!r} else 0.0) * {value}'
 
 
 def load_generated(name: str, text: str) -> FoundEffect:
@@ -44,11 +55,11 @@ def load_generated(name: str, text: str) -> FoundEffect:
         return find_effects([folder])[name]
 
 
-def port_lines(hook: str, component: int | None = None) -> list[str]:
-    """The lines of an effect that follow from its port (on sensing: from its channel)."""
+def port_lines(hook: str, structure: Structure, channel: str = '') -> list[str]:
+    """The lines of an effect that follow from its port and structure (on sensing: from its channel; default all)."""
     lines = [f'stage={CHAIN_STAGES[hook]!r},'] if hook in CHAIN_STAGES else []
-    if hook == 'sensing' and component is not None:
-        lines.append(f'channels=({CHANNELS[component]!r},),')
+    if hook == 'sensing':
+        lines.append(f'channels={(channel,) if channel else structure.channels!r},')
     if hook == 'structure_force':
-        lines.append("systems=('module',),")
+        lines.append(f'systems=({structure.family!r},),')
     return lines

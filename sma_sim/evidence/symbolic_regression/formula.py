@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
 from sma_sim.evidence.symbolic_regression.augmented_fit import POSITIVE_GRIDS
@@ -15,13 +15,11 @@ from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, factor, per_unit
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.structures.module import STRUCTURE as MODULE
+from sma_sim.model.structures.structure import Structure
 
 FORMULA_SOURCE = 'proposed by sma-sim diagnose from recordings: a formula that fits, not a law that is known'
 PARAMETER_SOURCE = 'fitted to recordings'
-PORT_SYMBOLS = {
-    'wire_heat': 'Q', 'wire_strain': 'e', 'transformation_stress': 's_A = s_M', 'actuation': 'P', 'sensing': 'shown',
-}  # fmt: skip
-FORCE_SYMBOLS = ('F_x', 'F_y', 'M', 'F')
 BOUND_RATIO = 1e3  # of a coefficient's bounds to its value: a later fit may change its order of magnitude
 VALUE_DIGITS, BOUND_DIGITS = 6, 3  # significant ones in the file
 MAX_INLINE_LENGTH = 60  # characters of an expression; a longer one gets a function of its own
@@ -30,9 +28,10 @@ MAX_TEXT_LENGTH = 100  # characters of a string on one line
 
 @dataclass(frozen=True)
 class Formula:
-    """Terms at one location with names for their parameters: coefficients c (c_1, c_2, ...), then the shapes."""
+    """Terms at one location of a structure with names for their parameters: coefficients c (c_1, ...), then the shapes."""
 
     term_fits: tuple[TermFit, ...]
+    structure: Structure = field(default=MODULE, repr=False, compare=False)
 
     @property
     def location(self) -> Location:
@@ -111,7 +110,7 @@ class Formula:
         for k, (fit, names) in enumerate(zip(self.term_fits, self.shape_names, strict=True)):
             shapes = tuple(values[names[shape.name]] for shape in fit.term.shapes)
             term_fits.append(replace(fit, coefficient=values[self.coefficient_name(k)], shapes=shapes))
-        return Formula(tuple(term_fits))
+        return Formula(tuple(term_fits), self.structure)
 
     @property
     def state_names(self) -> list[str]:
@@ -134,11 +133,10 @@ class Formula:
     def equation(self) -> str:
         """For people: what is added where."""
         location = self.location
-        symbol = FORCE_SYMBOLS[location.component] if location.hook == 'structure_force' else PORT_SYMBOLS[location.hook]
         before = {'actuation': 'J + ', 'sensing': 'value + '}.get(location.hook, '')
         after = ' K q' if self.along_stiffness else ''
         rates = [f'd{state}/dt = {readable(self.term_text(k, "rate"))}' for k, state in enumerate(self.state_names) if state]
-        equations = '; '.join([f'{symbol} = {before}{readable(self.sum)}{after}', *rates])
+        equations = '; '.join([f'{location.symbol} = {before}{readable(self.sum)}{after}', *rates])
         return f'{equations} ({location.description})'
 
     def load(self) -> FoundEffect:
@@ -151,7 +149,7 @@ class Formula:
         constants = 'b' if location.hook == 'structure_force' else 'w'
         arguments = f's, {constants}, p, m' if any(self.state_names) else f's, {constants}, p'
         separate = self.needs_function
-        kernel = kernel_return(location, f'quantity({arguments})' if separate else self.sum, constants)
+        kernel = kernel_return(location, f'quantity({arguments})' if separate else self.sum, self.structure, constants)
         docstring = f'"""{location.description.capitalize()} [{location.unit}]."""'
         body = f'\n\ndef quantity({arguments}):\n    {docstring}\n    return {self.sum}\n\n' if separate else ''
         lines = [
@@ -159,7 +157,7 @@ class Formula:
             *wrapped_argument('source', source),
             'parameters=(', *(f'    {line}' for p in self.parameters for line in declaration(p)), '),',
             *self.state_lines(arguments, constants),
-            f'kernel=lambda {arguments}: {kernel},', *port_lines(location.hook, location.component),
+            f'kernel=lambda {arguments}: {kernel},', *port_lines(location.hook, self.structure, location.channel),
         ]  # fmt: skip
         effect = '\n'.join(f'    {line}' for line in lines)
         imports = 'import math\n\n' if 'math.' in effect + body else ''

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
 
-from sma_sim.evidence.estimation.injection_points import PORTS, Port
+from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port, ports_of
 from sma_sim.evidence.symbolic_regression import term_library
 from sma_sim.evidence.symbolic_regression.terms import Term
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.config import Config
+from sma_sim.model.structures.discovery import FoundStructure
+from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.effect_table import channel_codes
+from sma_sim.solver.kernels import pose_fields
 
-LAST_POSE_CHANNEL = 2  # index of alpha among the channels
-BOTH_WIRES = -1  # `component` of a location that is no single port
+EVERY_WIRE = -1  # `component` of a location that is no single port
 
 
 @dataclass(frozen=True)
 class Location:
     """Where a term in `unit` acts through the effects' port `hook`; `ports` are those that it moves.
 
-    `component`: the wire (BOTH_WIRES: the same equation in both), the coordinate of the pose (STIFFNESS: along K q), or the
-    channel. `probe`: a small but visible size.
+    `component`: the wire (EVERY_WIRE: the same equation in each), the coordinate (STIFFNESS: along K q), or the number by
+    which kernels know the channel. `channel`: what is sensed. `probe`: a small but visible size. `symbol`: what an equation
+    calls the quantity. `terms`: the candidates here.
     """
 
     name: str
@@ -31,59 +35,87 @@ class Location:
     probe: float
     ports: tuple[str, ...]
     description: str
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The candidate terms here."""
-        terms = TERMS_BY_LOCATION[f'{self.hook}/{self.component}' if self.hook == 'structure_force' else self.hook]()
-        # hysteresis of a sensor needs the rate of what it shows, which only the pose has
-        without_rate = self.hook == 'sensing' and self.component > LAST_POSE_CHANNEL
-        return tuple(term for term in terms if not (without_rate and term.rate))
+    symbol: str
+    channel: str = ''
+    terms: tuple[Term, ...] = field(default=(), repr=False, compare=False)
 
 
-TERMS_BY_LOCATION: Mapping[str, Callable[[], tuple[Term, ...]]] = MappingProxyType({
-    'structure_force/0': term_library.force_terms,
-    'structure_force/1': term_library.force_terms,
-    'structure_force/2': term_library.moment_terms,
-    'structure_force/3': term_library.stiffness_terms,
-    'wire_heat': term_library.heat_terms,
-    'actuation': term_library.power_terms,
-    'wire_strain': term_library.strain_terms,
-    'transformation_stress': term_library.strain_terms,
-    'sensing': term_library.sensor_terms,
-})  # fmt: skip
 CHAIN_STAGES = {'actuation': 'gain', 'sensing': 'bias'}
 POWER_UNIT, POWER_PROBE = 'W', 0.02  # of terms of the electrical power, whose port is a fraction of it
-BOTH_WIRES_DESCRIPTIONS: Mapping[str, str] = MappingProxyType({
+SYMBOLS = {'wire_heat': 'Q', 'wire_strain': 'e', 'transformation_stress': 's_A = s_M', 'actuation': 'P', 'sensing': 'shown'}
+EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType({
     'heat': 'heat into each wire', 'strain': 'strain of each wire',
     'stress': 'shift of both transformation stresses of each wire',
     'power': 'electrical heating of each wire',
 })  # fmt: skip
 
 
-def location_of(port: Port) -> Location:
+def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ...]:
+    """The candidate terms at a port."""
+    if port.hook == 'structure_force':
+        if port.component == STIFFNESS:
+            return term_library.stiffness_terms(structure.wires)
+        at = structure.coordinate_names.index(port.variable)
+        coordinate = structure.coordinates[at]
+        names = pose_fields(structure)
+        size = coordinate.size(structure.constants_of(config.parameters))
+        guided = structure.coordinates[port.component].joint
+        variable = term_library.CoordinateVariable(
+            names[at], names[len(structure.coordinates) + at], coordinate.unit, size, guided
+        )
+        return term_library.coordinate_terms(variable, structure.wires)
+    if port.hook == 'sensing':
+        if port.variable not in structure.coordinate_names:
+            return term_library.sensor_terms('')
+        at = structure.coordinate_names.index(port.variable)
+        return term_library.sensor_terms(pose_fields(structure)[len(structure.coordinates) + at])
+    library = {
+        'wire_heat': term_library.heat_terms, 'actuation': term_library.power_terms,
+        'wire_strain': term_library.strain_terms, 'transformation_stress': term_library.strain_terms,
+    }  # fmt: skip
+    return library[port.hook]()
+
+
+def symbol_of(port: Port, structure: Structure) -> str:
+    """What an equation calls the quantity at a port: a force by its coordinate where there are several."""
+    if port.hook != 'structure_force':
+        return SYMBOLS[port.hook]
+    if port.component == STIFFNESS:
+        return 'F'
+    coordinate = structure.coordinates[port.component]
+    letter = 'M' if coordinate.unit == 'rad' else 'F'
+    alone = sum(other.unit == coordinate.unit for other in structure.coordinates) == 1
+    return letter if alone else f'{letter}_{coordinate.name.removeprefix("U_")}'
+
+
+def location_of(port: Port, structure: Structure, config: Config) -> Location:
     """One port alone."""
     unit, probe = (POWER_UNIT, POWER_PROBE) if port.hook == 'actuation' else (port.unit, port.probe)
-    return Location(port.name, port.hook, port.component, unit, probe, (port.name,), port.description)
+    sensed = port.hook == 'sensing'
+    component = channel_codes(structure)[port.component] if sensed else port.component
+    return Location(
+        port.name, port.hook, component, unit, probe, (port.name,), port.description, symbol_of(port, structure),
+        port.variable if sensed else '', terms_at(port, structure, config),
+    )  # fmt: skip
 
 
-def locations_for(system: str, channels: tuple[str, ...]) -> tuple[Location, ...]:
-    """All locations of a system, of the sensors those of the `channels` that were measured."""
-    singles = [
-        location_of(port) for port in PORTS
-        if system in port.systems and (port.hook != 'sensing' or CHANNELS[port.component] in channels)
-    ]  # fmt: skip
-    if system != 'module':
-        return tuple(singles)
-    both = []
-    for group, description in BOTH_WIRES_DESCRIPTIONS.items():
-        members = [port for port in PORTS if port.group == group]
-        names = tuple(port.name for port in members)
-        both.append(replace(location_of(members[0]), name=group, component=BOTH_WIRES, ports=names, description=description))
-    return (*singles, *both)
+def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, ...]:
+    """All locations of a model, of the sensors those of the `channels` that were measured."""
+    structure, ports = config.structure.structure, ports_of(config, channels)
+    singles = [location_of(port, structure, config) for port in ports]
+    together = []
+    for group, description in EVERY_WIRE_DESCRIPTIONS.items():
+        members = [location for location, port in zip(singles, ports, strict=True) if port.group == group]
+        if len(members) > 1:
+            names = tuple(member.name for member in members)
+            every = replace(members[0], name=group, component=EVERY_WIRE, ports=names, description=description)
+            together.append(every)
+    return (*singles, *together)
 
 
-@cache
-def locations_of_hook(hook: str) -> tuple[Location, ...]:
-    """All locations of a port of the effects."""
-    return tuple(location for location in locations_for('module', CHANNELS) if location.hook == hook)
+@lru_cache(64)
+def locations_of_hook(hook: str, on: FoundStructure) -> tuple[Location, ...]:
+    """All locations of a port of the effects, on a structure at its defaults."""
+    own = on if on.files else None
+    config = Config(on.structure.default_values, on.structure.family, own_structure=own)
+    return tuple(location for location in locations_for(config, on.structure.channels) if location.hook == hook)

@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, Location, locations_of_hook
+from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
+from sma_sim.solver.kernels import pose_fields
 
 Vector = NDArray[np.float64]
 NODES_PER_RUN = 25  # hat functions: points of a run in the plot
 NOT_DRAWN = ('memory', 'constant', 'deps', 'dx')  # variables that are no axis of a plot
-VARIABLE_UNITS = {'t': 's', 'T': 'K', 'T_other': 'K', 'alpha': 'rad', 'U_y': 'm', 'J': 'W', 'x': '-'}
+VARIABLE_UNITS = {'t': 's', 'T': 'K', 'T_other': 'K', 'J': 'W', 'x': '-'}
 VARIABLE_LABELS = {
-    't': 'time', 'T': 'temperature of the wire', 'T_other': 'temperature of the other wire', 'alpha': 'alpha', 'U_y': 'U_y',
-    'J': 'heating of the wire', 'x': 'x_M', 'value': 'true value', 'dalpha': 'd(alpha)/dt', 'dU_y': 'd(U_y)/dt',
+    't': 'time', 'T': 'temperature of the wire', 'T_other': 'temperature of the other wire', 'J': 'heating of the wire',
+    'x': 'x_M', 'value': 'true value',
 }  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
     """What the missing quantity did in the training runs, over the variable on which the formula depends."""
     linearized = LinearizedFit(fitted.problem, fitted.z, pool)
     variable, runs = chosen_variable(formula), fitted.problem.runs
-    locations = single_locations(formula.location)
+    locations = single_locations(formula.location, fitted)
     visited = [visited_states(location, fitted.problem, fitted.z) for location in locations]
     values = [formula_values(formula, states) for of_location in visited for states in of_location]
     size = max(float(np.sqrt(np.mean(np.concatenate(values) ** 2))), 1e-300)
@@ -76,10 +77,20 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
             quantity = at_nodes + size * coefficients[part]
             by_run.append(PartialResiduals(label, x, quantity, size * errors[part], at_nodes))
     location = formula.location
-    unit = VARIABLE_UNITS.get(variable, '1/s' if variable.startswith('d') else location.unit)
+    label, unit = axis_of(variable, formula)
     curve = formula_curve(formula, variable, visited) if formula.variables == (variable,) else None
-    label = VARIABLE_LABELS.get(variable, variable)
     return PartialResidualPlot(label, unit, location.description, location.unit, tuple(by_run), curve)
+
+
+def axis_of(variable: str, formula: Formula) -> tuple[str, str]:
+    """What a variable is called, and its unit: of a coordinate, its rate, or another state; else that of the quantity."""
+    structure = formula.structure
+    names = pose_fields(structure)
+    for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
+        if variable in (name, f'd{name}', rate):
+            unit = coordinate.unit
+            return (coordinate.name, unit) if variable == name else (f'd({coordinate.name})/dt', f'{unit}/s')
+    return VARIABLE_LABELS.get(variable, variable), VARIABLE_UNITS.get(variable, formula.location.unit)
 
 
 def formula_curve(formula: Formula, variable: str, visited: list[list[VisitedStates]]) -> tuple[Vector, Vector]:
@@ -98,14 +109,11 @@ def chosen_variable(formula: Formula) -> str:
     return (of_shapes or (['t'] if timed else []) or drawable or ['t'])[0]
 
 
-def single_locations(location: Location) -> list[Location]:
-    """The location itself, or each of the two wires."""
-    if location.component != BOTH_WIRES:
+def single_locations(location: Location, fitted: FitResult) -> list[Location]:
+    """The location itself, or each of the wires."""
+    if location.component != EVERY_WIRE:
         return [location]
-    return [
-        single for single in locations_of_hook(location.hook)
-        if single.component != BOTH_WIRES and single.name in location.ports
-    ]  # fmt: skip
+    return [single for single in locations_for(fitted.problem.config, ()) if single.name in location.ports]
 
 
 def formula_values(formula: Formula, states: VisitedStates) -> Vector:

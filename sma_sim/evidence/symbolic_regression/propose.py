@@ -183,7 +183,7 @@ def refitted_formulas(base: FitResult, context: SearchContext) -> list[FormulaFi
 
 def fit_formula(base: FitResult, fit: AugmentedFit, context: SearchContext) -> FormulaFit | None:
     """A formula refitted as an effect of its own, and cross-validated; None where it cannot be run, or after Ctrl-C."""
-    formula = Formula(fit.terms)
+    formula = Formula(fit.terms, base.problem.config.structure.structure)
     effect = formula.load()
     problem, z = problem_with_formula(base, fit, formula)
     fitted = refit(problem, z, context, FORMULA_STOP_CRITERIA)

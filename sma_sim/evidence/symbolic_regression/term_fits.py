@@ -21,7 +21,7 @@ from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, P
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
-from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, Location, locations_for
+from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
@@ -62,15 +62,15 @@ class TermFit:
 
 @dataclass(frozen=True)
 class LocationGroup:
-    """Locations whose terms share responses: single ones, and both wires together if these are the two wires."""
+    """Locations whose terms share responses: single ones, and every wire together if these are the wires."""
 
     singles: tuple[Location, ...]
-    both: Location | None = None
+    every: Location | None = None
 
     @property
     def members(self) -> tuple[Location, ...]:
-        """All of them, both wires last."""
-        return self.singles if self.both is None else (*self.singles, self.both)
+        """All of them, every wire last."""
+        return self.singles if self.every is None else (*self.singles, self.every)
 
 
 class LinearizedFit:
@@ -95,7 +95,7 @@ class LinearizedFit:
     def locations(self) -> tuple[Location, ...]:
         """The locations at which a term may act."""
         channels = tuple(dict.fromkeys(name for run in self._problem.runs for name in run.channels))
-        return locations_for(self._problem.config.system, channels)
+        return locations_for(self._config, channels)
 
     def responses(self, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
         """The change of all residuals by each trial at a location, (N,); None where it cannot be run.
@@ -113,7 +113,7 @@ class LinearizedFit:
         """The change of all residuals by each trial as it is."""
         futures = []
         for trial in trials:
-            effect = universal_term(location.hook, bool(trial.term.rate))
+            effect = universal_term(location.hook, bool(trial.term.rate), self._config.structure)
             values = effect.values(location, trial.term, trial.coefficient, trial.shapes)
             config = PickledConfig(with_effect(self._config, effect.found, values))
             futures.append([self._submit(config, k) for k in range(len(self._indices))])
@@ -142,7 +142,7 @@ def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> flo
 
 
 def fit_terms_at(linearized: LinearizedFit, group: LocationGroup) -> list[TermFit]:
-    """The best shapes of every term at a group of locations; the response of both wires is the sum of the two."""
+    """The best shapes of every term at a group of locations; the response of every wire is the sum of all."""
     single = group.singles[0]
     ranges = linearized.ranges(group.members[-1])
     trials = [
@@ -154,9 +154,9 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup) -> list[TermFi
     best: dict[tuple[str, str], TermFit] = {}
     for k, trial in enumerate(trials):
         responses = [of_trials[k] for of_trials in by_location]
-        if group.both is not None:
-            first, second = responses
-            responses.append(None if first is None or second is None else first + second)
+        if group.every is not None:
+            known = [response for response in responses if response is not None]
+            responses.append(np.sum(known, axis=0) if len(known) == len(responses) else None)
         for location, response in zip(group.members, responses, strict=True):
             fit = term_fit(linearized, location, trial, response)
             key = location.name, trial.term.name
@@ -175,10 +175,10 @@ def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, re
 
 
 def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
-    """Locations grouped: the two wires and both; all others alone."""
+    """Locations grouped: the wires and every wire; all others alone."""
     groups = [
-        LocationGroup(tuple(location for location in locations if location.name in both.ports), both)
-        for both in locations if both.component == BOTH_WIRES
+        LocationGroup(tuple(location for location in locations if location.name in every.ports), every)
+        for every in locations if every.component == EVERY_WIRE
     ]  # fmt: skip
     grouped = {location.name for group in groups for location in group.members}
     return [*(LocationGroup((location,)) for location in locations if location.name not in grouped), *groups]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, times
 
 SWITCH_TIME = 0.3  # [s] over which a switch in time is smoothed: below it the solver only takes more steps
-MEAN_T = '0.5 * (s.T + s.T_other) - s.T_E'
+FINE_PARTS = {'rad': 1.0 / 15.0}  # of a usual change, over which friction builds up: joints slip early ...
+FINE_PART = 0.3  # ... beside what slides
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
 # A hat function of time: no term of a formula, but the basis of a partial-residual plot.
 HAT_FUNCTION = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
@@ -143,54 +145,64 @@ def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> li
     ]  # fmt: skip
 
 
+@dataclass(frozen=True)
+class CoordinateVariable:
+    """A coordinate in terms: what kernels call it and its rate, its unit, its usual change; whether a joint guides it."""
+
+    name: str
+    rate: str
+    unit: str
+    size: float
+    guided: bool
+
+
+def mean_temperature(wires: int) -> str:
+    """Mean temperature of all wires above ambient, as the effects of a structure see it."""
+    if wires == 1:
+        return 's.T - s.T_E'
+    return '0.5 * (s.T + s.T_other) - s.T_E' if wires == 2 else '(s.T + s.others * s.T_other) / (s.others + 1.0) - s.T_E'
+
+
 @cache
-def moment_terms() -> tuple[Term, ...]:
-    """A moment on the plate."""
-    angle = Term('alpha', 's.alpha', 'rad', ('alpha',))
+def coordinate_terms(on: CoordinateVariable, wires: int) -> tuple[Term, ...]:
+    """A force along a coordinate or a moment about it; those in a joint have more shapes."""
+    turns = on.unit == 'rad'
+    scale = float(f'{FINE_PARTS.get(on.unit, FINE_PART) * on.size:.2g}')
+    shapes = of_variable(on.name, f's.{on.name}', on.unit, on.name)
+    value = Term(on.name, f's.{on.name}', on.unit, (on.name,))
+    gradient = [Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',))] if wires == 2 else []
     return (
         CONSTANT,
-        *of_variable('alpha', 's.alpha', 'rad', 'alpha'),
-        *friction('hinge', 's.dalpha', 'rad', 'alpha', 1e-2),
-        Term('warmth', MEAN_T, 'K', ('T',)),
-        Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',)),
+        *(shapes if on.guided else shapes[:6]),
+        *friction('hinge' if turns else 'slide', f's.{on.rate}', on.unit, on.name, scale),
+        Term('warmth', mean_temperature(wires), 'K', ('T',)),
+        *(gradient if on.guided else ()),
         *of_time(),
-        *(times(angle, term) for term in of_time()),
+        *(times(value, term) for term in of_time() if on.guided),
     )
 
 
 @cache
-def force_terms() -> tuple[Term, ...]:
-    """A force on the plate along or across the beam."""
-    return (
-        CONSTANT,
-        *of_variable('U_y', 's.U_y', 'm', 'U_y')[:6],
-        *friction('slide', 's.dU_y', 'm', 'U_y', 3e-4),
-        Term('warmth', MEAN_T, 'K', ('T',)),
-        *of_time(),
-    )
-
-
-@cache
-def stiffness_terms() -> tuple[Term, ...]:
+def stiffness_terms(wires: int) -> tuple[Term, ...]:
     """A part of the beam's stiffness that is lost (its force is the term times K q)."""
-    warmth = Term('warmth', MEAN_T, 'K', ('T',))
+    mean = mean_temperature(wires)
     return (
         Term('bending', 's.alpha ** 2', 'rad^2', ('alpha',)),
-        warmth,
-        averaged_term('slow_warmth', f'({MEAN_T})', 'K', ('T',), 'm.z'),
+        Term('warmth', mean, 'K', ('T',)),
+        averaged_term('slow_warmth', f'({mean})', 'K', ('T',), 'm.z'),
         *of_time(),
     )
 
 
 @cache
-def sensor_terms() -> tuple[Term, ...]:
-    """An error of the shown value."""
+def sensor_terms(rate: str) -> tuple[Term, ...]:
+    """An error of the shown value; with hysteresis where kernels know the `rate` of what is shown."""
     play = ShapeParameter('half', 'unit', 'width', 'value', description='half of the play')
-    rate = 's.dU_x if s.channel == 0.0 else s.dU_y if s.channel == 1.0 else s.dalpha'
-    ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, ({rate}) * m.z)))'
+    ahead = f'(1.0 - 0.5 * min(1.0, abs(m.z / {{half}})) ** 8 * (1.0 + math.copysign(1.0, s.{rate} * m.z)))'
+    backlash = Term('play', '-m.z', 'unit', ('value', 'memory'), (play,), f's.{rate} * {ahead}', scale=0.1)
     return (
         CONSTANT,
         *(term for term in of_variable('value', 's.value', 'unit', 'value') if term.name in SENSOR_SHAPES),
         *of_time(),
-        Term('play', '-m.z', 'unit', ('value', 'memory'), (play,), f'({rate}) * {ahead}', scale=0.1),
+        *([backlash] if rate else ()),
     )

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPORT, load_generated, port_lines
+from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_CALL, STIFFNESS_IMPORT, load_generated, port_lines
 from sma_sim.evidence.symbolic_regression.locations import Location, locations_of_hook
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.terms import MAX_SHAPES, Term
 from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.structures.discovery import FoundStructure
 
 FILE_HEADER = '''\
 """All terms of one port, chosen by number, to see what the measured channels would show of each."""
@@ -20,16 +21,15 @@ import math
 
 from sma_sim import Effect, Parameter
 '''
-WIRE_SELECTOR = '(1.0 if p.component < 0.0 else s.wire if p.component > 0.0 else 1.0 - s.wire)'
+WIRE_SELECTOR = '(1.0 if p.component < 0.0 or s.wire == p.component else 0.0)'
 RETURN_EXPRESSIONS = {
-    'structure_force': f'stiffness_forces(s.U_x, s.U_y, s.alpha, w, VALUE) if p.component > {STIFFNESS - 0.5} else ('
-    '(VALUE, 0.0, 0.0) if p.component < 0.5 else (0.0, VALUE, 0.0) if p.component < 1.5 else (0.0, 0.0, VALUE))',
     'sensing': 's.value + (VALUE if s.channel == p.component else 0.0)',
     'actuation': f's.J + {WIRE_SELECTOR} * VALUE',
     'wire_heat': f'{WIRE_SELECTOR} * VALUE',
     'wire_strain': f'{WIRE_SELECTOR} * VALUE',
     'transformation_stress': f'({WIRE_SELECTOR} * VALUE, {WIRE_SELECTOR} * VALUE)',
 }
+OF_STRUCTURES = ('structure_force', 'sensing')  # ports whose terms name coordinates
 
 
 @dataclass(frozen=True)
@@ -43,23 +43,44 @@ class UniversalTerm:
         """Its parameters for one term at one location."""
         numbered = {f'q_{k}': shape for k, shape in enumerate(shapes)}
         return {
-            'term': float(self.terms.index(term)), 'component': float(location.component), 'c': coefficient, **numbered,
+            'term': float([*map(text_of, self.terms)].index(text_of(term))), 'component': float(location.component),
+            'c': coefficient, **numbered,
         }  # fmt: skip
 
 
+def text_of(term: Term) -> tuple[str, str, str]:
+    """What is compiled of a term: all but the values of its shapes, which follow from parameters."""
+    return term.value, term.rate, term.start
+
+
 @cache
-def universal_term(hook: str, has_state: bool, copy: int = 0) -> UniversalTerm:
-    """The effect for the terms of a port that have a state, or for those that have none.
+def universal_term(hook: str, has_state: bool, on: FoundStructure, copy: int = 0) -> UniversalTerm:
+    """The effect for the terms of a port of a structure that have a state, or for those that have none.
 
     Formulas of several terms need as many copies.
     """
-    candidates = [t for location in locations_of_hook(hook) for t in location.terms if bool(t.rate) == has_state]
-    terms = tuple(dict.fromkeys(candidates if has_state else [*candidates, HAT_FUNCTION]))
-    name = f'any_{hook}{"_with_memory" if has_state else ""}{copy or ""}'
-    return UniversalTerm(load_generated(name, universal_file(name, hook, terms, has_state)), terms)
+    candidates = [t for location in locations_of_hook(hook, on) for t in location.terms if bool(t.rate) == has_state]
+    unique = {text_of(term): term for term in (candidates if has_state else [*candidates, HAT_FUNCTION])}
+    own = f'_{on.structure.name}' if hook in OF_STRUCTURES else ''
+    name = f'any_{hook}{own}{"_with_memory" if has_state else ""}{copy or ""}'
+    terms = tuple(unique.values())
+    return UniversalTerm(load_generated(name, universal_file(name, hook, terms, has_state, on)), terms)
 
 
-def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool) -> str:
+def return_expression(hook: str, on: FoundStructure) -> str:
+    """What the kernel returns for a VALUE: of forces one number for each coordinate."""
+    if hook != 'structure_force':
+        return RETURN_EXPRESSIONS[hook]
+    count = len(on.structure.coordinates)
+    if count == 1:
+        return 'VALUE'
+    by_coordinate = f'({", ".join(f"VALUE if p.component == {float(j)!r} else 0.0" for j in range(count))})'
+    along_stiffness = any(location.component == STIFFNESS for location in locations_of_hook(hook, on))
+    along = f'{STIFFNESS_CALL} if p.component == {float(STIFFNESS)!r} else '
+    return f'{along if along_stiffness else ""}{by_coordinate}'
+
+
+def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool, on: FoundStructure) -> str:
     """The file of such an effect."""
     read = 's, p, m' if has_state else 's, p'
     arguments = 's, w, p, m' if has_state else 's, w, p'
@@ -70,13 +91,13 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool)
     names = ('term', 'component', *(f'q_{k}' for k in range(MAX_SHAPES)))
     lines += [f"    Parameter({parameter!r}, 0.5, '-', (-1e15, 1e15), '')," for parameter in names]
     lines += ["    Parameter('c', 0.0, '-', (-1e15, 1e15), '', '', 0.0),", '),']
-    lines.append(f'kernel=lambda {arguments}: {RETURN_EXPRESSIONS[hook].replace("VALUE", value)},')
+    lines.append(f'kernel=lambda {arguments}: {return_expression(hook, on).replace("VALUE", value)},')
     if has_state:
         parts.append(choice_function('rate_of', read, [numbered_text(t, 'rate') for t in terms]))
         parts.append(choice_function('start_of', 's, p', [numbered_text(t, 'start') for t in terms]))
         lines += ["states=('z',),", 'scale=(0.1,),', 'rate=lambda s, w, p, m: (rate_of(s, p, m),),',
                   'start=lambda s, w, p: (start_of(s, p),),']  # fmt: skip
-    lines += port_lines(hook)
+    lines += port_lines(hook, on.structure)
     body = '\n'.join(f'    {line}' for line in lines)
     return ''.join(parts) + f'\n\nEFFECT = Effect(\n{body}\n)\n'
 

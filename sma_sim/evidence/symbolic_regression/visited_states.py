@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import model_columns
-from sma_sim.evidence.symbolic_regression.locations import BOTH_WIRES, Location
+from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.terms import Term
-from sma_sim.model.effects.ports import CHANNELS
+from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
+from sma_sim.solver.kernels import pose_fields
+from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 Vector = NDArray[np.float64]
 MAX_STATES_PER_RUN = 150  # instants at which terms are evaluated in Python: enough for a range and a mean square
-POSE_FIELDS = {'U_x': 'U_x_m', 'U_y': 'U_y_m', 'alpha': 'alpha_rad'}  # columns of the coordinates
 
 
 @dataclass(frozen=True)
@@ -46,62 +47,66 @@ def visited_by_wire(problem: Problem, z: Vector, wire: int = 0) -> list[VisitedS
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
         columns = model_columns(config, run, problem.nuisance(run, z[indices]))
         every = max(1, len(run.time) // MAX_STATES_PER_RUN)
-        fields = kernel_fields(run.time, columns, config.parameters, wire)
+        fields = kernel_fields(run.time, columns, config, wire)
         visited.append(VisitedStates(run.name, wire, {name: values[::every] for name, values in fields.items()}))
     return visited
 
 
-def kernel_fields(
-    time: Vector, columns: Mapping[str, Vector], parameters: Mapping[str, float], wire: int
-) -> dict[str, Vector]:
-    """The kernels' state (samples,) by name, from the columns of a module or of a single wire."""
-    w = wire_constants(parameters)
-    module = 'alpha_rad' in columns
-    suffixes = [f'_{wire + 1}', f'_{2 - wire}'] if module else ['', '']
+def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, wire: int) -> dict[str, Vector]:
+    """The kernels' state (samples,) by name, as one wire sees it, from the columns of the model."""
+    structure, w = config.structure.structure, wire_constants(config.parameters)
     fields = {'t': time, 'T_E': columns['T_E_K'], 'wire': np.full_like(time, wire)}
+    fields['others'] = np.full_like(time, structure.wires - 1)
+    suffixes = [f'_{i + 1}' for i in range(structure.wires)] if structure.coordinates else ['']
+    others = [suffix for i, suffix in enumerate(suffixes) if i != wire] or suffixes
     for name, column in (('T', 'T{}_K'), ('x', 'x_M{}')):
-        fields[name], fields[f'{name}_other'] = (columns[column.format(suffix)] for suffix in suffixes)
-    if module:
-        fields |= {name: columns[column] for name, column in POSE_FIELDS.items()}
-        side = columns['J_eq_W'] if wire == 0 else -columns['J_eq_W']
-        fields['J'] = np.maximum(side, 0.0) / w.n
+        fields[name] = columns[column.format(suffixes[wire])]
+        fields[f'{name}_other'] = np.mean([columns[column.format(suffix)] for suffix in others], axis=0)
+    fields['J'] = heating_of_wire(config, columns, wire)
+    if structure.coordinates:
         fields['sigma'] = columns[f'F_{wire + 1}_N'] / (w.n * w.section)
-        half = (wire - 0.5) * parameters['plate.W']
-        sine, cosine = np.sin(fields['alpha']), np.cos(fields['alpha'])
-        across, along = fields['U_y'] + half * (1 - cosine), parameters['beam.L'] + fields['U_x'] + half * sine
-        fields['eps'] = np.hypot(across, along) / w.l0 - 1.0
+        fields['eps'] = strains_from_pose(config, columns)[f'strain_{wire + 1}']
+        names = pose_fields(structure)
+        for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
+            fields[name] = columns[coordinate.column]
+            fields[rate] = np.gradient(fields[name], time)
     else:
-        fields |= {'J': columns['J_W'], 'sigma': columns['stress_Pa'], 'eps': columns['strain']}
-    for name in ('x', 'eps', *(POSE_FIELDS if module else ())):
-        fields[f'd{name}'] = np.gradient(fields[name], time)
-    return fields
+        fields |= {'sigma': columns['stress_Pa'], 'eps': columns['strain']}
+    return fields | {f'd{name}': np.gradient(fields[name], time) for name in ('x', 'eps')}
 
 
 def visited_states(location: Location, problem: Problem, z: Vector) -> list[VisitedStates]:
-    """The runs as the kernels at a location see them; both wires where it acts in both."""
-    module = problem.config.system == 'module'
+    """The runs as the kernels at a location see them; every wire where it acts in each."""
+    wires = problem.config.structure.structure.wires
     if location.hook == 'sensing':
-        channel = CHANNELS[location.component]
-        visited = visited_by_wire(problem, z, 1 if channel.endswith('_2') else 0)
+        wire = wire_of_channel(location.channel)
         return [
-            VisitedStates(states.run, states.wire, {**states.fields, **sensor_fields(channel, states, problem)})
-            for states in visited
+            VisitedStates(states.run, states.wire, {**states.fields, **sensor_fields(location, states, problem)})
+            for states in visited_by_wire(problem, z, wire)
         ]
     if location.hook == 'structure_force':
-        return visited_by_wire(problem, z, 1)
-    wires = (0, 1) if location.component == BOTH_WIRES and module else (max(location.component, 0),)
-    return [states for wire in wires for states in visited_by_wire(problem, z, wire)]
+        return visited_by_wire(problem, z, wires - 1)  # as the effects of a structure are called
+    chosen = range(wires) if location.component == EVERY_WIRE else (location.component,)
+    return [states for wire in chosen for states in visited_by_wire(problem, z, wire)]
 
 
-def sensor_fields(channel: str, states: VisitedStates, problem: Problem) -> dict[str, Vector]:
+def wire_of_channel(channel: str) -> int:
+    """The wire, from 0 on, whose force or temperature a channel shows; the first for what is of no wire."""
+    letter, _, number = channel.partition('_')
+    return int(number) - 1 if letter in ('F', 'T') and number.isdigit() else 0
+
+
+def sensor_fields(location: Location, states: VisitedStates, problem: Problem) -> dict[str, Vector]:
     """What a sensor's effects see: the value of the channel, and its number."""
-    fields, parameters = states.fields, problem.config.parameters
-    if channel.startswith('F') or channel == 'stress':
-        w = wire_constants(parameters)
-        value = fields['sigma'] * (w.n * w.section if channel.startswith('F') else 1.0)
+    fields, w, channel = states.fields, wire_constants(problem.config.parameters), location.channel
+    structure = problem.config.structure.structure
+    if channel in structure.coordinate_names:
+        value = fields[pose_fields(structure)[structure.coordinate_names.index(channel)]]
+    elif channel.startswith('T'):
+        value = fields['T']
     else:
-        value = fields[channel[0] if channel.startswith('T') else channel]
-    return {'value': value, 'channel': np.full_like(value, CHANNELS.index(channel))}
+        value = fields['sigma'] * (1.0 if channel == 'stress' else w.n * w.section)
+    return {'value': value, 'channel': np.full_like(value, location.component)}
 
 
 @cache

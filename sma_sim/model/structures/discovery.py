@@ -10,6 +10,7 @@ from pathlib import Path
 import sma_sim.model.structures as package
 from sma_sim.model.errors import UserError
 from sma_sim.model.plugins import package_plugins, user_plugins
+from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.structures'
@@ -60,7 +61,8 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
     Raises
     ------
     StructureError
-        For a folder that does not exist, a file that cannot be imported, or a name that exists already.
+        For a folder that does not exist, a file that cannot be imported, a declaration with a fault, or a name that exists
+        already.
 
     Examples
     --------
@@ -81,6 +83,8 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
                     raise StructureError(
                         f'{plugin.file}: a structure named {variant.name!r} exists already; choose another name'
                     )
+                if fault := fault_of(variant):
+                    raise StructureError(f'{plugin.file}: {fault}')
                 check_channels(variant, found.values(), plugin.file)
                 found[variant.name] = KNOWN[variant.name] = FoundStructure(variant, plugin.files, plugin.packages)
     return found

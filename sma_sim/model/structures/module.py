@@ -76,12 +76,15 @@ STRUCTURE = Structure(
     title='beam',
     coordinates=(
         Coordinate('U_x', 'm', lambda b: STRETCH * b.L, 'stretch of the beam',
-                   lambda b: STRETCH * b.L * math.sqrt(b.k_x / b.m_H), 1e-4, motion='stretch', joint=False),
+                   lambda b: STRETCH * b.L * math.sqrt(b.k_x / b.m_H), 1e-4, motion='stretch', joint=False,
+                   force='force on the plate along the beam', small_force=1.0, law='U_y'),
         Coordinate('U_y', 'm', lambda b: DEFLECTION * b.L, 'deflection of its tip',
-                   lambda b: DEFLECTION * b.L * math.sqrt(b.k_y / b.m_H), 1e-3, motion='deflection', joint=False),
+                   lambda b: DEFLECTION * b.L * math.sqrt(b.k_y / b.m_H), 1e-3, motion='deflection', joint=False,
+                   force='force on the plate across the beam', small_force=0.02),
         # A plate that has turned this far is far beyond what the wires can bend a beam to.
         Coordinate('alpha', 'rad', ROTATION, 'rotation of the plate',
-                   lambda b: ROTATION * math.sqrt(b.k_a / b.J_H), 0.15, 0.5 * math.pi, 'rotation'),
+                   lambda b: ROTATION * math.sqrt(b.k_a / b.J_H), 0.15, 0.5 * math.pi, 'rotation',
+                   force='moment on the plate', small_force=1e-3),
     ),
     wires=2,
     antagonistic=True,

@@ -36,10 +36,11 @@ def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Struc
 
 def numbered(coordinate: Coordinate, k: int, word: str) -> Coordinate:
     """A coordinate of segment `k`."""
-    motion = coordinate.motion and f'{coordinate.motion}_{k}'
-    return replace(
-        coordinate, name=f'{coordinate.name}_{k}', motion=motion, description=f'{coordinate.description} ({word} {k})'
-    )
+    of_this = f' ({word} {k})'
+    motion, law = (name and f'{name}_{k}' for name in (coordinate.motion, coordinate.law))
+    force = coordinate.force and coordinate.force + of_this
+    description = coordinate.description + of_this
+    return replace(coordinate, name=f'{coordinate.name}_{k}', motion=motion, law=law, force=force, description=description)
 
 
 def parts(segment: Structure, *poses: Any) -> Iterator[tuple[Any, ...]]:

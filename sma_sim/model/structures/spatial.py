@@ -156,7 +156,7 @@ STRUCTURE = Structure(
     name='spatial',
     title='beam',
     coordinates=(
-        Coordinate('U_x', 'm', lambda p: 3e-4 * p.L, 'stretch of the beam', joint=False),
+        Coordinate('U_x', 'm', lambda p: 3e-4 * p.L, 'stretch of the beam', joint=False, law='U_y'),
         Coordinate('U_y', 'm', lambda p: 0.01 * p.L, 'deflection towards bundle 1', joint=False),
         Coordinate('U_z', 'm', lambda p: 0.01 * p.L, 'deflection across it, towards bundle 2', joint=False),
         Coordinate('alpha', 'rad', 0.15, 'rotation about z', limit=0.5 * math.pi),

@@ -48,6 +48,12 @@ class Coordinate:
     axis : str
         In pictures: ``'x'``, ``'y'`` or ``'z'``, along which it moves or about which it turns. Without it, coordinates in
         m are along x, y, z and those in rad about z, y, x, in their order.
+    force : str
+        What a sentence calls a generalised force on it (default: force along it, or moment about it).
+    small_force : float
+        A small but visible generalised force on it; without it, a part of what wires and springs exert.
+    law : str
+        The coordinate on which an unknown force on it most likely depends (default itself).
     """
 
     name: str
@@ -60,6 +66,9 @@ class Coordinate:
     motion: str = ''
     joint: bool = True
     axis: str = ''
+    force: str = ''
+    small_force: float = 0.0
+    law: str = ''
 
     def __post_init__(self) -> None:
         if self.axis and self.axis not in AXES:
@@ -306,6 +315,11 @@ class Structure:
         """Columns of the input that every recording has: what is imposed; without that, the heating."""
         columns = self.input_columns
         return columns[: len(self.drives) or len(self.commands)]
+
+    @property
+    def has_one_command(self) -> bool:
+        """Whether a single heating command is all that moves it."""
+        return len(self.commands) == 1 and not self.drives
 
     @property
     def imposed_temperature(self) -> int:

@@ -124,7 +124,7 @@ def channel_figure(plan: Plan) -> tuple[Any, int]:
     figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
     figure.update_xaxes(range=[0.0, plan.grid.length])
     figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=5)
-    figure.update_yaxes(title_text='J_eq [W]', row=1, col=1)
+    figure.update_yaxes(title_text=f'{plan.grid.columns[0].removesuffix("_W")} [W]', row=1, col=1)
     return figure, sum(heights) + 100
 
 

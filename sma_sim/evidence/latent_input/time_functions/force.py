@@ -1,29 +1,14 @@
-"""A force on the plate, a moment on it, or a loss of beam stiffness, as a given function of time."""
+"""A force on a coordinate, or a moment about it, as a given function of time; in the coordinate of its scope."""
 
-from typing import Any
-
-from sma_sim.evidence.estimation.injection_points import STIFFNESS
 from sma_sim.evidence.latent_input.time_functions.time_function import knot_parameters, time_function
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.ports import State
-from sma_sim.model.parameters import BeamConstants
-from sma_sim.model.structures.beam import stiffness_forces
-
-
-def force(s: State, b: BeamConstants, p: Any) -> tuple[float, float, float]:
-    """The force on one of the three coordinates, or along K q."""
-    u = time_function(s.t, p)
-    if p.wire == STIFFNESS:
-        return stiffness_forces(s.U_x, s.U_y, s.alpha, b, u)
-    return u if p.wire == 0.0 else 0.0, u if p.wire == 1.0 else 0.0, u if p.wire == 2.0 else 0.0
-
 
 EFFECT = Effect(
     name='latent_force',
     port='structure_force',
-    systems=('module',),
-    equation='F = u(t) on one coordinate, or u(t) K q',
+    needs=('coordinate',),
+    equation='F = u(t)',
     source='a basis, not a law of nature',
-    parameters=knot_parameters('N, N m, -'),
-    kernel=force,
+    parameters=knot_parameters('N, N m'),
+    kernel=lambda s, b, p: time_function(s.t, p),
 )

@@ -1,0 +1,78 @@
+"""What is wrong with a structure as it is declared, in one sentence: names, units, parameters, functions at rest.
+
+Values near rest and gradients are checked where the functions are compiled (`solver.structure_kernels`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.structures.structure import Coordinate, Structure, numbers, record
+
+
+def fault_of(structure: Structure) -> str:
+    """What is wrong with a declaration, '' if nothing is found."""
+    for faults in (coordinate_faults, parameter_faults, reference_faults, function_faults):  # each needs those before it
+        for fault in faults(structure):
+            return f'structure {structure.name!r}: {fault}'
+    return ''
+
+
+def coordinate_faults(structure: Structure) -> Iterator[str]:
+    """Of the structure's name and its coordinates."""
+    if not structure.name.isidentifier():
+        yield 'expected a name of letters, digits and _'
+    names = [getattr(coordinate, 'name', '') for coordinate in structure.coordinates]
+    for coordinate in structure.coordinates:
+        if not isinstance(coordinate, Coordinate):
+            yield f'expected a Coordinate among its coordinates, got {coordinate!r}'
+        elif not coordinate.name.isidentifier():
+            yield f'coordinate {coordinate.name!r}: expected a name of letters, digits and _'
+        elif names.count(coordinate.name) > 1:
+            yield f'coordinate {coordinate.name} is there twice; give each a name of its own'
+        elif not coordinate.unit:
+            yield f"coordinate {coordinate.name}: expected a unit, such as 'm' or 'rad' ('-' for none), got ''"
+        elif not callable(coordinate.scale) and not 0.0 < coordinate.scale < math.inf:
+            yield f'coordinate {coordinate.name}: scale = {coordinate.scale:g} {coordinate.unit}; expected more than 0'
+
+
+def parameter_faults(structure: Structure) -> Iterator[str]:
+    """Of its parameters."""
+    for parameter in structure.parameters:
+        if not isinstance(parameter, Parameter):
+            yield f'expected a Parameter among its parameters, got {parameter!r}'
+        elif not parameter.bounds[0] <= parameter.default <= parameter.bounds[1]:
+            low, high = parameter.bounds
+            yield f'parameter {parameter.name}: default {parameter.default:g} {parameter.unit}; expected {low:g} to {high:g}'
+
+
+def reference_faults(structure: Structure) -> Iterator[str]:
+    """Of the parameters that it names elsewhere."""
+    known = structure.declared.keys() | DEFAULTS.keys() | {parameter.name for parameter in structure.initial}
+    size = (structure.size_parameter,) if structure.size_parameter else ()
+    for words, names in (('fitted', structure.fitted), ('defaults', structure.defaults), ('size_parameter', size)):
+        for name in names:
+            if name not in known:
+                own = ', '.join(structure.declared) or 'none'
+                yield f'{words} names {name}, which is no parameter; its own are {own}'
+
+
+def function_faults(structure: Structure) -> Iterator[str]:
+    """Of the functions that are called before anything is compiled, where all coordinates are 0."""
+    role = 'constants'
+    try:
+        constants = structure.default_constants
+        rest = record('Pose', structure.coordinate_names)(*(0.0 for _ in structure.coordinates))
+        role = 'stiffness'
+        if structure.stiffness is not None:
+            structure.stiffness(rest, constants, 1.0)
+        role = 'lengths'
+        lengths = () if structure.lengths is None else numbers(structure.lengths(rest, constants))
+    except Exception as error:
+        yield f'its {role} fails: {type(error).__name__}: {error}'
+        return
+    for i, length in enumerate(lengths, start=1):
+        if not 0.0 < length < math.inf:
+            yield f'its lengths give {length:g} m for wire {i} where all coordinates are 0; expected more than 0'
