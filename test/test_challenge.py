@@ -19,10 +19,9 @@ from sma_sim.challenge.make import RecordingPlan, challenge_with, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, REST_DURATION, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.effects.meaning import acts_on
-from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import Input, module_input
 from sma_sim.solver.model import Model
 
@@ -59,8 +58,7 @@ def difference(channels, others, names=('U_x', 'U_y', 'alpha')):
 def test_every_effect_of_the_library_has_a_truth_and_there_are_others():
     found = [truth.library for truth in truths().values() if truth.library]
     assert sorted(found) == sorted(LIBRARY)
-    module = package_structures()['module'].structure
-    assert {name for name, one in find_effects().items() if acts_on(one.effect, module)} <= set(found)
+    assert {candidate.name for candidate in candidates_for(Config())} <= set(found)
     assert sum(not truth.library for truth in truths().values()) >= 12
     assert len({truth.port for truth in truths().values() if not truth.library}) >= 5
 

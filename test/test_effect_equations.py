@@ -7,6 +7,7 @@ import pytest
 from flows import called
 from numpy import cos, exp, sign, sin, tanh
 from scipy.integrate import quad
+from scipy.optimize import brentq
 from systems import active, make_model
 
 from sma_sim import Effect, find_effects, module_input, simulate
@@ -71,6 +72,23 @@ def spring(s, p):
     return c * (s.eps - s.strain - EPS_T * s.x) / (compliance(s.x) + c)
 
 
+def in_series(s, most, half):
+    """Strain e = most sigma/(sigma + half) under the load that is left, by bisection."""
+    load, C = s.eps - s.strain - EPS_T * s.x, compliance(s.x)
+    return (
+        0.0 if load <= 0.0 else load - C * brentq(lambda q: q * C + most * q / (q + half) - load, 0.0, load / C, xtol=1e-9)
+    )
+
+
+def oriented(s, p):
+    return in_series(s, p.eps_R * (1.0 - s.x) * 0.5 * (1.0 - tanh(0.5 * (s.T - p.T_R) / p.w)), p.sigma_R)
+
+
+def overshoot(peak, x, p):
+    """It falls by half of what a wire at constant strain loses by a fraction, at most."""
+    return peak * exp(-x / max(p.x_n, 2.0 * peak / (EPS_T * E_M)))
+
+
 def camera(s, p):
     """(U_x, U_y) in axes turned by theta."""
     axes = np.array([[cos(p.theta), sin(p.theta)], [-sin(p.theta), cos(p.theta)]])
@@ -85,14 +103,18 @@ EQUATIONS = {  # of state s, parameters p and memory m
     'driver_lag': lambda s, p, m: m['P'],
     'functional_fatigue': fatigue,
     'gravity': lambda s, p, m: (BEAM.m_H * p.g_x, BEAM.m_H * p.g_y, 0.0),
+    'grip_toe': lambda s, p, m: in_series(s, p.toe, p.sigma_t),
     'guide_friction': lambda s, p, m: s.F * np.expm1(p.mu * tanh(s.v / p.v_s)),
     'joint_friction': lambda s, p, m: (0.0, 0.0, -p.M_c * tanh(s.dalpha / p.w_s)),
     'latent_heat_scale': lambda s, p, m: (p.k - 1.0) * latent_heat(s.T, s.sigma, WIRE) * s.dx,
     'natural_convection': lambda s, p, m: -p.k * A_S * sign(s.T - s.T_E) * abs(s.T - s.T_E) ** (1.0 + p.m),
+    'nucleation_peak': lambda s, p, m: (overshoot(p.peak_A, s.x, p), -overshoot(p.peak_M, 1.0 - s.x, p)),
     'polycrystal': lambda s, p, m: (p.spread * quantile(s.x),) * 2,
     'power_gain_mismatch': lambda s, p, m: s.J * p.ratio ** (0.5 - s.wire),
+    'power_scale': lambda s, p, m: p.k * s.J,
     'pretension_mismatch': lambda s, p, m: 0.5 * p.delta * (1.0 - 2.0 * s.wire),
     'r_phase': lambda s, p, m: (p.q * p.w * softplus((p.T_R - s.T) / p.w),) * 2,
+    'r_phase_strain': lambda s, p, m: oriented(s, p),
     'radiation': lambda s, p, m: -p.emissivity * 5.670374419e-8 * A_S * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * (s.T - s.T_E),
     'resistance_feedback': lambda s, p, m: s.J * (1.0 + p.r * s.x - 0.5 * p.r) * (1.0 + p.a * (s.T - 323.0)),
     'sensor_bias': lambda s, p, m: s.value + bias_or_gain(s, p),
@@ -107,6 +129,8 @@ EQUATIONS = {  # of state s, parameters p and memory m
     'stress_dependent_transformation_strain': lambda s, p, m: m['e'],
     'thermal_crosstalk': lambda s, p, m: p.G * 0.0957 * s.others * (s.T_other - s.T),
     'thermal_expansion': lambda s, p, m: p.a * (s.T - p.T_ref),
+    'thermometer_lag': lambda s, p, m: m['shown'],
+    'transformation_plasticity': lambda s, p, m: m['e'],
 }  # fmt: skip
 RATES = {
     'ambient_heating': lambda s, p, m: (p.R * 10.0 * 450.0 * A_S * (s.T - s.T_E - m['Theta']) - m['Theta']) / p.tau,
@@ -117,8 +141,17 @@ RATES = {
         -EPS_T * missing_share(s, p) * s.dx if s.dx > 0.0 else m['e'] * s.dx / s.x
     ),
     'sensor_lag': lambda s, p, m: (s.value - m['shown']) / p.tau,
+    'thermometer_lag': lambda s, p, m: (s.value - m['shown']) / p.tau,
+    'transformation_plasticity': lambda s, p, m: (
+        p.c * (s.sigma > 0.0) * s.sigma * abs(s.dx) * p.z_p / (p.z_p + m['z']),
+        abs(s.dx),
+    ),
 }
-STARTS = {'beam_creep': lambda s: (s.U_x, s.U_y, s.alpha), 'sensor_lag': lambda s: s.value}
+STARTS = {
+    'beam_creep': lambda s: (s.U_x, s.U_y, s.alpha),
+    'sensor_lag': lambda s: s.value,
+    'thermometer_lag': lambda s: s.value,
+}
 
 
 def random_state(random, channels):

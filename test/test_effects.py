@@ -46,17 +46,18 @@ PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'effects.md'
 # Where an effect shows: wires that run out of martensite, wires that would push.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
-    'functional_fatigue': {'wire__l0': 99e-3},
+    **dict.fromkeys(('functional_fatigue', 'grip_toe', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
 }
 LIBRARY = {
-    'actuation': 'driver_lag driver_deadband power_gain_mismatch resistance_feedback',
+    'actuation': 'driver_lag driver_deadband power_gain_mismatch power_scale resistance_feedback',
     'wire_heat': 'natural_convection radiation ambient_heating thermal_crosstalk latent_heat_scale',
-    'wire_strain': 'thermal_expansion pretension_mismatch attachment_compliance functional_fatigue',
-    'transformation_stress': 'clausius_clapeyron_mismatch polycrystal r_phase',
+    'wire_strain': 'thermal_expansion pretension_mismatch attachment_compliance functional_fatigue '
+    'stress_dependent_transformation_strain r_phase_strain transformation_plasticity grip_toe',
+    'transformation_stress': 'clausius_clapeyron_mismatch polycrystal smooth_transformation r_phase nucleation_peak',
     'wire_force': 'guide_friction slack',
     'structure_force': 'gravity beam_creep beam_nonlinearity joint_friction',
-    'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment',
+    'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment thermometer_lag',
 }
 SEEN = {'module': ('alpha_rad', 'U_y_m', 'T_1_K', 'F_2_N'), 'wire': ('stress_Pa', 'T_K')}
 

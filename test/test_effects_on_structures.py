@@ -25,7 +25,7 @@ CASES = [
 # Where an effect shows: wires that run out of martensite, wires that would push, a load that creep leaves above the plateau.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
-    'functional_fatigue': {'wire__l0': 99e-3},
+    **dict.fromkeys(('functional_fatigue', 'grip_toe', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
     ('beam_creep', 'slider'): {'slider__x_0': 0.035},
     ('functional_fatigue', 'slider'): {'wire__l0': 95.7e-3},
@@ -85,7 +85,7 @@ def test_realistic_values_change_a_run(name, system):
 def sizes(model):
     """A usual change of every channel."""
     coordinates = [coordinate.size(model.constants) for coordinate in model.structure.coordinates]
-    return [*coordinates, *[1.0] * model.wires, *[10.0] * model.wires]
+    return [*coordinates, *[1.0] * model.wires, *[10.0] * model.wires, *[0.5] * model.wires]
 
 
 @pytest.mark.parametrize(('name', 'system'), CASES)

@@ -83,7 +83,10 @@ def test_the_library_is_read_exactly():
     shifting = {e.name for e in effects.values() if e.port in ('wire_strain', 'transformation_stress')}
     assert {name for name in shifting if 'x' in fields_read(effects[name].kernel)} == {
         'attachment_compliance',
+        'grip_toe',
+        'nucleation_peak',
         'polycrystal',
+        'r_phase_strain',
         'smooth_transformation',
     }
     assert not any(uses_time(effect) for effect in effects.values())

@@ -10,6 +10,7 @@ from simulated_data import NOISE, config, dataset
 from sma_sim import FitOptions, find_effects, predict
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.evidence.experiment_design.further_channels import channel_data, channels_sentence, further_channels, sensed
@@ -64,10 +65,35 @@ def test_a_second_sensor_doubles_the_information(pool):
     assert 'would tell most of these parameters' in channels_sentence(tuple(found.values()))
 
 
+def test_a_resistance_tells_what_its_resistivities_leave(pool):
+    """As computed from the whole problem, in which they are unknown too; more where they were known."""
+    one = hypothesis('nothing', config())
+    found = {c.channel: c for c in further_channels([one], RUNS.noise_std, (), np.eye(3)[:2], pool)}
+    std = config().parameters['check.noise_R_1']
+    seen = replace(RUNS, recordings=tuple(
+        replace(run, channels={**run.channels, 'R_1': predict(config(), run)['R_1']}) for run in RUNS.recordings
+    ), noise_std=RUNS.noise_std | {'R_1': std})  # fmt: skip
+    gains = []
+    for free in ((*FREE, *RESISTIVITY_NAMES), FREE):
+        problem = problem_for(seen, config(), FitOptions(free=free), 1)
+        z, logs = np.zeros(len(problem.unknowns)), []
+        parts = linearize(problem, z, pool, np.full(len(z), 1e-3), central=True)
+        for channels in (('alpha',), ('alpha', 'R_1')):
+            hessian = np.eye(len(z))
+            for run, part in zip(problem.runs, parts, strict=True):
+                rows = [run.channels.index(name) for name in channels]
+                flat = part.jacobian[:, rows].reshape(len(part.indices), -1)
+                hessian[np.ix_(part.indices, part.indices)] += flat @ flat.T
+            logs.append(np.linalg.slogdet(np.linalg.inv(hessian)[:2, :2])[1])
+        gains.append(0.5 * (logs[0] - logs[1]))
+    assert found['R_1'].information == pytest.approx(gains[0], rel=0.05)
+    assert gains[0] < 0.9 * gains[1] and not found['R_1'].measured
+
+
 def test_explanations_that_predict_the_same_stay_open(pool):
     same = [hypothesis('one', config()), hypothesis('other', config())]
     found = further_channels(same, RUNS.noise_std, PAIRS, np.zeros((0, 0)), pool)
-    assert len(found) == 7 and not any(channel.decides for channel in found)
+    assert len(found) == 9 and not any(channel.decides for channel in found)
     assert channels_sentence(found).startswith('No further channel along these recordings separates all explanations')
     assert channels_sentence(()) == ''
 

@@ -99,7 +99,7 @@ def test_power_goes_with_the_square_of_a_voltage(tmp_path):
         (', floor: 1e-4', '', 'a floor needs independent_after'),
         (', zero_std: -1', '', 'zero_std: expected a positive number'),
         ('', 'independent_after: soon\n', 'independent_after: expected a number'),
-        ('', 'time_s: {column: time_s, floor: 1}\n', 'zero_std and floor belong to measured columns'),
+        ('', 'time_s: {column: time_s, floor: 1}\n', 'zero_std, drift_std and floor belong to measured columns'),
     ],
 )
 def test_what_a_map_cannot_say(more, top, message, tmp_path):

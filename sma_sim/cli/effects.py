@@ -16,6 +16,7 @@ from sma_sim.model.structures.discovery import find_structures, known_structures
 from sma_sim.model.structures.structure import Structure
 
 EFFECTS = Listed('effect', 'effects', 'effects.paths')
+TRIED_WORDS = {'single wire': 'on structures with one wire', 'never': 'never: switched on, it is part of the model'}
 LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 
@@ -78,6 +79,7 @@ def effect_text(effect: Effect) -> str:
     lines = [f'{effect.name}  ({effect.port})', f'    {effect.equation}']
     details = {
         'acts on': ', '.join(systems_of(effect)),
+        'looked for by a diagnosis': TRIED_WORDS.get(effect.tried, ''),
         'signature': effect.signature,
         'confused with': ', '.join(effect.confused_with),
         'the same as': effect.same_as,

@@ -51,6 +51,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         '--jumps', type=Path, metavar='FILE', help='CSV file to write with the mode changes of the hybrid model'
     )
+    parser.add_argument('--resistance', action='store_true', help='also write the electrical resistance of every wire [ohm]')
     add_namespace_option(parser)
     add_config_options(parser)
     parser.set_defaults(run=run)
@@ -70,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
     columns = inputs_at(source, trajectory.time) | trajectory.columns
+    if arguments.resistance:
+        columns |= trajectory.resistances
     if arguments.out.suffix == '.mcap':
         write_mcap(arguments.out, columns, config.structure.structure)
     else:

@@ -5,7 +5,11 @@ Symbols follow the paper (equations MAS3 to L2c). All functions take and return 
 
 from __future__ import annotations
 
+import math
+
 from sma_sim.model.parameters import WireConstants
+
+RESISTIVITY_AT = 293.15  # [K]
 
 
 def compliance(x: float, w: WireConstants) -> float:
@@ -66,3 +70,29 @@ def internal_energy(elastic_strain: float, T: float, x: float, w: WireConstants)
     elastic = elastic_strain**2 / (2.0 * compliance(x, w))
     chemical = (x - 1.0) * gamma(sigma_MW(T, w), w) + T * (1.0 - x) * gamma_T(T, w)
     return w.volume * (elastic + chemical + w.rho * w.c_V * T)
+
+
+def resistance(eps: float, x: float, T: float, w: WireConstants) -> float:
+    """Electrical resistance R [ohm] of one wire: rho_e(x, T) l0 (1 + eps)^2/(pi r0^2).
+
+    rho_e = (1 - x) rho_A (1 + a_A (T - 293.15 K)) + x rho_M (1 + a_M (T - 293.15 K)): phases in series along the wire, as
+    bands are; length over section at constant volume, which the strain of transformation keeps (Furst and Seelecke, J.
+    Intell. Mater. Syst. Struct. 23 (2012) 1233).
+    """
+    above = T - RESISTIVITY_AT
+    austenite = w.resistivity_A * (1.0 + w.resistivity_T_A * above)
+    martensite = w.resistivity_M * (1.0 + w.resistivity_T_M * above)
+    return (austenite + x * (martensite - austenite)) * w.l0 * (1.0 + eps) ** 2 / w.section
+
+
+def saturating_strain(load: float, most: float, half: float, elastic: float) -> float:
+    """Strain e = most sigma/(sigma + half) [-] in series with an elastic wire: sigma elastic + e = load; nil in compression.
+
+    The root of elastic sigma^2 + (elastic half + most - load) sigma - load half = 0, written so that nothing cancels.
+    """
+    if load <= 0.0 or most == 0.0:
+        return 0.0
+    b = elastic * half + most - load
+    root = math.sqrt(b * b + 4.0 * elastic * half * load)
+    sigma = 2.0 * load * half / (b + root) if b > 0.0 else (root - b) / (2.0 * elastic)
+    return most * sigma / (sigma + half)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
+RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
 K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
 
 
@@ -64,6 +65,30 @@ WIRE_PARAMETERS = (
     Parameter('omega_x', 100.0, '1/s', (1e-3, 1e9), 'attempt frequency of the MAS kinetics'),
     Parameter('V_L', 5e-23, 'm^3', (1e-27, 1e-18), 'volume of a mesoscopic layer (MAS kinetics)'),
     Parameter('n', 10.0, '-', (1.0, 10000.0), 'wires in one bundle'),
+    Parameter('resistivity_A', 8.9e-7, 'ohm m', (1e-9, 1e-3), 'resistivity of austenite at 293.15 K', RESISTIVITY),
+    Parameter(
+        'resistivity_M', 1.02e-6, 'ohm m', (1e-9, 1e-3), 'resistivity of oriented martensite at 293.15 K', RESISTIVITY
+    ),
+    Parameter(
+        'resistivity_T_A',
+        2e-4,
+        '1/K',
+        (-0.01, 0.01),
+        'its relative slope over temperature, austenite',
+        RESISTIVITY,
+        None,
+        (0.0, 1.5e-3),
+    ),
+    Parameter(
+        'resistivity_T_M',
+        3e-4,
+        '1/K',
+        (-0.01, 0.01),
+        'its relative slope over temperature, martensite',
+        RESISTIVITY,
+        None,
+        (0.0, 2e-3),
+    ),
 )
 BEAM_PARAMETERS = (
     Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the beam'),
@@ -153,6 +178,7 @@ SETTINGS: Mapping[str, Setting] = {
         ('node', Setting('ros2_control', False, "robot_description has ros2_control's topic-based hardware")),
         ('node', Setting('joint_prefix', '', 'stands before the names of the joints in joint_states and in the URDF')),
         ('node', Setting('stamped_topics', False, 'publish variants with a header too, such as wire_forces_stamped')),
+        ('node', Setting('publish_resistances', False, 'publish the electrical resistance of every wire')),
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
         ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),
         *(('check', joint_name_setting(name)) for name in ('U_x', 'U_y', 'alpha')),
@@ -192,6 +218,10 @@ class WireConstants(NamedTuple):
     omega_x: float
     V_L: float
     n: float
+    resistivity_A: float
+    resistivity_M: float
+    resistivity_T_A: float
+    resistivity_T_M: float
     section: float  # pi r0^2 [m^2]
     area: float  # A_s = 2 pi r0 l0 [m^2]
     volume: float  # Om = pi r0^2 l0 [m^3]

@@ -41,6 +41,7 @@ from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigm
 X_STEP, EPS_STEP, T_STEP, MEMORY_STEP = 1e-7, 1e-7, 1e-4, 1e-7
 SECANT_STEPS = 60
 FRACTION_TOLERANCE = 1e-13
+SERIES_SWEEPS, SERIES_TOLERANCE = 100, 1e-16  # of strains in series
 LARGEST_CHANGE, SMALLEST_SLOPE = 0.2, -0.3  # of the secant method
 
 
@@ -52,14 +53,43 @@ def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, fl
     s[S_T], s[S_X], s[S_STRAIN] = T, x, 0.0
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[WIRE_STRAIN + 1]):
         call_effect(e.value[k], k, i, y, e)
+        for j in range(3):
+            e.contribution[k, j] = e.out[j]
         strain += e.out[0]
         shift_A += e.out[1]
         shift_M += e.out[2]
         s[S_STRAIN] = strain
+    if e.port_start[WIRE_STRAIN + 1] - e.series_start > 1:
+        strain, shift_A, shift_M = balanced(i, (strain, shift_A, shift_M), y, p)
     for k in range(e.port_start[TRANSFORMATION_STRESS], e.port_start[TRANSFORMATION_STRESS + 1]):
         call_effect(e.value[k], k, i, y, e)
         shift_A += e.out[0]
         shift_M += e.out[1]
+    return strain, shift_A, shift_M
+
+
+def balanced(i: int, sums: tuple[float, float, float], y: Vector, p: System) -> tuple[float, float, float]:
+    """The sums of `offsets` where several effects are in series with the wire, which carry one stress.
+
+    Each of them is solved for with the strain of all others, in turn until none changes; strains that grow with stress
+    converge.
+    """
+    e, s = p.effects, p.effects.s[i]
+    strain, shift_A, shift_M = sums
+    for _ in range(SERIES_SWEEPS):
+        change = 0.0
+        for k in range(e.series_start, e.port_start[WIRE_STRAIN + 1]):
+            s[S_STRAIN] = strain - e.contribution[k, 0]
+            call_effect(e.value[k], k, i, y, e)
+            change += abs(e.out[0] - e.contribution[k, 0])
+            strain += e.out[0] - e.contribution[k, 0]
+            shift_A += e.out[1] - e.contribution[k, 1]
+            shift_M += e.out[2] - e.contribution[k, 2]
+            for j in range(3):
+                e.contribution[k, j] = e.out[j]
+        if change < SERIES_TOLERANCE:
+            break
+    s[S_STRAIN] = strain
     return strain, shift_A, shift_M
 
 

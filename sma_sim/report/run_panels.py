@@ -26,6 +26,7 @@ FIRST = ('alpha_rad', 'U_y_m', 'U_x_m')  # coordinates that come before others
 OF_WIRES = {  # by the name of a column with the number of a wire in it: axis label, label, factor and offset
     r'T_(\d+)_K': ('T [deg C]', 'wire', 1.0, -FREEZING),
     r'F_(\d+)_N': ('force [N]', 'bundle', 1.0, 0.0),
+    r'R_(\d+)_ohm': ('R [ohm]', 'wire', 1.0, 0.0),
     r'x_M_(\d+)': ('x_M [-]', 'wire', 1.0, 0.0),
     r'J_(\d+)_W': ('J [W]', 'bundle', 1.0, 0.0),
 }
@@ -33,13 +34,23 @@ SINGLE: Mapping[str, tuple[str, Curve]] = {  # others: axis label and curve
     'T_K': ('T [deg C]', ('T_K', 'wire', RED, 1.0, -FREEZING)),
     'T_E_K': ('T [deg C]', ('T_E_K', 'ambient', GREY, 1.0, -FREEZING)),
     'stress_Pa': ('stress [MPa]', ('stress_Pa', 'stress', BLUE, 1e-6, 0.0)),
+    'R_ohm': ('R [ohm]', ('R_ohm', 'wire', BLUE, 1.0, 0.0)),
     'x_M': ('x_M [-]', ('x_M', 'wire', BLUE, 1.0, 0.0)),
     'strain': ('strain [%]', ('strain', 'strain', BLUE, 100.0, 0.0)),
     'J_eq_W': ('J_eq [W]', ('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0)),
     'J_W': ('J [W]', ('J_W', 'J of one wire', ORANGE, 1.0, 0.0)),
 }
-ORDER = ('T [deg C]', 'force [N]', 'stress [MPa]', 'x_M [-]', 'strain [%]', 'J_eq [W]', 'J [W]')  # after the coordinates
-WITH_LEGEND = ('T [deg C]', 'force [N]', 'x_M [-]')
+ORDER = (
+    'T [deg C]',
+    'force [N]',
+    'stress [MPa]',
+    'R [ohm]',
+    'x_M [-]',
+    'strain [%]',
+    'J_eq [W]',
+    'J [W]',
+)  # after the coordinates
+WITH_LEGEND = ('T [deg C]', 'force [N]', 'R [ohm]', 'x_M [-]')
 MODE_COLUMN, COORDINATE, HEATING = r'mode(?:_(\d+))?', r'(.+)_(m|rad)', r'J(_\w+)?_W'
 UNITS = {'m': ('mm', 1e3), 'rad': ('deg', 180.0 / np.pi)}
 

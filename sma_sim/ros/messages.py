@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.interface import SINGLE_CHANNELS
+from sma_sim.evidence.data.rosbag.interface import RESISTANCES, SINGLE_CHANNELS
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
@@ -37,7 +37,7 @@ def number_array(label: str, numbers: Sequence[float]) -> Float64MultiArray:
 class Messages:
     """The messages of one structure."""
 
-    def __init__(self, structure: Structure) -> None:
+    def __init__(self, structure: Structure, resistances: bool = False) -> None:
         self.where = sample_columns(structure)
         self.joint_names = structure.coordinate_names
         self.wire_names = tuple(f'wire_{i + 1}' for i in range(structure.wires))
@@ -55,6 +55,9 @@ class Messages:
         if joints:
             at = slice(channels['F_1'], channels['F_1'] + structure.wires)
             self._measured['wire_forces'] = (f'force {self._of_wires} [N]', at)
+        if resistances:
+            at = slice(channels['R_1' if joints else 'R'], channels['R_1' if joints else 'R'] + structure.wires)
+            self._measured[RESISTANCES] = (f'resistance {self._of_wires} [ohm]', at)
         of_pairs = ', '.join(structure.commands)
         self._heating = f'{of_pairs} [W]' if structure.antagonistic else f'J {self._of_wires} [W]'
 

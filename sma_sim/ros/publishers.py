@@ -27,9 +27,9 @@ from sma_sim.ros.stamped import SUFFIX, variants_of
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
 
 
-def sample_topics(structure: Structure) -> dict[str, Any]:
+def sample_topics(structure: Structure, resistances: bool = False) -> dict[str, Any]:
     """Message types of what is published with every sample, by topic."""
-    made = Messages(structure)
+    made = Messages(structure, resistances)
     return {
         **({'joint_states': JointState} if structure.coordinates else {}),
         'wire_states': JointState,
@@ -58,16 +58,17 @@ class Publishers:
 
     def __init__(self, node: Node, config: Config, clock: bool) -> None:
         structure = config.structure.structure
-        self._messages = Messages(structure)
+        resistances = bool(config.settings['node.publish_resistances'])
+        self._messages = Messages(structure, resistances)
         self._picture = picture_of(config, frame_of(node.get_namespace()))
         self._frame_prefix = frame_prefix(node.get_namespace())
         self._joint_prefix = str(config.settings['node.joint_prefix'])
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         true_pose = {TRUE_POSE: JointState} if senses and structure.coordinates else {}
         changes = change_topics(structure)
-        kinds = {**sample_topics(structure), **true_pose, **changes}
+        kinds = {**sample_topics(structure, resistances), **true_pose, **changes}
         self._stamps = bool(config.settings['node.stamped_topics'])
-        self._variants = variants_of(structure)
+        self._variants = variants_of(structure, resistances)
         kinds |= {name + SUFFIX: variant.kind for name, variant in self._variants.items() if self._stamps}
         self._publishers = {
             name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in changes else LAST_FEW)

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, interface_of
+from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, RESISTANCES, interface_of
 from sma_sim.evidence.monitoring.live_model import InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -38,6 +38,7 @@ Queue = deque[tuple[int, Any]]
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 COMMAND_DEPTH = 100
+OF_WIRES = {'wire_forces': 0, RESISTANCES: -1}  # topics with a number for each wire, and their queue
 NUMBERS = {2: 'two', 3: 'three'}  # in messages
 
 
@@ -70,7 +71,7 @@ def robot_topics(structure: Structure) -> dict[str, Any]:
         **{f'{name}{suffix}': kind for name, kind in asked.items() for suffix in ('', APPLIED)},
         'ambient_temperature': Temperature,
         'T_E_applied': Float64,
-        'wire_forces': Float64MultiArray,
+        **dict.fromkeys(OF_WIRES, Float64MultiArray),
         **{f'{wire}/temperature': Temperature for wire in wire_names(structure)},
     }
 
@@ -107,10 +108,9 @@ class RobotSubscriptions:
         self._heard: deque[Event] = deque()
         self._events: list[Event] = []
         self._samples: deque[Sample] = deque(maxlen=MAX_QUEUED_MESSAGES)
-        # of the forces, and of the temperature of each wire
         self._companions: list[Queue] = [
-            deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(1 + structure.wires)
-        ]  # forces, temperatures
+            deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(2 + structure.wires)
+        ]  # forces, the temperature of each wire, resistances
         self._subscribe(node)
 
     @property
@@ -151,14 +151,17 @@ class RobotSubscriptions:
         return changes
 
     def companions(self, before: Sample | None, now: Sample) -> Vector:
-        """Forces [N] and temperatures [K] of the wires that belong to a sample, NaN where there are none (2 wires,)."""
+        """Forces [N], temperatures [K] and resistances [ohm] of the wires that belong to a sample, NaN where there are none
+        (3 wires,)."""  # fmt: skip
         wires = self._structure.wires
         if before is None:
-            return np.full(2 * wires, np.nan)
-        forces, *temperatures = self._companions
-        values = [nearest(forces, now.arrival, (now.arrival - before.arrival) // 2, (math.nan,) * wires)]
-        half = (now.stamp - before.stamp) // 2
-        values += [(nearest(queue, now.stamp, half, math.nan),) for queue in temperatures]
+            return np.full(3 * wires, np.nan)
+        forces, *temperatures, resistances = self._companions
+        none, half = (math.nan,) * wires, (now.arrival - before.arrival) // 2
+        values = [nearest(forces, now.arrival, half, none)]
+        stamped_half = (now.stamp - before.stamp) // 2
+        values += [(nearest(queue, now.stamp, stamped_half, math.nan),) for queue in temperatures]
+        values.append(nearest(resistances, now.arrival, half, none))
         return np.concatenate(values)
 
     def apply_T_E(self) -> None:
@@ -191,7 +194,7 @@ class RobotSubscriptions:
             'joint_states': self._take_joints,
             'ambient_temperature': partial(self._take, (self.T_E,), self.ambient.accepted),
             'T_E_applied': partial(self._take_applied, 'T_E_applied', (self.T_E,)),
-            'wire_forces': self._take_forces,
+            **{topic: partial(self._take_numbers, topic, queue) for topic, queue in OF_WIRES.items()},
         }
         for topic, columns, accepted in (heating, *points):
             receivers[topic] = partial(self._take, columns, accepted)
@@ -257,14 +260,14 @@ class RobotSubscriptions:
             self.warn_of('joint_states dropped', 'they come faster than the model runs')
         self._samples.append(Sample(arrival_of(info), nanoseconds(message.header.stamp), joints))
 
-    def _take_forces(self, message: Float64MultiArray, info: Any) -> None:
+    def _take_numbers(self, topic: str, queue: int, message: Float64MultiArray, info: Any) -> None:
         values = tuple(message.data)
         wires = self._structure.wires
         if len(values) != wires or not all(map(math.isfinite, values)):
             expected = 'one finite number' if wires == 1 else f'{NUMBERS.get(wires, wires)} finite numbers'
-            self.warn_of('wire_forces that cannot be used', f'expected {expected}, got {list(values)[:5]}')
+            self.warn_of(f'{topic} that cannot be used', f'expected {expected}, got {list(values)[:5]}')
             return
-        self._companions[0].append((arrival_of(info), values))
+        self._companions[queue].append((arrival_of(info), values))
 
     def _take_temperature(self, wire: int, message: Temperature, _: Any) -> None:
         if not math.isfinite(message.temperature):

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, Header
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.interface import APPLIED, SINGLE_CHANNELS, interface_of
+from sma_sim.evidence.data.rosbag.interface import APPLIED, RESISTANCES, SINGLE_CHANNELS, interface_of
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.command import Command
 from sma_sim.ros.qos import LAST_FEW, make_subscription
@@ -55,12 +55,14 @@ def celsius(header: Header, message: Float64) -> Temperature:
     return Temperature(header=header, temperature=message.data - ZERO_CELSIUS)
 
 
-def variants_of(structure: Structure) -> dict[str, Variant]:
+def variants_of(structure: Structure, resistances: bool = False) -> dict[str, Variant]:
     """The variants of a structure, by the topic without a header."""
     of = interface_of(structure)
     measured = {SINGLE_CHANNELS[channel]: positions(channel) for channel in of.channels}
     if of.joints:
         measured['wire_forces'] = efforts(*of.wire_columns('F'))
+    if resistances:
+        measured[RESISTANCES] = positions(*of.wire_columns('R'))
     return {
         **measured,
         'phase_fractions': positions(*of.wire_columns('x_M')),

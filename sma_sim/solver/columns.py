@@ -52,11 +52,14 @@ def new_samples(count: int, channels: NDArray[np.int64], structure: Structure) -
 
 
 def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
-    """Samples, of all columns or of some channels, by the names of the file contract."""
+    """Samples, of all columns but resistances or of some channels, by the names of the file contract."""
     if len(channels):
         return {structure.channel_columns[channel]: samples[:, k] for k, channel in enumerate(channels)}
     where = sample_columns(structure)
-    columns = {name: samples[:, where.sensed.start + k] for k, name in enumerate(structure.channel_columns)}
+    columns = {
+        name: samples[:, where.sensed.start + k]
+        for k, name in enumerate(structure.channel_columns) if name not in structure.resistance_columns
+    }  # fmt: skip
     imposed = ('T',) if structure.imposed_temperature >= 0 else ()  # no sensor's, but people want to see it
     for name in (*imposed, 'x_M', 'mode'):
         at = where.wires.start + WIRE_COLUMNS.index(name)
@@ -64,3 +67,11 @@ def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.in
             numbered = f'{name}_{i + 1}' if structure.coordinates else name
             columns[f'{numbered}_K' if name == 'T' else numbered] = samples[:, at + PER_WIRE * i]
     return columns
+
+
+def resistances(structure: Structure, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
+    """Resistance [ohm] of every wire by column, of whole rows; nothing of samples of some channels."""
+    if len(channels):
+        return {}
+    first, columns = sample_columns(structure).sensed.start, structure.channel_columns
+    return {name: samples[:, first + columns.index(name)] for name in structure.resistance_columns}

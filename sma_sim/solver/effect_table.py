@@ -10,7 +10,7 @@ import numpy as np
 
 from sma_sim.model.effects.conversion import SHOWN
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
-from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.effect import CHAIN, Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.effects.scope import MASK_SIZE
@@ -22,7 +22,7 @@ from sma_sim.solver.fields_read import fields_read
 from sma_sim.solver.kernels import native_effect, own_kernels
 
 # Size of a change in a channel that is no coordinate, for the states of sensing effects.
-FORCE_SCALE, TEMPERATURE_SCALE, STRESS_SCALE = 10.0, 30.0, 1e8
+FORCE_SCALE, TEMPERATURE_SCALE, STRESS_SCALE, RESISTANCE_SCALE = 10.0, 30.0, 1e8, 1.0
 
 
 def channel_codes(structure: Structure) -> list[int]:
@@ -37,7 +37,8 @@ def channel_scales(structure: Structure) -> list[float]:
     constants = structure.default_constants
     own = [c.sensor_size(constants) for c in structure.coordinates]
     forces = [FORCE_SCALE] * structure.wires if structure.coordinates else [STRESS_SCALE]
-    return [*own, *forces, *[TEMPERATURE_SCALE] * structure.wires][: len(structure.channels)]
+    temperatures = [TEMPERATURE_SCALE] * structure.wires if structure.imposed_temperature < 0 else []
+    return [*own, *forces, *temperatures, *[RESISTANCE_SCALE] * structure.wires]
 
 
 def state_scales(effect: Effect, structure: Structure) -> list[float]:
@@ -55,6 +56,9 @@ def state_scales(effect: Effect, structure: Structure) -> list[float]:
 def states_together(effect: Effect, structure: Structure) -> int:
     """How many extra states the kernels of an effect take at once: those of a wire, a channel, or the structure."""
     return len(effect.states) * (len(acting_coordinates(effect.needs, structure)) if effect.needs else 1)
+
+
+SERIES = (PORT_NAMES.index('wire_strain'), CHAIN['wire_strain'].index('series'))  # place in the order of effects
 
 
 class Layout(NamedTuple):
@@ -85,6 +89,7 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
     states = [states_together(effect, structure) for effect in effects]
     return Layout(order, tuple(scales), {
         'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
+        'series_start': sum(effect.order < SERIES for effect in effects),
         'value': addresses[0],
         'rate': addresses[1],
         'start': addresses[2],
@@ -137,6 +142,7 @@ def effect_table(
         wire=of_wire,
         structure=of_structure,
         out=np.zeros(max([16, len(on.structure.coordinates), *plan.fields['states']])),
+        contribution=np.zeros((len(active), 3)),
     )
     return table, plan.scales
 
@@ -149,5 +155,5 @@ def with_mask(active: ActiveEffect) -> tuple[float, ...]:
 def own_scratch(p: System) -> System:
     """The system with scratch memory of its own: runs of one model in several threads must not share it."""
     e, at = p.effects, p.structure
-    effects = e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out))
+    effects = e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out), contribution=np.zeros_like(e.contribution))
     return p._replace(effects=effects, structure=at._replace(effects=at.effects.copy()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sma_sim.model.effects.calls import true_channel
+from sma_sim.model.effects.calls import stress_wire, true_channel
 from sma_sim.model.effects.ports import SENSING, TRANSFORMATION_STRESS, WIRE_FORCE, WIRE_STRAIN
 from sma_sim.model.layout import InputPoint, System, SystemState
 from sma_sim.model.system import (
@@ -20,19 +20,19 @@ from sma_sim.solver.work import Integers, Vector, Work
 
 def needed_for(channels: Integers, p: System) -> int:
     """What of the flow the sensors of these channels show, for `update_flow`; 0 where they show states."""
-    e, needed, n = p.effects, 0, p.coordinates
+    e, needed = p.effects, 0
     for channel in channels:
         for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
             if e.slot[k, channel] >= 0:
                 return EVERYTHING
-        force = n <= channel < n + p.wires  # of a wire whose strain is imposed, the stress
-        if force and (
+        i = stress_wire(channel, p)
+        if i >= 0 and (
             e.port_start[TRANSFORMATION_STRESS + 1] > e.port_start[WIRE_STRAIN]
             or e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_FORCE]
         ):
             return EVERYTHING
-        if force:
-            needed |= NOMINAL_FORCE | LENGTHS | STRESS_1 << PER_WIRE_BITS * (channel - n)
+        if i >= 0:
+            needed |= NOMINAL_FORCE | LENGTHS | STRESS_1 << PER_WIRE_BITS * i
     return needed
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from sma_sim.model.layout import (
     SystemState,
 )
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.solver.columns import channel_indices, named_columns, new_samples
+from sma_sim.solver.columns import channel_indices, named_columns, new_samples, resistances
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
@@ -85,6 +85,8 @@ class Trajectory:
         Accepted and rejected steps; wires that were held in a mode to stop chattering.
     state, notes : Run, tuple of str
         Where the run ended, to continue from; remarks, for instance about a start that was moved.
+    resistances : mapping
+        Arrays (k,) of the wires' resistances [ohm] by column (``R_1_ohm``); a run has them, but not every file.
     """
 
     time: Vector
@@ -97,6 +99,7 @@ class Trajectory:
     chattering: int
     state: Run
     notes: tuple[str, ...] = ()
+    resistances: Mapping[str, Vector] = field(default_factory=dict)
 
     @property
     def end(self) -> float:
@@ -104,7 +107,7 @@ class Trajectory:
         return float(self.time[-1]) if len(self.time) else float('nan')
 
     def __getitem__(self, name: str) -> Vector:
-        return self.columns[name]
+        return self.columns[name] if name in self.columns else self.resistances[name]
 
 
 STOPPED = 'Ctrl-C'
@@ -276,6 +279,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
     return Trajectory(
         time=log.times[written],
         columns=named_columns(model.structure, log.samples[written], log.channels),
+        resistances=resistances(model.structure, log.samples[written], log.channels),
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],

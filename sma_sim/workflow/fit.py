@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_o
 from sma_sim.evidence.estimation.fit_result import starts_sentence
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
+from sma_sim.evidence.estimation.nuisance_report import offset_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
@@ -96,9 +97,7 @@ def remarks_on(found: Calibration) -> list[str]:
     if found.cross_validation:
         scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
         remarks.append(f'error over noise of runs left out in turn: {scores}')
-    for channel in dict.fromkeys(name for fit in found.runs for name in fit.zeros):
-        shown = ', '.join(f'{fit.name} {fit.zeros[channel]:.3g}' for fit in found.runs if channel in fit.zeros)
-        remarks.append(f'zero of {channel}, estimated for each recording [SI]: {shown}')
+    remarks += offset_sentences(found)
     if any(fit.zero for fit in found.runs):
         zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs if fit.quasi_static)
         remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
@@ -161,6 +160,7 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'start': fit.start,
         'zero': fit.zero,
         'zeros': fit.zeros,
+        'drifts': fit.drifts,
     }
 
 

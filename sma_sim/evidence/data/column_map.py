@@ -14,9 +14,9 @@ import yaml
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 
-ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'floor')
+ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor')
 POSITIVE_KEYS = ENTRY_KEYS[4:]
-INDEPENDENT_AFTER = 'independent_after'  # a key of the whole map [s]
+INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the whole map: [s]; effects
 PACE_KEYS = ('path', 'rate')
 TESTS, FILES, BENCH = 'tests', 'files', 'bench'  # keys of a campaign of several kinds of tests
 REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
@@ -27,7 +27,8 @@ class Origin:
     """Where a column of the contract comes from: ``scale * column**exponent + offset``, or the constant `value` (SI units).
 
     What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
-    recording by `zero_std`, and repeated experiments by `floor`. Time of a quasi-static test, in which nobody noted it,
+    recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. Time of a
+    quasi-static test, in which nobody noted it,
     comes from a column that changed by `pace` per second.
     """
 
@@ -38,7 +39,13 @@ class Origin:
     pace: float | None = None
     exponent: float = 1.0
     zero_std: float = 0.0
+    drift_std: float = 0.0
     floor: float = 0.0
+
+    @property
+    def unknown(self) -> tuple[float, float, float]:
+        """What differs beside noise: zero, its drift, repeats."""
+        return self.zero_std, self.drift_std, self.floor
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,7 @@ class ColumnMap:
 
     `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated. `tests`: the maps
     of a campaign of several kinds of tests, each with the pattern of its `files` and the options of its `bench`.
+    `nuisances`: by effect that belongs to the bench, the standard deviations of the priors of its parameters.
     """
 
     origins: Mapping[str, Origin] = field(default_factory=dict)
@@ -56,6 +64,7 @@ class ColumnMap:
     tests: tuple[ColumnMap, ...] = ()
     files: str = '*'
     bench: Mapping[str, str] = field(default_factory=dict)
+    nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def of_file(self, path: Path) -> ColumnMap:
         """The map of a file: of a campaign, that of the first test whose pattern it matches. Raises UserError."""
@@ -73,10 +82,12 @@ class ColumnMap:
         for test in self.tests:
             for name, entry in test.origins.items():
                 before = known.setdefault(name, entry)
-                if (before.zero_std, before.floor) != (entry.zero_std, entry.floor):
-                    if (before.zero_std or before.floor) and (entry.zero_std or entry.floor):
-                        raise UserError(f'the map {self.path}, {name}: expected one zero_std and one floor in all {TESTS}')
-                    known[name] = max(before, entry, key=lambda one: (one.zero_std, one.floor))
+                if before.unknown != entry.unknown:
+                    if any(before.unknown) and any(entry.unknown):
+                        raise UserError(
+                            f'the map {self.path}, {name}: expected one zero_std, drift_std, floor in all {TESTS}'
+                        )
+                    known[name] = max(before, entry, key=lambda one: one.unknown)
         return replace(self, origins=known)
 
 
@@ -94,12 +105,13 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
     if system is not None and system not in known:
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
     lasting = checked_positive(f'the map {path}', INDEPENDENT_AFTER, given.pop(INDEPENDENT_AFTER, 0.0))
+    nuisances = parsed_nuisances(f'the map {path}, {NUISANCES}', given.pop(NUISANCES, {}))
     every = [name for columns in known.values() for name in columns]
     tests = tuple(parsed_test(path, entry, every) for entry in checked_tests(path, given.pop(TESTS, [])))
     names = known[system] if system and not tests else every
     origins = {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}
     tests = tuple(replace(test, origins=origins | dict(test.origins), system=system) for test in tests)
-    return ColumnMap(origins, system, path, lasting, tests)
+    return ColumnMap(origins, system, path, lasting, tests, nuisances=nuisances)
 
 
 def checked_tests(path: Path, given: Any) -> list[dict[str, Any]]:
@@ -120,6 +132,19 @@ def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> C
     columns = {str(name): one for name, one in entry.items() if name not in (FILES, BENCH)}
     origins = {name: parsed_origin(path, name, one, names) for name, one in columns.items()}
     return ColumnMap(origins, path=path, files=entry[FILES], bench={f'{BENCH}.{name}': word for name, word in bench.items()})
+
+
+def parsed_nuisances(where: str, given: Any) -> dict[str, dict[str, float]]:
+    """Effects of the bench with the standard deviations of their parameters. Raises UserError."""
+    if not isinstance(given, dict) or not all(isinstance(entry, dict) and entry for entry in given.values()):
+        raise UserError(f'{where}: expected effects such as {{power_scale: {{k: 0.1}}}}, got {given!r}')
+    found: dict[str, dict[str, float]] = {}
+    for name, entry in given.items():
+        found[str(name)] = {str(key): finite_number(f'{where}, {name}', str(key), value) for key, value in entry.items()}
+        for key, std in found[str(name)].items():
+            if std <= 0.0:
+                raise UserError(f'{where}, {name}, {key}: expected a standard deviation, more than 0, got {std:g}')
+    return found
 
 
 def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:

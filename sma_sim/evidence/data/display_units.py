@@ -10,6 +10,7 @@ ZERO_CELSIUS = 273.15  # [K]
 
 BY_SUFFIX = {  # of a column: the unit, and what an SI value is multiplied by
     'm': ('mm', 1e3), 'rad': ('deg', 180.0 / math.pi), 'N': ('N', 1.0), 'K': ('K', 1.0), 'Pa': ('MPa', 1e-6),
+    'ohm': ('ohm', 1.0),
 }  # fmt: skip
 
 

@@ -67,6 +67,11 @@ CHANNEL_COLUMNS = ColumnsOfChannels()
 HIDDEN_COLUMNS = ('x_M_1', 'x_M_2', 'mode_1', 'mode_2', 'x_M', 'mode')  # no sensor shows them: not compared
 
 
+def is_resistance(channel: str) -> bool:
+    """Whether a channel is the electrical resistance of a wire."""
+    return channel.partition('_')[0] == 'R'
+
+
 @dataclass(frozen=True)
 class Recording:
     """One run: what was measured, under which input.
@@ -89,6 +94,8 @@ class Recording:
         What was repaired on the way from the file.
     zero_std : mapping
         By channel whose zero is not known, by how much it differs from recording to recording (SI).
+    drift_std : mapping
+        By channel whose zero drifts, by how much it does so from the first to the last sample (SI).
     """
 
     name: str
@@ -100,6 +107,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     known_changes: tuple[float, ...] = ()
     zero_std: Mapping[str, float] = field(default_factory=dict)
+    drift_std: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -116,12 +124,15 @@ class Dataset:
         Where the noise comes from and what was left out; those of a recording are in the recording.
     floor : mapping
         By channel, what repeated experiments differ by, which `noise_std` contains; empty where it is not known.
+    nuisances : mapping
+        By effect that belongs to the bench, the standard deviations of the priors of its parameters (SI).
     """
 
     recordings: tuple[Recording, ...]
     noise_std: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     floor: Mapping[str, float] = field(default_factory=dict)
+    nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def system(self) -> str:
@@ -132,3 +143,8 @@ class Dataset:
     def benches(self) -> set[str]:
         """The systems of all recordings: several where a wire was on several benches."""
         return {recording.system for recording in self.recordings}
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """Names of the channels that any recording has."""
+        return frozenset(name for recording in self.recordings for name in recording.channels)

@@ -28,7 +28,8 @@ ASSUMED_NOISE = {
     'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5,
 }  # fmt: skip
 RESPONDING = ('strain',)  # channels of quasi-static tests that follow the temperature
-ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1}  # of other channels, by the unit in their columns' names
+# Of other channels, by the unit in their columns' names.
+ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1, 'ohm': 1e-3}
 
 
 def read_dataset(

@@ -36,20 +36,23 @@ class Repeatability:
 def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     """The dataset with what its map says of the bench, and notes on it. Raises UserError."""
     channels = {column: name for name, column in CHANNEL_COLUMNS.items()}
-    stated = {name: entry for name, entry in mapping.origins.items() if entry.zero_std or entry.floor}
+    stated = {name: entry for name, entry in mapping.origins.items() if entry.zero_std or entry.drift_std or entry.floor}
     for name in stated:
         if name not in channels:
-            raise UserError(f'the map {mapping.path}, {name}: zero_std and floor belong to measured columns, expected some '
-                            f'of {", ".join(channels)}')  # fmt: skip
+            raise UserError(
+                f'the map {mapping.path}, {name}: zero_std, drift_std and floor belong to measured columns, expected some '
+                f'of {", ".join(channels)}'
+            )
     measured = {channel for recording in dataset.recordings for channel in recording.channels}
     zeros = {channels[name]: entry.zero_std for name, entry in stated.items() if entry.zero_std}
     floor = {channels[name]: entry.floor for name, entry in stated.items() if entry.floor and channels[name] in measured}
     if floor and mapping.independent_after <= 0.0:
         raise UserError(f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
                         'repeated experiments differ by lasts')  # fmt: skip
-    recordings = dataset.recordings
-    if zeros:
-        recordings = tuple(replace(recording, zero_std=zeros) for recording in recordings)
+    drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
+    dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
+    if zeros or drifts:
+        recordings = tuple(replace(recording, zero_std=zeros, drift_std=drifts) for recording in recordings)
     notes = [*dataset.notes, *map(note_of_repeats, repeatability(recordings, dataset.noise_std) if mapping.path else ())]
     if not floor:
         return replace(dataset, recordings=recordings, notes=tuple(notes))

@@ -17,6 +17,7 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = 150.0, 2000.0  # [K] at which a wire can work
 MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond what a small robot can do
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
+MAX_RESISTANCE = 2e3  # [ohm]: 1 m of the thinnest wire, of 25 um, has 1,900; usual actuators have some ohm
 CELSIUS_TO_KELVIN = 'offset: 273.15'
 
 
@@ -86,6 +87,15 @@ def stress_mismatch(values: Vector) -> UnitMismatch | None:
     return UnitMismatch('pascal', top, 'another unit', 'scale: 1e-6') if top > MAX_STRESS else None
 
 
+def resistance_mismatch(values: Vector) -> UnitMismatch | None:
+    """Ohm of a wire, which conducts."""
+    middle = float(np.median(values))
+    if 0.0 < middle <= MAX_RESISTANCE:
+        return None
+    looks_like = ('milliohm', 'scale: 0.001') if middle > 0.0 else ('the wrong sign', 'scale: -1')
+    return UnitMismatch(f'ohm of a wire, positive and at most {MAX_RESISTANCE:g}', middle, *looks_like)
+
+
 CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
     'J_eq_W': power_mismatch,
     'J_W': heating_mismatch,
@@ -102,7 +112,8 @@ CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
 
 
 SIGNED_POWER = 'J_eq'  # what the names of commands of antagonistic pairs begin with
-BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch}
+BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch,
+             '_ohm': resistance_mismatch}  # fmt: skip
 
 
 def mismatch_of(name: str, values: Vector) -> UnitMismatch | None:

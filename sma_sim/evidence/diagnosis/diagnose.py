@@ -24,9 +24,9 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
-from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -202,7 +202,7 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
     check(training, config, request.options)
-    config, _ = started_from_curves(training, on_leading_bench(config, training))
+    config = starting_model(training, on_leading_bench(config, training))
     with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(
             pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model

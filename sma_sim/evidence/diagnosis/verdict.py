@@ -12,6 +12,7 @@ from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
+from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
@@ -41,6 +42,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'intervals': intervals_of(diagnosis),
         'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
         'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
+        'nuisances': nuisance_data(diagnosis.calibration, diagnosis.effects),
         'by_recording': by_run_data(diagnosis.calibration.by_run),
         'by_held_out_run': by_held_out_run(diagnosis),
         'training': diagnosis.training,

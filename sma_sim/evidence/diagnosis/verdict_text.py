@@ -10,6 +10,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
+from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
 from sma_sim.evidence.estimation.uncertainty import Interval
@@ -129,6 +130,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield from parameter_lines(candidate, diagnosis)
     yield from removed_lines(diagnosis)
     yield from implausible_lines(diagnosis)
+    yield from nuisance_sentences(diagnosis.calibration, diagnosis.effects)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:

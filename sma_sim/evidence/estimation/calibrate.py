@@ -24,13 +24,13 @@ from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_th
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
+from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_by_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
-from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import Config
@@ -185,7 +185,7 @@ def calibrate(
     check(dataset, config, options)
     config = on_leading_bench(config, dataset)
     if options.free != ():  # else the model is to be compared as it is
-        config, _ = started_from_curves(dataset, config)
+        config = starting_model(dataset, config)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
         fits = fits_by_model(dataset, config, options, context)
@@ -233,7 +233,8 @@ def on_leading_bench(config: Config, dataset: Dataset) -> Config:
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
-    free, _ = choose_free(config, options.free)
+    names = with_nuisance_names(options.free, dataset)
+    free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(known_structures()[one.system].is_quasi_static for one in dataset.recordings)
     delay = 0.0 if quasi_static else None
@@ -326,7 +327,8 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
-        fixed=choose_free(last.problem.config, options.free)[1], uncertainty=known, interrupted=context.stop.is_set(),
+        fixed=choose_free(last.problem.config, options.free, dataset.channels)[1],
+        uncertainty=known, interrupted=context.stop.is_set(),
         seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known), by_run=by_run,
     )  # fmt: skip
 

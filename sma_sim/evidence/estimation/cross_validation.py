@@ -22,9 +22,9 @@ from sma_sim.evidence.estimation.residuals import (
     Nuisance,
     error_over_noise,
     fit_data,
+    offsets_of,
     with_start,
     zero_of,
-    zeros_of,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
@@ -44,7 +44,8 @@ class RunFit:
     `start`: per wire the part of the hysteresis (0 on sigma_A, 1 on sigma_M) and `x_M` the phase fraction there;
     `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
     over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much;
-    `zeros`: the same of other channels, by channel (SI). `quasi_static`: a test whose time says nothing.
+    `zeros`: the same of other channels, by channel (SI); `drifts`: by how much these zeros drift within the run.
+    `quasi_static`: a test whose time says nothing.
     """
 
     name: str
@@ -55,6 +56,7 @@ class RunFit:
     error: float
     zero: float = 0.0
     zeros: Mapping[str, float] = field(default_factory=dict)
+    drifts: Mapping[str, float] = field(default_factory=dict)
     quasi_static: bool = False
 
 
@@ -101,9 +103,10 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         )
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires(run)))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
-        known = zeros_of(config, run, nuisance) if found is not None else {}
+        zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
         fits.append(RunFit(
-            run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, known, nuisance.unknown_zero
+            run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, zeros, drifts,
+            quasi_static=nuisance.unknown_zero,
         ))  # fmt: skip
     return tuple(fits)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
+from sma_sim.evidence.data.recording import is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, Parameter
@@ -19,6 +20,7 @@ MATERIAL_NAMES = (
 )  # fmt: skip
 KINETICS_NAMES = ('wire.V_L', 'wire.omega_x')
 HEAT_NAMES = ('wire.c_V', 'wire.lambda', 'wire.rho')
+RESISTIVITY_NAMES = ('wire.resistivity_A', 'wire.resistivity_M', 'wire.resistivity_T_A', 'wire.resistivity_T_M')
 STRESS_SCALE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 'wire.dsigma', 'wire.c_V', 'wire.lambda')
 
 
@@ -63,20 +65,28 @@ class Equivalence:
     reason: str
 
 
-def equivalences(config: Config) -> tuple[Equivalence, ...]:
-    """Exact equivalences of the equations (docs/explanation/calibration.md derives them)."""
+def equivalences(config: Config, measured: Collection[str] = ()) -> tuple[Equivalence, ...]:
+    """Exact equivalences of the equations (docs/explanation/calibration.md derives them); `measured`: the channels."""
+    thickness = RESISTIVITY_NAMES[:2] if any(map(is_resistance, measured)) else ()  # a resistance shows resistivity/r0^2
     stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.model == 'mas' else ())
     return (
         Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),
         Equivalence('wire.T0', ('wire.sigma_MW0',), 'a shift of T0 is a shift of sigma_MW0 (MAS8a)'),
-        Equivalence('wire.n', ('wire.r0', 'wire.lambda'), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'),
+        Equivalence(
+            'wire.n', ('wire.r0', 'wire.lambda', *thickness), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'
+        ),
         Equivalence('wire.n', stress, 'more wires at lower stresses, c_V and lambda behave the same'),
-        Equivalence('wire.r0', stress, 'thicker wires at lower stresses, c_V and lambda behave the same'),
+        Equivalence('wire.r0', stress + thickness, 'thicker wires at lower stresses, c_V and lambda behave the same'),
     )
 
 
-def why_unidentifiable(name: str, config: Config) -> str:
-    """Why a parameter has no effect on any channel of this system and model, or an empty string."""
+def why_unidentifiable(name: str, config: Config, measured: Collection[str] | None = None) -> str:
+    """Why a parameter has no effect on any channel of this system and model, or an empty string.
+
+    `measured`: the channels that there are; None: any.
+    """
+    if name in RESISTIVITY_NAMES and measured is not None and not any(map(is_resistance, measured)):
+        return 'no resistance is measured'
     if name in KINETICS_NAMES and config.model == 'hybrid':
         return 'the hybrid model has no kinetics'
     if not config.structure.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
@@ -86,12 +96,16 @@ def why_unidentifiable(name: str, config: Config) -> str:
     return ''
 
 
-def default_names(config: Config) -> tuple[str, ...]:
-    """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths."""
+def default_names(config: Config, measured: Collection[str] = ()) -> tuple[str, ...]:
+    """What a fit changes when nothing else is asked for: what data of such a system can see, and no lengths.
+
+    Resistivities where `measured` has a resistance.
+    """
     kinetics = ('wire.V_L',) if config.model == 'mas' else ()
     structure = config.structure.structure
     material = tuple(name for name in MATERIAL_NAMES if structure.imposed_temperature < 0 or name not in HEAT_NAMES)
-    return material + kinetics + structure.fitted
+    resistivities = RESISTIVITY_NAMES if any(map(is_resistance, measured)) else ()
+    return material + kinetics + structure.fitted + resistivities
 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:
@@ -150,16 +164,17 @@ def free_parameter(name: str, value: float, declared: Parameter) -> FreeParamete
 
 
 def choose_free(
-    config: Config, names: Iterable[str] | None = None
+    config: Config, names: Iterable[str] | None = None, measured: Collection[str] = ()
 ) -> tuple[tuple[FreeParameter, ...], tuple[FixedParameter, ...]]:
     """The parameters to fit (None: the default ones and all of the active effects'), and those requested that stay fixed.
 
+    `measured`: names of the channels that there are.
     Raises UserError for a name that no fit can change.
     """
     declared, values = declared_parameters(config), values_of(config)
     if names is None:
         effects = [name for name in declared if name.startswith('effects.')]
-        names = [*default_names(config), *effects]
+        names = [*default_names(config, measured), *effects]
     requested = list(dict.fromkeys(names))
     for name in requested:
         if name not in declared:
@@ -167,9 +182,9 @@ def choose_free(
             hint = f'; did you mean {close[0]}?' if close else ''
             raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                             'or effects.NAME.* of an active effect')  # fmt: skip
-    fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config))]
+    fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]
     left = remaining(requested, fixed)
-    for equivalence in equivalences(config):
+    for equivalence in equivalences(config, measured):
         if equivalence.fixed in left and set(equivalence.free) <= set(left):
             fixed.append(FixedParameter(equivalence.fixed, equivalence.reason))
             left = remaining(requested, fixed)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.input_simplification import simplified_input
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -39,9 +39,9 @@ class FitData:
     `changed` (c,) [s] are the instants of the rows at which a sampled command had changed, `interval` (c,) [s] how
     long before each the change may have happened, `group` (c,) which fraction of the interval it takes; all are
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
-    `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`
-    (channels,): prior of a zero of this recording, 0 where it is known; empty where all are. `bench`: on which the wire was,
-    by the name of its structure; empty for that of the configuration.
+    `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
+    `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
+    `bench`: on which the wire was, by the name of its structure; empty for that of the configuration.
     """
 
     name: str
@@ -56,6 +56,7 @@ class FitData:
     step_limited: bool = False
     initial_state: Run | None = None
     zero_std: tuple[float, ...] = ()
+    drift_std: tuple[float, ...] = ()
     bench: str = ''
 
     @property
@@ -123,9 +124,15 @@ def fit_data(
         measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
         source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
-        zero_std=tuple(recording.zero_std.get(name, 0.0) for name in channels) if recording.zero_std else (),
+        zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
+        drift_std=stds_of(recording.drift_std, recording.zero_std, channels),
         bench=recording.system if structure.options else '',
     )  # fmt: skip
+
+
+def stds_of(stds: Mapping[str, float], others: Mapping[str, float], channels: Sequence[str]) -> tuple[float, ...]:
+    """Priors of the offsets of channels; none where nothing is unknown, of another kind either."""
+    return tuple(stds.get(name, 0.0) for name in channels) if stds or others else ()
 
 
 def without_repeats(source: Input) -> Input:
@@ -242,7 +249,7 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
     >>> shown = sma_sim.predict(sma_sim.Config(), recording)
     >>> sorted(shown)
-    ['F_1', 'F_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
+    ['F_1', 'F_2', 'R_1', 'R_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
     run = prepared(recording)
     channels = run.on_bench(config).structure.structure.channels
@@ -261,14 +268,21 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     Before the run began (by the delay) it is its first sample. Raises SimulationError when a run cannot be made.
     """
     source, trajectory, index = simulated(config, recording, nuisance)
-    columns = {name: column[index] for name, column in (inputs_at(source, trajectory.time) | trajectory.columns).items()}
+    shown = inputs_at(source, trajectory.time) | trajectory.columns
+    shown |= {CHANNEL_COLUMNS[name]: trajectory[CHANNEL_COLUMNS[name]] for name in measured_resistances(recording)}
+    columns = {name: column[index] for name, column in shown.items()}
     if nuisance and nuisance.unknown_zero and isinstance(recording, FitData):
         columns['strain'] = columns['strain'] + strain_zero(recording, columns['strain'])
     if isinstance(recording, FitData) and recording.zero_std:
         names = [CHANNEL_COLUMNS[name] for name in recording.channels]
-        shown = np.array([columns[name] for name in names])
-        columns |= dict(zip(names, shown + zeros(recording, shown)[:, None], strict=True))
+        rows = np.array([columns[name] for name in names])
+        columns |= dict(zip(names, rows + baseline(recording, rows), strict=True))
     return columns
+
+
+def measured_resistances(recording: Recording | FitData) -> list[str]:
+    """The channels of a recording that are resistances."""
+    return [name for name in recording.channels if is_resistance(name)]
 
 
 def simulated(
@@ -307,7 +321,7 @@ def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None =
         k = run.channels.index('strain')
         shown[k] += strain_zero(run, shown[k])
     if run.zero_std:
-        shown += zeros(run, shown)[:, None]
+        shown += baseline(run, shown)
     return (shown - run.measured) * run.weight
 
 
@@ -326,23 +340,43 @@ def strain_zero(run: FitData, shown: Vector) -> float:
     return float(np.clip(np.mean(run.measured[k][known] - shown[known]), -ZERO_LIMIT, ZERO_LIMIT))
 
 
-def zeros(run: FitData, shown: NDArray[np.float64]) -> Vector:
-    """What each channel of a recording shows too much beside the model's `shown` (channels, k): the least-squares values
-    (channels,) under their priors, within ZERO_STDS of them; 0 where a zero is known."""  # fmt: skip
-    precision, prior = (run.weight**2).sum(axis=1), np.array(run.zero_std)
-    pull = (run.weight**2 * (run.measured - shown)).sum(axis=1)
-    found = pull / (precision + np.where(prior > 0.0, prior, 1.0) ** -2.0)
-    limited: Vector = np.clip(found, -ZERO_STDS * prior, ZERO_STDS * prior)
-    return limited
+def offsets(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What each channel of a recording shows too much beside the model's `shown` (channels, k): its zero, and by how much
+    that drifts from the first to the last sample. The least-squares values (channels, 2) under their priors, within
+    ZERO_STDS of them; 0 where nothing is unknown."""  # fmt: skip
+    prior = np.column_stack([run.zero_std, run.drift_std])
+    basis = prior[:, :, None] * np.array([np.ones_like(run.time), elapsed(run)])  # (channels, 2, k)
+    weighted = run.weight[:, None, :] * basis
+    normal = weighted @ weighted.transpose(0, 2, 1) + np.eye(2)
+    pull = weighted @ (run.weight * (run.measured - shown))[:, :, None]
+    stds: NDArray[np.float64] = np.clip(np.linalg.solve(normal, pull)[:, :, 0], -ZERO_STDS, ZERO_STDS)
+    return prior * stds
 
 
-def zeros_of(config: Config, run: FitData, nuisance: Nuisance) -> dict[str, float]:
-    """The zeros of a run by channel (SI), of those that are not known. Raises SimulationError."""
+def elapsed(run: FitData) -> Vector:
+    """The part of a recording that has passed at its samples (k,), about its middle: -1/2 to 1/2."""
+    first, last = run.time[0], run.time[-1]
+    part: Vector = (run.time - first) / (last - first) - 0.5
+    return part
+
+
+def baseline(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What the channels show too much at each sample (channels, k)."""
+    found = offsets(run, shown)
+    shape: NDArray[np.float64] = found[:, :1] + found[:, 1:] * elapsed(run)
+    return shape
+
+
+def offsets_of(config: Config, run: FitData, nuisance: Nuisance) -> tuple[dict[str, float], dict[str, float]]:
+    """The zeros and the drifts of a run by channel (SI), of those that are not known. Raises SimulationError."""
     if not run.zero_std:
-        return {}
+        return {}, {}
     _, trajectory, index = simulated(config, run, nuisance, run.channels)
-    found = zeros(run, np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels]))
-    return {name: float(z) for name, z, std in zip(run.channels, found, run.zero_std, strict=True) if std > 0.0}
+    zero, drift = offsets(run, np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])).T
+    return (
+        {name: float(z) for name, z, std in zip(run.channels, zero, run.zero_std, strict=True) if std > 0.0},
+        {name: float(z) for name, z, std in zip(run.channels, drift, run.drift_std, strict=True) if std > 0.0},
+    )
 
 
 def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, declared_parameters, free_parameter, values_of
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
-from sma_sim.evidence.estimation.problem import LinearizedRun, linearize
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
@@ -32,7 +34,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 
 Matrix = NDArray[np.float64]
 MAX_SAMPLES, RTOL = 500, 1e-6  # of a recording, and of its simulation
-OF_WIRES = {'F': 'force', 'T': 'temperature'}
+OF_WIRES = {'F': 'force', 'T': 'temperature', 'R': 'resistance'}
 BY_UNIT = {'m': 'displacement', 'rad': 'angle'}
 
 
@@ -144,18 +146,34 @@ def informative(channel: FurtherChannel, shown: SensedChannel, combinations: Mat
 
 def sensed(hypothesis: ModelHypothesis, noise: Mapping[str, float], pool: Executor) -> dict[str, SensedChannel]:
     """Every channel over its noise along the recordings, by name, with its derivatives by the whitened unknowns."""
-    factor, given = hypothesis.noise_factor, hypothesis.fitted.problem.at_tolerance(RTOL)
+    factor, (given, z, order) = hypothesis.noise_factor, with_resistivities(hypothesis.fitted)
     runs = tuple(with_channels(run, {name: factor * std for name, std in noise.items()}) for run in given.runs)
-    problem, z = replace(given, runs=runs), hypothesis.fitted.z
+    problem = replace(given, runs=runs)
     thinned = replace(given, runs=tuple(with_channels(run, {}) for run in given.runs))
     linear = linearize(problem, z, pool, measured_steps(thinned, z, pool), central=True)
     hessian = np.eye(len(z))
     for before, part in zip(given.runs, linear, strict=True):
         flat = part.jacobian[:, : len(before.channels)].reshape(len(part.indices), -1)
         hessian[np.ix_(part.indices, part.indices)] += flat @ flat.T
-    root: Matrix = np.asarray(np.linalg.cholesky(np.linalg.inv(hessian)), dtype=np.float64)
+    ordered = np.linalg.cholesky(np.linalg.inv(hessian[np.ix_(order, order)]))
+    root: Matrix = np.empty_like(ordered)
+    root[order] = ordered
     n = hypothesis.shared
-    return {name: SensedChannel(channel_prediction(name, runs, linear, root), root[:n, :n]) for name in noise}
+    return {name: SensedChannel(channel_prediction(name, runs, linear, root), ordered[:n, :n]) for name in noise}
+
+
+def with_resistivities(fit: FitResult) -> tuple[Problem, Matrix, NDArray[np.int64]]:
+    """A fit's problem and optimum, where what a resistance depends on is not known either: its priors decide.
+
+    Beside them the unknowns in an order that has those of the fit first.
+    """
+    problem, at = fit.problem.at_tolerance(RTOL), len(fit.problem.free)
+    known, declared, values = {p.name for p in problem.free}, declared_parameters(problem.config), values_of(problem.config)
+    more = tuple(free_parameter(name, values[name], declared[name]) for name in RESISTIVITY_NAMES if name not in known)
+    z = np.insert(fit.z, at, np.zeros(len(more)))
+    own = np.arange(at, at + len(more))
+    order = np.concatenate([np.delete(np.arange(len(z)), own), own])
+    return replace(problem, free=(*problem.free, *more)), z, order
 
 
 def with_channels(run: FitData, noise: Mapping[str, float]) -> FitData:

@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
-from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
 
 
@@ -42,12 +42,13 @@ class Candidate:
 def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candidate, ...]:
     """The effects that may be missing from a configuration, by name; those in `folders` take part.
 
-    Effects that are active already, in whatever scope, that have no meaning in the system, or no neutral value, are none.
+    Effects that are active already, in whatever scope, that have no meaning in the system or are not looked for there,
+    or that have no neutral value, are none.
     """
     active = {effect.found.effect.plain_name for effect in config.effects}
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
     structure = config.structure.structure
-    acting = (found.on(structure, config.parameters) for found in missing if acts_on(found.effect, structure))
+    acting = (found.on(structure, config.parameters) for found in missing if is_tried(found.effect, structure))
     candidates = (candidate_of(found) for found in acting)
     return tuple(candidate for candidate in candidates if candidate.families)
 

@@ -41,7 +41,8 @@ def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
     problem = fit.problem
     model = 'mas' if problem.config.model == 'hybrid' else 'hybrid'
     config = replace(problem.config, model=model)
-    names = [*default_names(config), *(p.name for p in problem.free if p.name.startswith('effects.'))]
+    measured = {channel for run in problem.runs for channel in run.channels}
+    names = [*default_names(config, measured), *(p.name for p in problem.free if p.name.startswith('effects.'))]
     known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))
     declared, values = declared_parameters(config), values_of(config)
     free = [known[name][0] if name in known else free_parameter(name, values[name], declared[name]) for name in names]

@@ -43,6 +43,7 @@ from sma_sim.model.layout import (
     System,
     Vector,
 )
+from sma_sim.model.material import resistance
 
 
 def fill_kernel_state(t: float, y: Vector, T_E: float, p: System, obs: Vector) -> None:
@@ -146,12 +147,23 @@ def start_instance(k: int, instance: int, y: Vector, e: EffectTable) -> None:
 
 
 def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
-    """The true value of a channel: coordinates, forces, temperatures; of a wire whose strain is imposed, stress and T."""
+    """The true value of a channel: coordinates, forces, temperatures, resistances; of a wire whose strain is imposed,
+    stress, T and R. A temperature that is imposed is no channel."""  # fmt: skip
     n = p.coordinates
-    if n == 0:
-        return obs[0, O_F] / (p.wire.n * p.wire.section) if channel == 0 else y[p.first_T]
     if channel < n:
         return y[channel]
+    i = stress_wire(channel, p)
     if channel < n + p.wires:
-        return obs[channel - n, O_F]
-    return y[p.first_T + channel - n - p.wires]
+        return obs[i, O_F] if n > 0 else obs[i, O_F] / (p.wire.n * p.wire.section)
+    if i < 0:
+        return y[p.first_T + channel - n - p.wires]
+    return resistance(obs[i, O_EPS], obs[i, O_X], y[p.first_T + i], p.wire)
+
+
+def stress_wire(channel: int, p: System) -> int:
+    """The wire whose stress and phase a channel needs, its force or its resistance; -1 of coordinates and temperatures."""
+    behind_forces = p.coordinates + p.wires
+    behind_temperatures = behind_forces + (p.wires if p.imposed_T < 0 else 0)
+    if p.coordinates <= channel < behind_forces:
+        return channel - p.coordinates
+    return channel - behind_temperatures if channel >= behind_temperatures else -1

@@ -17,6 +17,7 @@ CHAIN = {
     'wire_strain': ('', 'series'),
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
+TRIED = ('everywhere', 'single wire', 'never')
 NEEDS = ('coordinate', 'joint', 'spring', 'stiffness', 'gravity')
 
 
@@ -58,6 +59,9 @@ class Effect:
         what it `needs`.
     wires : int
         How many wires it needs.
+    tried : str
+        Where a diagnosis looks for it, of where it acts: 'everywhere', on structures with a 'single wire', whose strain and
+        stress an antagonist does not hide, or 'never', as what belongs to a bench and is part of a model that says so.
     energy : str
         How the effect enters the energy balance.
     description, signature : str
@@ -89,6 +93,7 @@ class Effect:
     by_channel: bool = False
     systems: tuple[str, ...] = ()
     wires: int = 1
+    tried: str = 'everywhere'
     energy: str = ''
     description: str = ''
     signature: str = ''
@@ -102,6 +107,8 @@ class Effect:
     def __post_init__(self) -> None:
         if self.port not in PORT_NAMES:
             raise ValueError(f'effect {self.name!r}: port {self.port!r}; expected one of {", ".join(PORT_NAMES)}')
+        if self.tried not in TRIED:
+            raise ValueError(f'effect {self.name!r}: tried {self.tried!r}; expected one of {", ".join(TRIED)}')
         if self.states and (self.rate is None or len(self.scale) != len(self.states)):
             raise ValueError(f'effect {self.name!r}: states need a rate and one scale each')
         unknown = [need for need in self.needs if need not in NEEDS or self.port != 'structure_force']

@@ -23,6 +23,12 @@ def acts_on(effect: Effect, structure: Structure) -> bool:
     return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
 
 
+def is_tried(effect: Effect, structure: Structure) -> bool:
+    """Whether a diagnosis looks for an effect on a structure."""
+    seen = effect.tried == 'everywhere' or effect.tried == 'single wire' and structure.wires == 1
+    return seen and acts_on(effect, structure)
+
+
 def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[int, ...]:
     """The coordinates in which an effect acts that `needs` something of a structure."""
     every = range(len(structure.coordinates))

@@ -125,8 +125,9 @@ class EffectTable(NamedTuple):
     states in common: each keeps a copy, whose rate is the mean of what all say. `s` (wires, S_POSE + twice the coordinates)
     is the state that kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads,
     -1 for those on wires, which read their wire's. `constants` are the addresses of `wire` or `structure`. `out` takes
-    what kernels return. What effects add on strain and stress ports depends on x and eps, and on wire_heat on dx, where
-    `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
+    what kernels return; `contribution` (effects, 3) keeps what those on wire_strain add, of which those from
+    `series_start` on are in series with the wire. What effects add on strain and stress ports depends on x and eps, and on
+    wire_heat on dx, where `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
     """
 
     port_start: NDArray[np.int64]
@@ -150,6 +151,8 @@ class EffectTable(NamedTuple):
     wire: NDArray[np.float64]
     structure: NDArray[np.float64]
     out: NDArray[np.float64]
+    contribution: NDArray[np.float64]
+    series_start: int
 
 
 _KERNEL = ctypes.CFUNCTYPE(None, *([ctypes.c_ssize_t] * 5))

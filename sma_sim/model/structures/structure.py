@@ -20,7 +20,8 @@ Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
 COUPLED = 1e-9  # part of its own stiffness above which a coordinate is coupled to another
 CHECK_PAGE = 'docs/reference/model-check.md'
-CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-')}  # usual sensors
+CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-'),
+                 'R': (0.01, 'ohm')}  # fmt: skip # usual sensors
 NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
 MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
@@ -337,15 +338,21 @@ class Structure:
         """The channels with their columns; a temperature that is imposed is none."""
         numbers = range(1, self.wires + 1)
         if not self.coordinates:
-            shown, temperatures = [('stress', 'stress_Pa')], [('T', 'T_K')]
+            shown, temperatures, resistances = [('stress', 'stress_Pa')], [('T', 'T_K')], [('R', 'R_ohm')]
         else:
             shown = [(c.name, c.column) for c in self.coordinates] + [(f'F_{i}', f'F_{i}_N') for i in numbers]
             temperatures = [(f'T_{i}', f'T_{i}_K') for i in numbers]
-        return (*shown, *(temperatures if self.imposed_temperature < 0 else ()))
+            resistances = [(f'R_{i}', f'R_{i}_ohm') for i in numbers]
+        return (*shown, *(temperatures if self.imposed_temperature < 0 else ()), *resistances)
+
+    @property
+    def resistance_columns(self) -> tuple[str, ...]:
+        """Columns of the resistances of the wires."""
+        return self.channel_columns[-self.wires :]
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What sensors can show: the coordinates, the force and the temperature of every wire."""
+        """What sensors can show: the coordinates; force, temperature and electrical resistance of every wire."""
         return tuple(name for name, _ in self._channels)
 
     @property

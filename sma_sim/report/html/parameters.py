@@ -8,6 +8,7 @@ import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.fit_result import starts_sentence
+from sma_sim.evidence.estimation.nuisance_report import offset_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.by_run import by_run_blocks
@@ -113,6 +114,7 @@ def fit_remarks(found: Calibration) -> list[str]:
     words = list(found.uncertainty.unseen) if found.uncertainty else []
     words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]
     words += [implausible_sentence(found.implausible)] if found.implausible else []
+    words += offset_sentences(found)
     words += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     words += [sentence] if (sentence := starts_sentence(found.other_starts)) else []
     for start in found.other_starts:

@@ -19,6 +19,7 @@ INTERFACE = 'interface'  # of a bag, in what it says of itself
 APPLIED = '_applied'  # after the name of a command: what is in force
 PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagonistic pair, of every wire
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
+RESISTANCES = 'wire_resistances'
 
 Decode = Callable[[Any], Mapping[str, float]]
 Decoders = Mapping[str, tuple[str, Decode]]  # message type and decoder by topic
@@ -72,7 +73,7 @@ class Interface:
     def columns(self) -> tuple[str, ...]:
         """All columns, in the order of files."""
         forces = self.wire_columns('F', '_N') if self.joints else tuple(self.channels.values())
-        measured = (*self.joints.values(), *forces, *self.wire_columns('T', '_K'))
+        measured = (*self.joints.values(), *forces, *self.wire_columns('T', '_K'), *self.wire_columns('R', '_ohm'))
         hidden = (*self.wire_columns('x_M'), *self.wire_columns('mode'))
         return ('time_s', *self.drives.values(), *self.heating_columns, 'T_E_K', *measured, *hidden)
 
@@ -138,6 +139,7 @@ def measured_decoders(of: Interface) -> Decoders:
         found[SINGLE_CHANNELS[channel]] = (FLOAT64_ARRAY, array_decoder((column,)))
     for name, column in zip(names, of.wire_columns('T', '_K'), strict=True):
         found[f'{name}/temperature'] = (TEMPERATURE, temperature_decoder(column))
+    found[RESISTANCES] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('R', '_ohm')))
     found['phase_fractions'] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('x_M')))
     found['wire_modes'] = (UINT8_ARRAY, array_decoder(of.wire_columns('mode')))
     return found

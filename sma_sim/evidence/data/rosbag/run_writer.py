@@ -20,6 +20,7 @@ from sma_sim.evidence.data.rosbag.interface import (
     INTERFACE,
     JOINT_STATE,
     PAIR_COMMAND,
+    RESISTANCES,
     SINGLE_CHANNELS,
     TEMPERATURE,
     UINT8_ARRAY,
@@ -109,6 +110,7 @@ def sample_messages(row: Mapping[str, float], header: Any, of: Interface) -> Ite
         yield 'joint_states', JOINT_STATE, state
     arrays = {'wire_forces': of.wire_columns('F', '_N')} if of.joints else {}
     arrays |= {SINGLE_CHANNELS[channel]: (column,) for channel, column in of.channels.items()}
+    arrays |= {RESISTANCES: of.wire_columns('R', '_ohm')}
     arrays |= {'phase_fractions': of.wire_columns('x_M'), 'wire_modes': of.wire_columns('mode')}
     for topic, names in arrays.items():
         if all(name in row for name in names):

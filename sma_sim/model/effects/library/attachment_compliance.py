@@ -33,6 +33,14 @@ EFFECT = Effect(
     energy='elastic: the spring stores Om c sigma^2/2, which is not in U of the wire',
     description='exactly equal shifts of 1/E_A and 1/E_M: no measurement at the ends tells them apart',
     signature='every change of force costs stroke; both moduli appear smaller, the plateaus stay',
-    confused_with=('wire.E_A', 'wire.E_M', 'pretension_mismatch', 'thermal_expansion', 'functional_fatigue'),
+    confused_with=(
+        'wire.E_A',
+        'wire.E_M',
+        'pretension_mismatch',
+        'thermal_expansion',
+        'functional_fatigue',
+        'r_phase_strain',
+        'grip_toe',
+    ),  # fmt: skip
     same_as='equal shifts of 1/E_A and 1/E_M by C pi r0^2/l0, in the kinetics too',
 )

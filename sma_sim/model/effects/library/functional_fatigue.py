@@ -41,5 +41,6 @@ EFFECT = Effect(
         'pretension_mismatch',
         'attachment_compliance',
         'thermal_expansion',
+        'transformation_plasticity',
     ),  # fmt: skip
 )

@@ -28,5 +28,6 @@ EFFECT = Effect(
         'thermal_expansion',
         'slack',
         'functional_fatigue',
+        'grip_toe',
     ),  # fmt: skip
 )

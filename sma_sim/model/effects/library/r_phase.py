@@ -32,7 +32,7 @@ EFFECT = Effect(
     ),
     kernel=shifts,
     energy='latent heat at the shifted stress: first law with U unchanged; heat of austenite to R-phase is left out',
-    description='the strain of the R-phase itself, below 1 %, is left out',
+    description='the strain of the R-phase itself, below 1 %, is r_phase_strain',
     signature='a kink of the transformation stresses over temperature at T_R: cold wires are stiffer to draw than expected',
     confused_with=('wire.sigma_T', 'wire.sigma_MW0', 'driver_deadband', 'thermal_crosstalk'),
 )

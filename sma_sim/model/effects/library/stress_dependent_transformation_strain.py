@@ -3,7 +3,8 @@
 H(sigma)/eps_T = 1 - deficit exp(-max(sigma - sigma_crit, 0)/k),   eps_T the strain at high stress (H_sat)
 Memory: e = h - eps_T x_M with dh = H(sigma) dx_M while martensite forms, dh = (h/x_M) dx_M while it turns back   [-]
 Without stress, martensite variants form that cancel each other; stress selects those along it. What formed keeps its strain
-until it turns back, all of it in the same proportion.
+until it turns back, all of it in the same proportion. Wires that keep each other at their transformation stresses are left
+out: what forms and what turns back then have different strains, between which their modes switch back and forth.
 """
 
 import math
@@ -40,7 +41,7 @@ EFFECT = Effect(
         Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', '', None, (2e7, 5e8)),
         Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
     ),
-    systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T'),
+    systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T', 'slider'),
     states=('e',),
     scale=(0.01,),
     start=lambda s, w, p: -missing(s.sigma, w.eps_T, p) * s.x,

@@ -20,5 +20,5 @@ EFFECT = Effect(
     energy='does not enter: its heat, Om sigma a dT/dt, is below 1 % of the latent heat',
     description='works against the contraction of the transformation',
     signature='a hot wire is longer by a strain in proportion to its temperature, where nothing transforms too',
-    confused_with=('attachment_compliance', 'pretension_mismatch', 'functional_fatigue', 'wire.E_A'),
+    confused_with=('attachment_compliance', 'pretension_mismatch', 'functional_fatigue', 'r_phase_strain', 'wire.E_A'),
 )

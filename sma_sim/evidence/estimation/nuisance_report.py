@@ -1,0 +1,59 @@
+"""What a fit says of the bench: zeros, drifts, and the effects that its model had from the start. No findings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.model.effects.discovery import ActiveEffect
+
+
+def offset_sentences(found: Calibration) -> list[str]:
+    """The zeros of channels and their drifts, a sentence for each channel."""
+    kinds = {'zero': {fit.name: fit.zeros for fit in found.runs}, 'drift': {fit.name: fit.drifts for fit in found.runs}}
+    sentences = []
+    for word, by_run in kinds.items():
+        for channel in dict.fromkeys(name for offsets in by_run.values() for name in offsets):
+            shown = ', '.join(f'{run} {offsets[channel]:.3g}' for run, offsets in by_run.items() if channel in offsets)
+            sentences.append(f'{word} of {channel}, estimated for each recording [SI]: {shown}')
+    return sentences
+
+
+def given_effects(found: Calibration, findings: Collection[str]) -> list[ActiveEffect]:
+    """The active effects that are no `findings`: the model had them from the start."""
+    return [active for active in found.config.effects if active.found.effect.name not in findings]
+
+
+def nuisance_sentences(found: Calibration, findings: Collection[str]) -> list[str]:
+    """All of it in words."""
+    given = given_effects(found, findings)
+    intervals = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
+    words = [effect_words(active, intervals) for active in given]
+    sentence = [f'In the model from the start, no finding: {"; ".join(words)}.'] if words else []
+    return [*sentence, *offset_sentences(found)]
+
+
+def effect_words(active: ActiveEffect, intervals: dict[str, Interval]) -> str:
+    """An effect with its parameters, those that were fitted with their intervals."""
+    effect, shown = active.found.effect, []
+    for parameter, value in zip(effect.parameters, active.values, strict=True):
+        interval = intervals.get(f'effects.{effect.name}.{parameter.name}')
+        unit = '' if parameter.unit == '-' else f' {parameter.unit}'
+        spread = f' ({interval.low:.4g} to {interval.high:.4g})' if interval else ''
+        shown.append(f'{parameter.name} {value:.4g}{unit}{spread}')
+    return f'{effect.name}, {", ".join(shown)}'
+
+
+def nuisance_data(found: Calibration, findings: Collection[str]) -> dict[str, Any]:
+    """All of it for programs (SI)."""
+    return {
+        'delay': found.delay,
+        'effects': {
+            active.found.effect.name: dict(zip((p.name for p in active.found.effect.parameters), active.values, strict=True))
+            for active in given_effects(found, findings)
+        },
+        'zeros': {fit.name: dict(fit.zeros) for fit in found.runs if fit.zeros},
+        'drifts': {fit.name: dict(fit.drifts) for fit in found.runs if fit.drifts},
+    }

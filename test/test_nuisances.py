@@ -1,0 +1,149 @@
+"""What belongs to a bench is estimated under its priors, reported, and no finding: drifts, scale of power, lags, grips."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sma_sim import FitOptions, Input, Model, UserError, calibrate, read_config, read_dataset, simulate
+from sma_sim.cli.main import main
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.nuisance_effects import starting_model
+from sma_sim.solver.inputs import inputs_at
+
+ALLOY = ('wire.E_A=4e10', 'wire.E_M=2.5e10', 'wire.eps_T=0.04', 'wire.sigma_T=6e6', 'wire.dsigma=6e7', 'wire.sigma_MW0=3e8',
+         'wire.n=1')  # fmt: skip
+BENCH = ('system=wire', *ALLOY)
+ISOTHERM = ('system=wire', 'bench.temperature=prescribed', 'initial.x_M_1=0', *ALLOY)
+OFFSETS = ((2e6, -6e6), (-1e6, 4e6), (0.0, 5e6))  # [Pa] zeros of recordings, and by how much they drift
+NOISE = {'stress': 1e5, 'T': 0.05}
+
+
+def heated(folder, scale=1.0, effects=(), offsets=((0.0, 0.0),) * 3):
+    """A clamped wire, heated by steps: `scale` times the power of the file; with what the bench adds."""
+    config, paths = read_config(words=BENCH, effects=effects), []
+    for k, levels in enumerate(((0.3, 0.6), (0.5, 0.2), (0.15, 0.45))):
+        times = np.array([0.0, 2.0, 10.0, 18.0, 30.0])
+        power = np.array([0.0, *levels, 0.0, 0.0])
+        values = np.column_stack([np.full(5, 0.02), power, np.full(5, 298.0)])
+        source = Input(times, values * [1.0, scale, 1.0], (True, False, False), config.structure.structure.input_columns)
+        t, random = np.arange(0.0, 30.0, 0.1), np.random.default_rng(k)
+        run = simulate(Model(config), source, t)
+        zero, drift = offsets[k]
+        shown = {
+            'stress_Pa': run['stress_Pa'] + zero + drift * (t / t[-1] - 0.5) + NOISE['stress'] * random.normal(size=len(t)),
+            'T_K': run['T_K'] + NOISE['T'] * random.normal(size=len(t)),
+        }
+        columns = inputs_at(Input(times, values, source.linear, source.names), t) | shown
+        paths.append(folder / f'run{k}.csv')
+        write_columns(paths[-1], columns)
+    return paths
+
+
+def dataset_of(paths, mapping, system='wire', noise=NOISE):
+    path = paths[0].with_name('map.yaml')
+    path.write_text(f'system: wire\n{mapping}\n')
+    return read_dataset(paths, system, 298.0, path, noise)
+
+
+def test_a_drifting_zero_is_that_of_the_load_cell(tmp_path):
+    """Zeros and drifts of each recording come back; without them the error is many times the noise."""
+    paths = heated(tmp_path, offsets=OFFSETS)
+    drifting = dataset_of(paths, 'stress_Pa: {column: stress_Pa, zero_std: 2e6, drift_std: 5e6}')
+    config = read_config(words=BENCH)
+    found = evaluate_held_out(config, drifting)
+    assert [run.zeros['stress'] for run in found] == pytest.approx([zero for zero, _ in OFFSETS], abs=5e4)
+    assert [run.drifts['stress'] for run in found] == pytest.approx([drift for _, drift in OFFSETS], abs=1e5)
+    assert max(run.error for run in found) < 1.15
+    shifted = dataset_of(paths, 'stress_Pa: {column: stress_Pa, zero_std: 2e6}')
+    assert min(run.error for run in evaluate_held_out(config, shifted)) > 5.0
+
+
+def test_a_drift_stays_within_twice_its_prior(tmp_path):
+    dataset = dataset_of(heated(tmp_path, offsets=OFFSETS), 'stress_Pa: {column: stress_Pa, drift_std: 1e6}')
+    found = evaluate_held_out(read_config(words=BENCH), dataset)
+    assert [run.drifts['stress'] for run in found] == pytest.approx([-2e6, 2e6, 2e6]) and not found[0].zeros
+
+
+def test_scale_of_power_and_lag_of_the_thermometer_come_back(tmp_path):
+    """Beside material parameters, under their priors; a fit without them leaves more than noise."""
+    effects = ['thermometer_lag:tau=0.4']
+    paths = heated(tmp_path, 1.12, effects)
+    declared = dataset_of(paths, 'nuisances: {power_scale: {k: 0.15}, thermometer_lag: {tau: 0.5}}')
+    options = FitOptions(('wire.lambda', 'wire.sigma_MW0'), 'hybrid', starts=1)
+    found = calibrate(declared, read_config(words=BENCH), options)
+    assert found.error == pytest.approx(1.0, abs=0.1)
+    truth = {'effects.power_scale.k': 1.12, 'effects.thermometer_lag.tau': 0.4, 'wire.lambda': 450.0}
+    for interval in found.uncertainty.intervals:
+        if interval.name in truth:
+            half = 0.5 * (interval.high - interval.low)
+            assert interval.low - half < truth[interval.name] < interval.high + half
+    assert found.values['effects.power_scale.k'] == pytest.approx(1.12, abs=0.03)
+    assert found.values['effects.thermometer_lag.tau'] == pytest.approx(0.4, abs=0.04)
+    assert calibrate(dataset_of(paths, ''), read_config(words=BENCH), options).error > 3.0
+
+
+def test_grips_come_back(tmp_path):
+    """Toe and compliance at a tensile test: both moduli that plateaus and slopes show are those of the wire."""
+    times, t = np.array([0.0, 40.0, 70.0, 120.0]), np.linspace(0.0, 120.0, 601)
+    config = read_config(words=ISOTHERM, effects=['grip_toe:toe=1.5e-3,sigma_t=8e6'])
+    values = np.column_stack([[0.0, 0.02, 0.01, 0.0], np.full(4, 350.0), np.zeros(4), np.full(4, 298.0)])
+    source = Input(times, values, (True, True, False, False), config.structure.structure.input_columns)
+    run, random = simulate(Model(config), source, t), np.random.default_rng(3)
+    path = tmp_path / 'pull.csv'
+    write_columns(path, inputs_at(source, t) | {'stress_Pa': run['stress_Pa'] + 1e5 * random.normal(size=len(t))})
+    noise, options = {'stress': 1e5}, FitOptions(('wire.E_A', 'wire.sigma_MW0', 'wire.dsigma'), 'hybrid', starts=1)
+    declared = dataset_of([path], 'nuisances: {grip_toe: {toe: 1.0e-3, sigma_t: 5.0e+6}}', 'wire_at_T', noise)
+    found = calibrate(declared, read_config(words=ISOTHERM), options)
+    assert found.error == pytest.approx(1.0, abs=0.1)
+    assert found.values['effects.grip_toe.toe'] == pytest.approx(1.5e-3, rel=0.1)
+    assert found.values['wire.E_A'] == pytest.approx(4e10, rel=0.02)
+    blind = calibrate(dataset_of([path], '', 'wire_at_T', noise), read_config(words=ISOTHERM), options)
+    assert blind.error > 5.0
+
+
+def test_what_a_bench_adds_is_no_finding_and_is_told(tmp_path, capsys):
+    """Nothing is missing: the verdict is none, and the bench's parts are reported apart."""
+    paths = heated(tmp_path, 0.93, ['thermometer_lag:tau=0.3'], OFFSETS)
+    (tmp_path / 'map.yaml').write_text(
+        'system: wire\nstress_Pa: {column: stress_Pa, zero_std: 2e6, drift_std: 5e6}\n'
+        'nuisances: {power_scale: {k: 0.1}, thermometer_lag: {tau: 0.5}}\n'
+    )
+    words = [word for name in BENCH for word in ('--set', name)]
+    out = tmp_path / 'found.json'
+    assert not main(['diagnose', *map(str, paths), '--map', str(tmp_path / 'map.yaml'), *words, '--model', 'hybrid',
+                     '--noise', 'stress=1e5', '--noise', 'T=0.05', '--no-equation', '--json', str(out)])  # fmt: skip
+    found, shown = json.loads(out.read_text()), capsys.readouterr().out
+    assert found['verdict'] == 'none' and found['effects'] == []
+    bench = found['nuisances']
+    assert bench['effects']['power_scale']['k'] == pytest.approx(0.93, abs=0.03)
+    assert bench['effects']['thermometer_lag']['tau'] == pytest.approx(0.3, abs=0.05)
+    assert bench['drifts']['run0']['stress'] == pytest.approx(-6e6, abs=1e6)
+    assert 'In the model from the start, no finding: power_scale, k 0.9' in shown
+    assert 'drift of stress, estimated for each recording' in shown
+
+
+@pytest.mark.parametrize(
+    ('mapping', 'message'),
+    [
+        ('nuisances: [power_scale]', 'nuisances: expected effects such as'),
+        ('nuisances: {power_scale: {k: -0.1}}', 'power_scale, k: expected a standard deviation, more than 0, got -0.1'),
+        ('nuisances: {power_scale: {k: wide}}', 'power_scale, k: expected a number'),
+        ('nuisances: {power_sale: {k: 0.1}}', 'power_sale is no effect on a bench; did you mean power_scale'),
+        ('nuisances: {power_scale: {kk: 0.1}}', 'power_scale: no parameter kk; expected some of k'),
+        ('stress_Pa: {column: stress_Pa, drift_std: -1}', 'drift_std: expected a positive number'),
+    ],
+)
+def test_what_a_map_cannot_say(mapping, message, tmp_path):
+    paths = heated(tmp_path)
+    with pytest.raises(UserError, match=message):
+        starting_model(dataset_of(paths, mapping), read_config(words=BENCH))
+
+
+def test_what_is_active_already_stays(tmp_path):
+    dataset = dataset_of(heated(tmp_path), 'nuisances: {power_scale: {k: 0.1}}')
+    given = read_config(words=BENCH, effects=['power_scale:k=1.3'])
+    assert starting_model(dataset, given) == given
+    (added,) = starting_model(dataset, read_config(words=BENCH)).effects
+    assert added.found.effect.name == 'power_scale' and added.values == (1.0,)
