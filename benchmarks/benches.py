@@ -3,9 +3,10 @@
     python benchmarks/benches.py found.jsonl --kind slider --truth none --count 20 [--first 0]
 
 Each bench is drawn by its number: parameters about those of examples/real, a scale of power, a delay, a zero and a room
-temperature for each recording, a resolution and noise. What was done is a line of the file, so that a run that was cut off
-goes on where it was. `--truth` is none, or effects joined by +, such as thermal_expansion+polycrystal. Reported are the
-verdicts, and how often effects were named that are not in the truth.
+temperature for each recording, a resolution and noise; by kind a load cell that drifts, an infrared sensor that lags, grips
+with a toe, a measured resistance. A map declares what a person would declare. What was done is a line of the file, so that a
+run that was cut off goes on where it was. `--truth` is none, or effects joined by +, such as thermal_expansion+polycrystal.
+Reported are the verdicts, and how often effects were named that are not in the truth.
 """
 
 from __future__ import annotations
@@ -33,24 +34,47 @@ SPREAD = 0.15  # of the true parameters about the nominal ones, in the logarithm
 FREE = {
     'slider': ('wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'slider.k', 'slider.b'),
     'blocked': ('wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'wire.sigma_MW0'),
-}
+    'tensile': ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.resistivity_A',
+                'wire.resistivity_M'),
+}  # fmt: skip
+CONFIGS = {'slider': EXAMPLES / 'slider' / 'config.yaml', 'blocked': EXAMPLES / 'blocked_force' / 'config.yaml'}
+TENSILE = (
+    'system=wire', 'bench.temperature=prescribed', 'initial.x_M_1=0', 'wire.n=1', 'wire.E_A=4e10', 'wire.E_M=2.5e10',
+    'wire.eps_T=0.045', 'wire.sigma_T=6e6', 'wire.dsigma=1e8', 'wire.sigma_MW0=2.5e8', 'wire.T0=320',
+)  # fmt: skip
+TEMPERATURES = (325.0, 345.0, 335.0, 355.0)  # [K] of tensile tests
 EFFECTS = {'thermal_expansion': 'thermal_expansion:a=1.1e-5,T_ref=298', 'polycrystal': 'polycrystal:spread=6e7'}
 MAPS = {
-    'slider': 'system: slider\nJ_W: {{column: power}}\nposition_m: {{column: position, zero_std: 1.0e-4{position}}}\n',
+    'slider': (
+        'system: slider\nJ_W: {{column: power}}\nposition_m: {{column: position, zero_std: 1.0e-4{position}}}\n'
+        'nuisances: {{power_scale: {{k: 0.15}}}}\n'
+    ),
     'blocked': (
         'system: wire\nJ_W: {{column: power}}\nstrain: {{value: 0.03}}\n'
-        'T_K: {{column: T, zero_std: 1.0{T}}}\nstress_Pa: {{column: stress, zero_std: 1.0e+5{stress}}}\n'
+        'T_K: {{column: T, zero_std: 1.0{T}}}\nstress_Pa: {{column: stress, zero_std: 1.0e+5, drift_std: 1.0e+5{stress}}}\n'
+        'nuisances: {{power_scale: {{k: 0.15}}, thermometer_lag: {{tau: 0.5}}}}\n'
+    ),
+    'tensile': (
+        'system: wire\nT_K: {{column: T}}\nR_ohm: {{column: R{R}}}\n'
+        'stress_Pa: {{column: stress, zero_std: 3.0e+6, drift_std: 3.0e+6{stress}}}\n'
+        'nuisances: {{grip_toe: {{toe: 1.0e-3, sigma_t: 5.0e+6}}}}\n'
     ),
 }
-CHANNELS = ('position', 'T', 'stress')
+CHANNELS = ('position', 'T', 'stress', 'R')
 INDEPENDENT_AFTER = 1.0  # [s]
 Vector = NDArray[np.float64]
 
 
+def bench(kind: str, effects: list[str]) -> Config:
+    """The nominal bench of a kind, with effects."""
+    words = TENSILE if kind == 'tensile' else ()
+    return read_config(CONFIGS.get(kind), words, effects=[EFFECTS.get(effect, effect) for effect in effects])
+
+
 def truth(kind: str, effects: list[str], random: np.random.Generator) -> Config:
     """One bench of a kind."""
-    name = 'slider' if kind == 'slider' else 'blocked_force'
-    config = read_config(EXAMPLES / name / 'config.yaml', effects=[EFFECTS.get(effect, effect) for effect in effects])
+    toe = [f'grip_toe:toe={abs(random.normal()) * 1e-3},sigma_t={random.uniform(2e6, 1e7)}'] if kind == 'tensile' else []
+    config = bench(kind, [*effects, *toe])
     factors = {name: float(np.exp(SPREAD * random.normal())) for name in FREE[kind]}
     return replace(config, parameters={n: v * factors.get(n, 1.0) for n, v in config.parameters.items()})
 
@@ -70,8 +94,27 @@ def commands(kind: str, random: np.random.Generator) -> list[tuple[list[float], 
     return [*found, found[0]]
 
 
+def write_pulls(config: Config, folder: Path, random: np.random.Generator) -> list[Path]:
+    """Isothermal tensile tests as a machine shows them: an inner loop inside a full one, at three temperatures."""
+    files, t = [], np.arange(0.0, 300.0, 0.5)
+    for k, T in enumerate(TEMPERATURES):
+        strain = np.interp(t, [0.0, 100.0, 140.0, 180.0, 300.0], [0.0, random.uniform(0.03, 0.05), 0.02, 0.035, 0.0])
+        values = np.column_stack([strain, np.full(len(t), T), np.zeros(len(t)), np.full(len(t), 298.0)])
+        source = Input(t, values, (True, True, False, False), config.structure.structure.input_columns)
+        run, drift = simulate(Model(config), source, t), 3e6 * random.normal() * (t / t[-1] - 0.5)
+        stress = run['stress_Pa'] + 3e6 * random.normal() + drift + 2e5 * random.normal(size=len(t))
+        resistance = run['R_ohm'] + 3e-3 * random.normal(size=len(t))
+        rows = zip(t, strain, values[:, 1], stress, resistance, strict=True)
+        text = ['time_s,strain,T,stress,R', *(','.join(f'{value:.8g}' for value in row) for row in rows)]
+        files.append(folder / f'run{k}.csv')
+        files[-1].write_text('\n'.join(text) + '\n')
+    return files
+
+
 def write_runs(kind: str, config: Config, folder: Path, random: np.random.Generator) -> list[Path]:
     """The recordings of a bench as it shows them."""
+    if kind == 'tensile':
+        return write_pulls(config, folder, random)
     scale, delay, files = float(np.exp(0.1 * random.normal())), random.uniform(0.0, 0.1), []
     for k, (times, powers) in enumerate(commands(kind, random)):
         end, room = times[-1] + 25.0, 298.0 + 0.5 * random.normal()
@@ -102,8 +145,9 @@ def measured(kind: str, run: Any, random: np.random.Generator, count: int) -> di
     heat, T = 1.0 - np.exp(-0.05 / 0.4), run['T_K'].copy()
     for k in range(1, count):  # an infrared sensor follows late
         T[k] = T[k - 1] + heat * (T[k] - T[k - 1])
+    drift = 1e5 * random.normal() * np.linspace(-0.5, 0.5, count)
     return {'T': T + random.normal() + 0.1 * random.normal(size=count),
-            'stress': run['stress_Pa'] + 5e4 * random.normal() + 7e3 * random.normal(size=count)}  # fmt: skip
+            'stress': run['stress_Pa'] + 5e4 * random.normal() + drift + 7e3 * random.normal(size=count)}  # fmt: skip
 
 
 def dataset_of(kind: str, files: list[Path], system: str) -> Dataset:
@@ -121,8 +165,7 @@ def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
     """One bench drawn and diagnosed, its third recording held out."""
     random = np.random.default_rng((number, *map(ord, kind)))
     start = time.process_time()
-    name = 'slider' if kind == 'slider' else 'blocked_force'
-    nominal = read_config(EXAMPLES / name / 'config.yaml')
+    nominal = bench(kind, [])
     with tempfile.TemporaryDirectory() as folder:
         files = write_runs(kind, truth(kind, effects, random), Path(folder), random)
         dataset = dataset_of(kind, files, nominal.structure.structure.name)
