@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.cleaning import forward_filled, gap_notes, outliers, rate_note
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, INPUT_COLUMNS, NEEDED_COLUMNS, Recording, Vector
+from sma_sim.evidence.data.recording import (
+    CHANNEL_COLUMNS,
+    CHANNELS_OF,
+    INPUT_COLUMNS,
+    NEEDED_COLUMNS,
+    Recording,
+    Vector,
+    is_resistance,
+)
 from sma_sim.evidence.data.sessions import (
     Rows,
     command_changes,
@@ -305,7 +313,8 @@ def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[
         discard_outliers(name, time, values, 'taken as missing', notes)
         check_unit(file.path, name, values)
     notes += gap_notes(time, channels) + rate_note(time, channels)
-    missing = [channel for channel in CHANNELS_OF[file.system] if channel not in channels]
+    usual = [channel for channel in CHANNELS_OF[file.system] if not is_resistance(channel)]
+    missing = [channel for channel in usual if channel not in channels]
     if missing:
         notes.append(f'not measured: {", ".join(missing)}')
     return time, channels
