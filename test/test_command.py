@@ -133,7 +133,7 @@ def test_heating_that_cannot_be_meant_is_refused_as_a_whole(message, reason):
 
 def test_a_set_point_holds_and_one_out_of_range_is_refused():
     logger = Logger()
-    point = SetPoint(SimpleNamespace(get_logger=lambda: logger), Drive('strain', '-', bounds=(-0.5, 0.5)))
+    point = SetPoint(SimpleNamespace(get_logger=lambda: logger), Drive('strain', '-', bounds=(-0.5, 0.5)), 298.0)
     send(point, 0.03)
     assert [point.take() for _ in range(3)] == [0.0, 0.03, 0.03]  # the first step is that of the start, for a replay
     for value in (0.6, -math.inf, math.nan):

@@ -24,8 +24,8 @@ from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 from sma_sim.model.structures.discovery import package_structures  # noqa: E402
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
-BENCHES = [bench.name for bench in package_structures()['wire'].structure.variants]
-STRUCTURES = {name: found.structure for name, found in package_structures().items() if name not in ('module', *BENCHES)}
+STRUCTURES = {name: found.structure for name, found in package_structures().items() if name != 'module'}
+SET_POINTS = {'strain': (0.01, 0.03, 9e99, 0.02), 'stress': (1e7, 3e7, 9e99, 2e7), 'T': (310.0, 345.0, 9e99, 340.0)}
 STRUCTURES['rocker'] = find_structures([EXAMPLE])['rocker'].structure
 TOPICS = (
     (JointState, 'joint_states'), (JointState, 'wire_states'), (MarkerArray, 'markers'),
@@ -67,11 +67,12 @@ def impose(one, structure):
     """Set points of what is imposed beside heating; one of them cannot be."""
     for drive in structure.drives:
         publisher = one.publisher(Float64, drive.name)
-        for value in (0.01, 0.03, 9e99, 0.02):
+        values = SET_POINTS[drive.name]
+        for value in values:
             publisher.publish(Float64(data=value))
             some_time(one, 3)
-        one.until(lambda name=drive.name: values_of(one).get(f'{name} applied') == '0.02')
-        assert f'{drive.name} = 9e+99 refused' in values_of(one)['last refused command']
+        one.until(lambda name=drive.name, last=f'{values[-1]:g}': values_of(one).get(f'{name} applied') == last)
+        assert f'{drive.name} = 9e+99' in values_of(one)['last refused command']
 
 
 def refuse(one, publisher, structure):
@@ -95,7 +96,7 @@ def check_description(text, structure):
     robot = ElementTree.fromstring(text)
     joints = {joint.get('name'): joint.get('type') for joint in robot.findall('joint')}
     moving = {name: kind for name, kind in joints.items() if kind in ('prismatic', 'revolute')}
-    kinds = {'m': 'prismatic', 'rad': 'revolute'}
+    kinds = {'m': 'prismatic', '-': 'prismatic', 'rad': 'revolute'}
     assert moving == {coordinate.name: kinds[coordinate.unit] for coordinate in structure.coordinates}
     links = {link.get('name') for link in robot.findall('link')}
     assert {f'wire_{i + 1}{end}' for i in range(structure.wires) for end in ('', '_end')} <= links

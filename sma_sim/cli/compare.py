@@ -29,7 +29,8 @@ from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page
 
-DEFAULT_LABEL = "the paper's values"
+PAPER_LABEL, DEFAULT_LABEL = "the paper's values", 'the default values'
+OF_THE_PAPER = ('module', 'wire')
 MAX_LINES = 8  # of findings on the terminal; the report has all
 
 
@@ -55,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     named = configurations(arguments)
     systems = {config.system for _, config in named}
     if len(systems) > 1:
-        raise UserError('one configuration is of a module, the other of a wire: expected two of the same system')
+        first, second = sorted(systems)
+        raise UserError(f'one configuration is of system {first}, the other of {second}: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
     labels, configs = zip(*named, strict=True)
     named = list(zip(labels, from_curves(fitted, *configs), strict=True))
@@ -77,7 +79,9 @@ def configurations(arguments: argparse.Namespace) -> list[tuple[str, Config]]:
     """The configurations with their names. Raises UserError."""
     words = [*arguments.words, *system_words(arguments), *([f'model={arguments.model}'] if arguments.model else [])]
     paths: list[Path | None] = [*arguments.configs] or [None]
-    return [(str(path or DEFAULT_LABEL), read_config(path, words, arguments.effects)) for path in paths]
+    configs = [read_config(path, words, arguments.effects) for path in paths]
+    labels = [PAPER_LABEL if config.system in OF_THE_PAPER else DEFAULT_LABEL for config in configs]
+    return [(str(path or label), config) for path, label, config in zip(paths, labels, configs, strict=True)]
 
 
 def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> str:

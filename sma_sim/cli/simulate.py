@@ -70,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
-    columns = inputs_at(source, trajectory.time) | trajectory.columns
+    imposed = inputs_at(source, trajectory.time)  # a temperature that is imposed stays what it is, to the last bit
+    columns = imposed | {name: values for name, values in trajectory.columns.items() if name not in imposed}
     if arguments.resistance:
         columns |= trajectory.resistances
     if arguments.out.suffix == '.mcap':

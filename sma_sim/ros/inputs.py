@@ -32,7 +32,7 @@ class Inputs:
         structure = config.structure.structure
         self.command = heating_command(node, structure, settings['J_max'], settings['command_timeout'])
         self.ambient = Ambient(node, config.parameters['environment.T_E'])
-        self.set_points = [SetPoint(node, drive) for drive in structure.drives]
+        self.set_points = [SetPoint(node, drive, config.parameters['environment.T_E']) for drive in structure.drives]
         self._publishers, self._messages = publishers, Messages(structure)
         self._heating_applied = f'{self.command.topic}{APPLIED}'
         self._points: list[float] = []

@@ -46,7 +46,8 @@ class Messages:
         self._sensed_pose = slice(first, first + joints)
         channels = {name: first + k for k, name in enumerate(structure.channels)}
         numbers = range(1, structure.wires + 1)
-        self._temperatures = [channels[f'T_{i}' if joints else 'T'] for i in numbers]
+        true = self.where.wires.start + WIRE_COLUMNS.index('T')  # where no sensor shows what is imposed
+        self._temperatures = [channels.get(f'T_{i}' if joints else 'T', true + PER_WIRE * (i - 1)) for i in numbers]
         self._measured = {  # label and columns of what is measured of the wires, by topic
             SINGLE_CHANNELS[name]: (CHANNEL_LABELS[name], slice(channels[name], channels[name] + 1))
             for name in SINGLE_CHANNELS

@@ -99,7 +99,7 @@ class RobotSubscriptions:
         self._latency = round(parameters['check.latency'] * 1e9)
         self._timeout = parameters['node.command_timeout']
         self._command = heating_command(node, structure, parameters['node.J_max'], self._timeout)
-        self._set_points = [SetPoint(node, drive) for drive in structure.drives]
+        self._set_points = [SetPoint(node, drive, parameters['environment.T_E']) for drive in structure.drives]
         self.ambient = Ambient(node, parameters['environment.T_E'])
         self.counts: Counter[str] = Counter()  # of what was wrong, by words for it
         self._warned_at: dict[str, float] = {}

@@ -77,12 +77,14 @@ def heating_command(node: Node, structure: Structure, J_max: float, timeout: flo
 class SetPoint:
     """What is imposed beside heating, such as the strain of a wire on a test bench: the last value holds for ever.
 
+    Before the first it is 0, a temperature that of the air, `T_E` [K].
+
     As of a command, a thread that receives only puts values into the mailbox, the simulating thread only takes them out.
     """
 
-    def __init__(self, node: Node, drive: Drive) -> None:
+    def __init__(self, node: Node, drive: Drive, T_E: float) -> None:
         self.topic, self._logger, self._drive = drive.name, node.get_logger(), drive
-        self.initial = min(max(0.0, drive.bounds[0]), drive.bounds[1])
+        self.initial = min(max(T_E if drive.unit == 'K' else 0.0, drive.bounds[0]), drive.bounds[1])
         self.rejected, self.refusal = 0, ''
         self._mailbox: deque[float] = deque(maxlen=1)
         self.clear()

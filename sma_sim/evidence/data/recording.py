@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -64,7 +65,7 @@ INPUT_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.input_columns)
 NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
 CHANNELS_OF = OfSystems(lambda structure: structure.channels)
 CHANNEL_COLUMNS = ColumnsOfChannels()
-HIDDEN_COLUMNS = ('x_M_1', 'x_M_2', 'mode_1', 'mode_2', 'x_M', 'mode')  # no sensor shows them: not compared
+HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
 
 
 def is_resistance(channel: str) -> bool:

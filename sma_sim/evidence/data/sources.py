@@ -10,7 +10,7 @@ from typing import Any
 
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
 from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
-from sma_sim.evidence.data.recording import HIDDEN_COLUMNS, NEEDED_COLUMNS, OfSystems
+from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import read_header
@@ -66,7 +66,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     indices = [header.index(name) for name in needed]
     cells, cut = read_cells(CellLayout(path, needed, indices, len(header), tolerant=True))
     notes = ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
-    unused = [name for name in header if name and name not in needed and name not in HIDDEN_COLUMNS]
+    unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
         notes.append(f'columns not used: {", ".join(unused)}')
     rows = len(next(iter(cells.values())))

@@ -137,7 +137,7 @@ def measured_decoders(of: Interface) -> Decoders:
         found['wire_states'] = (JOINT_STATE, joints_decoder(dict(zip(names, forces, strict=True)), 'effort'))
     for channel, column in of.channels.items():
         found[SINGLE_CHANNELS[channel]] = (FLOAT64_ARRAY, array_decoder((column,)))
-    for name, column in zip(names, of.wire_columns('T', '_K'), strict=True):
+    for name, column in zip(names, () if 'T' in of.drives else of.wire_columns('T', '_K'), strict=False):
         found[f'{name}/temperature'] = (TEMPERATURE, temperature_decoder(column))
     found[RESISTANCES] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('R', '_ohm')))
     found['phase_fractions'] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('x_M')))
