@@ -67,9 +67,14 @@ def test_without_hardening_strain_jumps_at_one_temperature(kind):
     assert np.ptp(run['strain']) == pytest.approx(0.04 + 2e8 * (1 / 4e10 - 1 / 6e10), rel=1e-3)
 
 
-def test_under_a_dead_weight_latent_heat_sets_the_rate():
-    """Heat into a wire that transforms under a constant stress: T stays at sigma_M(T) = sigma, dx_M/dt = -J/L_x."""
-    model = bench('stress', 'balance', 'wire.lambda=0', 'initial.x_M_1=1', 'environment.T_E=300')
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_under_a_dead_weight_latent_heat_sets_the_rate(kind):
+    """Heat into a wire that transforms under a constant stress: T stays at sigma_M(T) = sigma, dx_M/dt = -J/L_x.
+
+    A MAS wire transforms some kelvins before that, by thermal activation, and at a temperature that hardly moves.
+    """
+    words = ['wire.lambda=0', 'initial.x_M_1=1', 'environment.T_E=300', 'wire.V_L=5e-22', 'solver.rtol=1e-6']
+    model = bench('stress', 'balance', *words, kind=kind)
     J, stress = 0.2, 2e8
     times = np.array([0.0, 12.0])
     values = np.column_stack([np.full(2, stress), np.full(2, J), np.full(2, 300.0)])
@@ -78,9 +83,12 @@ def test_under_a_dead_weight_latent_heat_sets_the_rate():
     moving = (run['x_M_1'] < 0.95) & (run['x_M_1'] > 0.05)
     plateau = 420.0 + (stress - 1e8 + 0.6e8) / 6e6
     assert moving.sum() > 20
-    assert run['T_1_K'][moving] == pytest.approx(plateau, abs=0.05)
+    T, near = run['T_1_K'][moving], 0.05 if kind == 'hybrid' else 1.5
+    assert np.abs(T - plateau).max() < near and np.ptp(T) < near
     rate = np.gradient(run['x_M_1'], run.time)[moving][2:-2]
-    assert rate == pytest.approx(-J / latent_heat(plateau, stress, model.compiled.wire), rel=2e-3)
+    assert rate == pytest.approx(
+        -J / latent_heat(T.mean(), stress, model.compiled.wire), rel=2e-3 if kind == 'hybrid' else 0.02
+    )
 
 
 def test_load_and_wire_are_in_balance_while_nothing_jumps():

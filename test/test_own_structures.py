@@ -33,6 +33,16 @@ def test_a_strangers_structure_is_short_and_needs_no_edit(tmp_path, capsys):
     assert 'angle' in capsys.readouterr().out
 
 
+def test_effects_without_a_meaning_are_said(tmp_path, capsys):
+    """They are left out, as where one parameter file serves several systems; gravity would be missed otherwise."""
+    (tmp_path / 'c.csv').write_text('time_s,J_eq_W\n0,0\n1,1\n')
+    words = ['--config', str(EXAMPLE / 'robot.yaml'), '--input', str(tmp_path / 'c.csv'), '--out', str(tmp_path / 'o.csv')]
+    assert main(['simulate', *words, *[w for n in ('gravity', 'beam_nonlinearity', 'slack') for w in ('--effect', n)]]) == 0
+    told = capsys.readouterr().err
+    assert 'note: effect gravity is left out: rocker declares no gravity' in told and 'slack' not in told
+    assert 'note: effect beam_nonlinearity is left out: it acts on module, not on rocker' in told
+
+
 def test_systems_are_listed(capsys):
     assert main(['systems']) == 0
     text = capsys.readouterr().out

@@ -19,6 +19,7 @@ from sma_sim.cli.common.data import (
     table_text,
     write_json,
 )
+from sma_sim.cli.common.idle_effects import noted
 from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
@@ -79,7 +80,7 @@ def configurations(arguments: argparse.Namespace) -> list[tuple[str, Config]]:
     """The configurations with their names. Raises UserError."""
     words = [*arguments.words, *system_words(arguments), *([f'model={arguments.model}'] if arguments.model else [])]
     paths: list[Path | None] = [*arguments.configs] or [None]
-    configs = [read_config(path, words, arguments.effects) for path in paths]
+    configs = [noted(read_config(path, words, arguments.effects)) for path in paths]
     labels = [PAPER_LABEL if config.system in OF_THE_PAPER else DEFAULT_LABEL for config in configs]
     return [(str(path or label), config) for path, label, config in zip(paths, labels, configs, strict=True)]
 

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+from sma_sim.cli.common.idle_effects import noted
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
@@ -44,7 +45,7 @@ def add_namespace_option(parser: argparse.ArgumentParser) -> None:
 
 def config_from(arguments: argparse.Namespace, *words: str) -> Config:
     """The configuration that the options ask for; `words` come last. Raises UserError."""
-    return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
+    return noted(read_config(arguments.config, [*arguments.words, *words], arguments.effects))
 
 
 def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:

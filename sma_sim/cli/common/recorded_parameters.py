@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sma_sim.cli.common.idle_effects import noted
 from sma_sim.evidence.data.rosbag.raw_messages import Bag, is_bag, open_bag
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
@@ -36,7 +37,7 @@ def config_for_replay(arguments: argparse.Namespace, path: Path, *words: str) ->
     """
     recorded = recorded_parameters(open_bag(path)) if arguments.config is None and is_bag(path) else None
     if recorded is None:
-        return read_config(arguments.config, [*arguments.words, *words], arguments.effects)
+        return noted(read_config(arguments.config, [*arguments.words, *words], arguments.effects))
     print(f'note: parameters as recorded in {path} (--config FILE gives others)', file=sys.stderr)
     config = read_config(None, [*arguments.words, *words], arguments.effects, recorded, str(path))
     note_folders(arguments, path, recorded)
