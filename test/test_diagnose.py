@@ -37,17 +37,17 @@ from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis
 SEEDS = [1, 2, 3]
 
 
-def measured(effect='', rate=10.0, **values):
+def measured(effect='', rate=10.0, seconds=40.0, **values):
     """Three runs of a robot whose parameters are off, with or without an effect."""
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
     if effect:
         truth = with_effect(truth, find_effects()[effect], values)
-    return dataset(truth, SEEDS, noise=1.0, rate=rate)
+    return dataset(truth, SEEDS, 1.0, seconds, rate=rate)
 
 
 @pytest.fixture(scope='module')
 def with_gravity():
-    runs = measured('gravity', g_y=-9.81)
+    runs = measured('gravity', seconds=25.0, g_y=-9.81)
     return runs, diagnose(runs, config(), request=DiagnosisRequest(options=FitOptions(starts=1)))
 
 
@@ -348,12 +348,13 @@ def test_nothing_missing_is_said():
 
 def test_what_no_effect_explains_is_unknown():
     """A shake of the angle that no effect of the library has anything of."""
-    runs = measured()
+    runs = measured(seconds=20.0)
     shaken = tuple(
         replace(one, channels={**one.channels, 'alpha': one.channels['alpha'] + 2e-3 * np.sin(7.0 * one.time**1.2)})
         for one in runs.recordings
     )
-    found = diagnose(replace(runs, recordings=shaken), config(), request=DiagnosisRequest('mas', equation=False))
+    quick = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False), equation=False, variants=False)
+    found = diagnose(replace(runs, recordings=shaken), config(), request=quick)
     assert found.verdict == 'unknown_effect' and found.stages[-1].held_out > 1.3
     assert any('in alpha' in line for line in as_text(found))
 

@@ -168,7 +168,7 @@ def test_ten_modules_hang():
 
 def test_random_stacks_come_to_their_end():
     random = np.random.default_rng(3)
-    for turn in range(24):
+    for turn in range(10):
         model = stack(
             random.integers(1, 8), 'mas' if turn % 2 else 'hybrid',
             stack__g_x=random.uniform(-10.0, 10.0), stack__g_y=random.uniform(-2.0, 2.0),
