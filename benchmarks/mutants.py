@@ -95,7 +95,7 @@ class Recorder:
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
         """Around what a test does, without its fixtures."""
-        signal.setitimer(signal.ITIMER_PROF, LONGEST)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST, 1.0)  # again: an exception in a call from native code is lost
         yield
         signal.setitimer(signal.ITIMER_PROF, 0.0)
 

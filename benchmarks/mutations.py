@@ -103,17 +103,17 @@ def expressions(node: ast.AST, lines: tuple[int, int] = (1, 1)) -> Iterator[tupl
 def mutants_of(path: Path, root: Path) -> list[Mutant]:
     """Every change of one file."""
     source = path.read_text()
+    if not source.isascii():  # columns count bytes
+        return []
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
     found = []
     for node, kind, change, (first, last) in expressions(ast.parse(source)):
-        before = ast.get_source_segment(source, node)
-        if before is None or not source.isascii():
-            continue
         begin = starts[node.lineno - 1] + node.col_offset
-        where = (str(path.relative_to(root)), node.lineno, first, last, begin, begin + len(before))
-        found.append(Mutant(*where, before, f'({ast.unparse(change)})', kind))
+        end = starts[(node.end_lineno or node.lineno) - 1] + (node.end_col_offset or 0)
+        where = (str(path.relative_to(root)), node.lineno, first, last, begin, end)
+        found.append(Mutant(*where, source[begin:end], f'({ast.unparse(change)})', kind))
     return found
 
 

@@ -243,7 +243,7 @@ def write_runs(folder, runs):
 def test_the_command_knows_parameters_better(tmp_path, capsys):
     write_runs(tmp_path / 'data', measured('', seconds=20.0))
     out, told, page = (tmp_path / name for name in ('next.csv', 'next.json', 'next.html'))
-    words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '24']
+    words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '12']
     assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
     shown = capsys.readouterr().out
     assert 'wire.lambda' in shown and 'time above limits: none' in shown and 'temperature of wire 1 (T_1)' in shown
