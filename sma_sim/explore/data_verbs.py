@@ -50,8 +50,8 @@ class DataVerbs:
         self._session, self._config_in, self._changed = session, config_in, changed
         self._overlay = Overlay(engine)
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
-            'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'part': self.part,
-            'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
+            'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'settle': self.settle,
+            'part': self.part, 'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
         }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
@@ -107,6 +107,11 @@ class DataVerbs:
             for run, same in zip(content['runs'], shown['runs'], strict=True):
                 run['beside'] = {name: {'model': curves['model']} for name, curves in same['channels'].items()}
         return numbers.message(finite_reply(content))
+
+    def settle(self, body: Body) -> Reply:
+        """Estimate delay and starts of the recordings for the model that a request is about; then ask for `overlay`."""
+        self._overlay.settle(self._config_in(body))
+        return {}
 
     def part(self, body: Body) -> Reply:
         """What is known of a part of a residual."""

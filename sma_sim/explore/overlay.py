@@ -1,7 +1,8 @@
 """The recordings of a session beside any model, within milliseconds: while a slider moves, and to the digits of `compare`.
 
-What is unknown about the recordings (delay, starts, switching instants) is taken from the last comparison. For the version
-that was compared, all numbers are those of ``sma-sim compare``; for another they are a preview, and that is said.
+What is unknown about the recordings (delay, starts, switching instants) is estimated for a model by `settle`, in seconds, or
+was by a comparison: then all numbers are those of ``sma-sim compare``. Else it is that of the model looked at before, and
+they are a preview.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data
 from sma_sim.evidence.estimation.starting_values import started_from_curves
-from sma_sim.evidence.residual_analysis.compare import ComparedRun, run_beside_model
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, compare, run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import error_over_noise, pooled_over_channels
 from sma_sim.explore.decimation import decimated
-from sma_sim.explore.jobs import Job
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import json_number
 from sma_sim.explore.stages import Engine
@@ -31,25 +32,27 @@ from sma_sim.model.errors import UserError
 from sma_sim.report.run_panels import curve_of
 
 Vector = NDArray[np.float64]
+Nuisances = dict[str, Nuisance]
 KEPT = 4  # models whose runs are kept for the next closer look
+SETTLED_KEPT = 50  # models whose delay and starts are kept
 
 
 @dataclass(frozen=True)
 class PreparedRuns:
-    """Recordings made ready for many models: `held_out` has the names of those that are not fitted."""
+    """All recordings, those to fit and those held out; all of them made ready for many models."""
 
     dataset: Dataset
     fitted: Dataset
+    held_out: Dataset | None
     runs: tuple[tuple[Recording, FitData], ...]
-    held_out: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Shown:
-    """All runs beside a model, those held out last, with the comparison that delay and starts come from."""
+    """All runs beside a model, those held out last; `exact`: delay and starts were estimated for this model."""
 
     runs: tuple[ComparedRun, ...]
-    base: Job
+    exact: bool
 
     def part(self, held_out: bool) -> tuple[ComparedRun, ...]:
         """The runs that were held out, or the others."""
@@ -60,42 +63,73 @@ class Overlay:
     """The recordings of an engine's session beside models. All methods may be called from any thread."""
 
     def __init__(self, engine: Engine) -> None:
-        self._engine, self._lock = engine, Lock()
+        self._engine, self._lock, self._settling = engine, Lock(), Lock()
         self._prepared: tuple[str, PreparedRuns] | None = None
-        self._shown: OrderedDict[str, Shown] = OrderedDict()
+        self._shown: OrderedDict[tuple[str, bool], Shown] = OrderedDict()
+        self._settled: OrderedDict[str, Nuisances] = OrderedDict()
+        self._near: tuple[str, Nuisances] | None = None  # of the model that was last shown with its own, and of which data
         self._threads = ThreadPoolExecutor(thread_name_prefix='overlay')
-
-    def base(self) -> Job:
-        """The comparison whose delay and starts are used: of the current version, else the last. Raises UserError."""
-        found = self._engine.latest('compare')
-        if found is None or 'curves' not in found.files:
-            found = self._engine.last_with('compare', 'curves')
-        if found is None:
-            raise UserError('compare the model with the recordings first')
-        return found
 
     def beside(self, config: Config) -> Shown:
         """All runs beside a model. Raises UserError where it cannot be run, and where nothing was compared yet."""
-        base = self.base()
-        key = repr((base.number, sorted(flat_parameters(config).items(), key=lambda item: item[0])))
         with self._lock:
-            if key not in self._shown:
-                self._shown[key] = self._compute(config, base)
+            key = self._key(config)
+            known, exact = self._nuisances(config, key)
+            if (key, exact) not in self._shown or not exact:
+                self._shown[key, exact] = Shown(self._runs(config, known), exact)
                 while len(self._shown) > KEPT:
                     self._shown.popitem(last=False)
-            self._shown.move_to_end(key)
-            return self._shown[key]
+            self._shown.move_to_end((key, exact))
+            return self._shown[key, exact]
 
-    def _compute(self, config: Config, base: Job) -> Shown:
-        prepared, known = self._ready(config), base.nuisances(config)
+    def settle(self, config: Config) -> None:
+        """Estimate delay and starts for a model, as ``compare`` does. Raises UserError."""
+        key = self._key(config)
+        with self._settling:
+            if key in self._settled:
+                return
+            with self._lock:
+                prepared = self._ready(config)
+            started = started_from_curves(prepared.fitted, config)[0]
+            with executor_or_threads(None) as executor:
+                found = compare(prepared.fitted, started, prepared.held_out, executor=executor)
+            self._settled[key] = {run.name: run.nuisance for run in found.runs}
+            while len(self._settled) > SETTLED_KEPT:
+                self._settled.popitem(last=False)
+
+    def _key(self, config: Config) -> str:
+        """What tells whether recordings and model are the same."""
+        return repr((self._engine.data(), sorted(flat_parameters(config).items(), key=lambda item: item[0])))
+
+    def _nuisances(self, config: Config, key: str) -> tuple[Nuisances, bool]:
+        """What is unknown of each run, and whether it was estimated for this model. Raises UserError."""
+        engine, data = self._engine, self._engine.data()
+        if key in self._settled:
+            self._near = data, self._settled[key]
+            return self._settled[key], True
+        job = engine.latest('compare')
+        if job is not None and 'curves' in job.files and self._key(engine.session.config(job.version)) == key:
+            self._near = data, job.nuisances(config)
+            return self._near[1], True
+        if self._near is None or self._near[0] != data:
+            job = engine.last_with('compare', 'curves')
+            if job is None:
+                raise UserError('compare the model with the recordings first')
+            self._near = data, job.nuisances(config)
+        return self._near[1], False
+
+    def _runs(self, config: Config, known: Nuisances) -> tuple[ComparedRun, ...]:
+        """All runs beside a model with what is unknown of them."""
+        prepared = self._ready(config)
         started = started_from_curves(prepared.fitted, config)[0]
+        held_out = [one.name for one in prepared.held_out.recordings] if prepared.held_out else []
 
         def one(pair: tuple[Recording, FitData]) -> ComparedRun:
             nuisance = known.get(pair[0].name, Nuisance())
             return run_beside_model(started, pair, nuisance, prepared.dataset.noise_std, with_states=False)
 
-        found = [replace(run, held_out=run.name in prepared.held_out) for run in self._threads.map(one, prepared.runs)]
-        return Shown(tuple(sorted(found, key=lambda run: run.held_out)), base)
+        found = [replace(run, held_out=run.name in held_out) for run in self._threads.map(one, prepared.runs)]
+        return tuple(sorted(found, key=lambda run: run.held_out))
 
     def _ready(self, config: Config) -> PreparedRuns:
         """The recordings as `compare` reads them with a model, read once as long as they stay the same."""
@@ -108,8 +142,7 @@ class Overlay:
             dataset = request.read(config)
             fitted, held_out = request.split(dataset)
             runs = tuple((one, fit_data(one, dataset.noise_std, floor=rtol)) for one in dataset.recordings)
-            names = tuple(one.name for one in held_out.recordings) if held_out else ()
-            self._prepared = key, PreparedRuns(dataset, fitted, runs, names)
+            self._prepared = key, PreparedRuns(dataset, fitted, held_out, runs)
         return self._prepared[1]
 
 
@@ -135,7 +168,7 @@ def overlay_data(
     return {
         'runs': runs, 'channels': [channel_data(name, shown) for name in names], 'parts': parts,
         'error': {name: json_number(pooled(errors)) for name, errors in parts.items()},
-        'compared': shown.base.version, 'job': shown.base.number,
+        'exact': shown.exact,
     }  # fmt: skip
 
 

@@ -52,8 +52,7 @@ const changes = () => ({ values: { ...page.tried?.values, ...page.values }, ...(
 async function drawView() {
   if (page.view === 'model') showCurves(await ask('curves', { ...changes(), window: page.window, beside: page.beside, pixels: widest() }));
   else if (page.view === 'data' && page.state.steps.compared.length) {
-    const preview = page.tried || Object.keys(page.values).length;
-    recordings.show(await ask('overlay', { ...changes(), beside: page.beside, ...recordings.request() }), preview ? null : page.state.history.current);
+    recordings.show(await ask('overlay', { ...changes(), beside: page.beside, ...recordings.request() }));
   }
 }
 
@@ -81,13 +80,27 @@ let settling = 0;
 function settle() {
   clearTimeout(settling);
   settling = setTimeout(async () => {
-    if (page.view !== 'model') return;
+    if (page.view === 'data') return settleRecordings();
+    if (page.view !== 'model') return null;
     const answer = await attempt('frames', () => ask('frames', { ...changes(), beside: page.beside }));
-    if (!answer || asking) return;
+    if (!answer || asking) return null;
     drawing.set(answer, modeColours());
     drawing.draw(page.time);
     page.pictures = (page.pictures ?? 0) + 1;
+    return null;
   }, 60);
+}
+
+/** Once no slider moves: delay and starts of the recordings are estimated for what is shown, which takes seconds. */
+let estimating = false;
+async function settleRecordings() {
+  if (estimating || recordings.exact !== false || Object.keys(page.values).length || page.state.steps.running) return;
+  estimating = true;
+  recordings.estimating(true);
+  const done = await attempt('curves', () => ask('settle', changes()));
+  estimating = false;
+  recordings.estimating(false);
+  if (done) refresh();
 }
 
 const modeColours = () => Object.fromEntries(Object.entries(page.state.modes).map(([number, mode]) => [number, mode.colour]));
@@ -221,11 +234,13 @@ const robot = new RobotView(part('robot-view'), {
 page.recordings = recordings;
 page.robot = robot;
 
+page.choose = (stage) => { page.step = stage; setView('data'); showStages(); };
+
 function showStages() {
   const { steps } = page.state;
   page.step ??= steps.data ? nextStep(page.state) : null;
   showSteps(part('steps'), page.state, page.step, {
-    choose: (stage) => { page.step = stage; setView('data'); showStages(); }, begin, open: (files) => perform('recordings', { files }).then(() => chooseNext()), useRecorded,
+    choose: page.choose, begin, open: (files) => perform('recordings', { files }).then(() => chooseNext()), useRecorded,
     stop: () => perform('stop'),
   });
   if (!steps.compared.length) part('grid-view').hidden = true;

@@ -36,11 +36,11 @@ export class RecordingsView {
     this.actions.refresh();
   }
 
-  show({ content, numbers }, version) {
-    this.content = content;
+  show({ content, numbers }) {
+    this.exact = content.exact;
     part('grid-view').hidden = false;
     this.offerRuns(content.runs);
-    this.showErrors(content, version);
+    this.showErrors(content);
     const chosen = part('run').value, used = new Set();
     const runs = content.runs.filter((run, k) => chosen === run.name || (chosen === '' && k < SHOWN_AT_FIRST) || chosen === '*');
     part('grid').style.setProperty('--runs', String(Math.min(runs.length, SHOWN_AT_FIRST)));
@@ -99,17 +99,18 @@ export class RecordingsView {
     part('run').replaceChildren(...[...first, ...runs.map((run) => [run.name, run.name])].map(([value, textContent]) => element('option', { value, textContent })));
   }
 
-  showErrors(content, version) {
+  estimating(begins) { if (begins) part('basis').textContent = 'Estimating delay and start of each run for this model \u2026'; }
+
+  showErrors(content) {
     const { channels, runs, parts, error } = content, names = channels.map((one) => one.name);
     const row = (title, errors, all) => [title, ...names.map((name) => errorCell(errors[name])), errorCell(all)];
     const held = Object.keys(parts.held_out).length > 0;
     const rows = [...runs.map((run) => row(run.name + (run.held_out ? ' (held out)' : ''), run.errors, run.error)),
       row(held ? 'fitted runs' : 'all runs', parts.train, error.train), ...(held ? [row('held-out runs', parts.held_out, error.held_out)] : [])];
     part('errors').replaceChildren(table(['error over noise', ...names, 'all'], rows, 'Error over noise: 1 is as large as the noise'));
-    const exact = content.compared === version;
-    part('basis').textContent = exact ? `Version ${version}, as compared. Black or white: measured; coloured: model.`
-      : `Preview: delay and start of each run are those of the comparison with version ${content.compared}. To have the exact numbers, compare again.`;
-    part('basis').classList.toggle('preview', !exact);
+    part('basis').textContent = content.exact ? 'The numbers of sma-sim compare. Black or white: measured; coloured: model.'
+      : 'Preview: delay and start of each run are those of the model before; they are estimated anew once nothing moves.';
+    part('basis').classList.toggle('preview', !content.exact);
     part('grid-title').textContent = this.residuals ? 'Residual (measured \u2212 model) over noise; grey: \u00b12. Click on a part of it to see what happens there' : 'Measured and model. Drag across a curve to look closer';
   }
 
