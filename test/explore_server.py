@@ -9,6 +9,7 @@ from threading import Thread
 from sma_sim.explore.application import Application
 from sma_sim.explore.server import PageServer
 from sma_sim.explore.session import Start, open_session
+from sma_sim.model.given import effect_folders_of
 
 READY = 'return window.smaExplore !== undefined && smaExplore.ready && smaExplore.pictures > 0'
 CURVE = """
@@ -28,7 +29,8 @@ if (arguments[2]) slider.dispatchEvent(new Event('change'));
 def serving(folder, **start):
     """A server with a session in `folder`."""
     with open_session(folder, Start(**start)) as session, PageServer(0) as server:
-        server.application = Application(session, [], server.tabs.announce)
+        folders = effect_folders_of(None, start.get('words', ()))
+        server.application = Application(session, folders, server.tabs.announce)
         thread = Thread(target=server.serve_forever, kwargs={'poll_interval': 0.02})
         thread.start()
         try:

@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 from browser import open_browser
 from explore_server import CURVE, READY, ask, opened, serving, slide, until, verb
+from test_messages import OWN
 
 from sma_sim.explore.command import input_of
 from sma_sim.model.config import read_config
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
 
@@ -236,6 +238,75 @@ def test_nothing_is_wider_than_the_screen(server, size):
         assert phone.execute_script(unnamed) == []
     finally:
         phone.quit()
+
+
+def test_every_structure_is_drawn_and_changed(browser, tmp_path):
+    for system in package_structures():
+        with serving(tmp_path / system, words=(f'system={system}',)) as server:
+            opened(browser, server)
+            assert browser.execute_script('return smaExplore.state.controls.system') == system
+            slide(browser, 'wire.dsigma', 700)
+            wire = f'x_M{"_1" if "x_M_1" in server.application.run(server.application.session.config()).columns else ""}'
+            x, y = map(np.array, browser.execute_script(CURVE, 'x_M [-]', wire))
+            run = server.application.run(server.application.session.config()).columns
+            at = np.searchsorted(run['time_s'], x)
+            assert len(x) > 100 and (run[wire][at] == y).all() and np.ptp(y) > 0.0, system
+            assert browser.execute_script('return document.getElementById("message").hidden'), system
+
+
+def test_an_effect_that_does_not_compile_is_said_and_leaves_the_page_as_it_was(browser, tmp_path):
+    folder = tmp_path / 'effects'
+    folder.mkdir()
+    (folder / 'own.py').write_text(OWN.format(port='wire_heat', kernel='lambda s, w, p: float(str(p.a))'))
+    with serving(tmp_path / 'session', words=(f'effects.paths={folder}',)) as server:
+        opened(browser, server)
+        browser.find_element('id', 'tab-effects').click()
+        browser.execute_script('document.querySelector("[data-effect=own] input").click()')
+        until(browser, 'return document.getElementById("message").textContent.includes("own")')
+        words = browser.find_element('id', 'message').text
+        assert 'compile' in words and 'Traceback' not in words
+        if server.application.session.can_undo:
+            browser.find_element('id', 'undo').click()
+        until(browser, 'return !smaExplore.state.controls.active.includes("own")')
+        slide(browser, 'wire.dsigma', 600)
+        wait_until_equal(browser, server)
+        browser.get_log('browser')
+
+
+def test_by_keyboard_alone_and_in_dark(browser, tmp_path):
+    """Every control is reached by Tab, is seen to have the focus, and does what a click does."""
+    keys = pytest.importorskip('selenium.webdriver').Keys
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [{'name': 'prefers-color-scheme', 'value': 'dark'}]})
+    with serving(tmp_path / 'session') as server:
+        opened(browser, server)
+        ground, ink = browser.execute_script(
+            'const found = getComputedStyle(document.body); return [found.backgroundColor, found.color]'
+        )
+        assert ground == 'rgb(20, 23, 27)' and ink == 'rgb(230, 233, 237)'
+
+        def focused():
+            return browser.switch_to.active_element
+
+        def tab_to(found):
+            for _ in range(400):
+                if browser.execute_script(f'return document.activeElement.matches({found!r})'):
+                    return
+                focused().send_keys(keys.TAB)
+            raise AssertionError(f'{found} is not reached')
+
+        tab_to('[data-name="wire.dsigma"] input[type=range]')
+        assert browser.execute_script('return getComputedStyle(document.activeElement).outlineStyle') != 'none'
+        focused().send_keys(keys.ARROW_RIGHT)
+        until(browser, 'return smaExplore.state.history.current === 2')
+        focused().send_keys(keys.CONTROL, 'z')
+        until(browser, 'return smaExplore.state.history.current === 1')
+        browser.find_element('id', 'tab-parameters').send_keys(keys.ARROW_RIGHT)
+        tab_to('[data-effect="driver_lag"] input')
+        focused().send_keys(keys.SPACE)
+        until(browser, 'return smaExplore.state.controls.active.includes("driver_lag")')
+        browser.find_element('id', 'view-data').send_keys(keys.ENTER)
+        until(browser, 'return document.getElementById("recordings-files").offsetParent !== null')
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
 
 
 # the command

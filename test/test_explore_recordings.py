@@ -114,7 +114,7 @@ def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     until(browser, 'return smaExplore.state.steps.candidates?.state === "done"', seconds=PATIENCE)
     explained = region(browser)
     assert 'mode of wire 1' in explained and 'gravity' in explained and 'direction of motion' in explained
-    browser.execute_script('smaExplore.choose("candidates")')
+    browser.execute_script('smaExplore.stages.choose("candidates")')
     until(browser, 'return document.querySelectorAll("#detail tbody button").length === 4')
     browser.execute_script('document.querySelector("#detail tbody button").click()')
     until(browser, 'return smaExplore.tried?.name === "gravity"')
@@ -157,7 +157,7 @@ def test_reload_and_a_second_tab_amid_a_diagnosis_that_is_stopped(browser, serve
     browser.switch_to.new_window('tab')
     opened(browser, server)
     until(browser, 'return document.querySelector("[data-stop=diagnose]") !== null')
-    until(browser, 'return smaExplore.events.length > 0', seconds=PATIENCE)
+    until(browser, 'return smaExplore.stages.events.length > 0', seconds=PATIENCE)
     assert verb(server, 'recordings', hold_out=['run3'])[0] == 400  # not while it runs
     browser.execute_script('document.querySelector("[data-stop=diagnose]").click()')
     ended(browser, 'diagnose', 'stopped')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from sma_sim.explore.packing import Numbers
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.drawing import Sketch, projected
+from sma_sim.model.structures.structure import Coordinate
 from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, is_held, panels_of
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.solver.model import Model
@@ -114,7 +115,7 @@ def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
         columns |= strains_from_pose(run.config, columns)
     loops = []
     heating = f'{structure.commands[0]}_W'
-    for coordinate in structure.coordinates[-1:]:
+    for coordinate in most_moved(structure.coordinates, columns):
         label, factor = (f'{coordinate.name} [deg]', 180.0 / np.pi) if coordinate.unit == 'rad' else (
             f'{coordinate.name} [mm]', 1e3)  # fmt: skip
         if heating in columns and np.ptp(columns[heating]) > 0.0:
@@ -131,6 +132,12 @@ def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
         loops.append({'id': 'stress', 'x': 'strain [%]', 'y': 'stress [MPa]', 'curves': stress})
     loops.append({'id': 'fraction', 'x': 'T [deg C]', 'y': 'x_M [-]', 'curves': fraction})
     return loops
+
+
+def most_moved(coordinates: Sequence[Coordinate], columns: Mapping[str, Vector]) -> list[Coordinate]:
+    """Of the coordinates with the unit of the last one, that which moves most; none of a wire by itself."""
+    alike = [one for one in coordinates if one.unit == coordinates[-1].unit and len(columns[one.column])]
+    return [max(alike, key=lambda one: float(np.ptp(columns[one.column])))] if alike else []
 
 
 def stress_of(run: ShownRun, columns: Mapping[str, Vector], suffix: str) -> Vector:

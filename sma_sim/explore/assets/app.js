@@ -7,14 +7,13 @@ import { Drawing } from './drawing.js';
 import { showHistory } from './history.js';
 import { RobotView } from './live.js';
 import { RecordingsView } from './recordings.js';
-import { redrawFigure, showExport, showResult } from './results.js';
-import { nextStep, showSteps } from './steps.js';
+import { Stages } from './stages.js';
 import { ask } from './wire.js';
 
 const part = (id) => document.getElementById(id);
 const page = {
   state: null, values: {}, tried: null, window: null, beside: null, time: 0, end: 1, charts: new Map(), drawn: 0, latencies: [], ready: false,
-  view: 'model', step: null, results: new Map(), events: [],
+  view: 'model',
 };
 window.smaExplore = page; // what tests and benchmarks look at
 const drawing = new Drawing(part('drawing').querySelector('canvas'));
@@ -181,7 +180,7 @@ function show(state) {
   page.values = {};
   const { controls, history } = state;
   if (first && (state.steps.data || state.steps.recorded.length)) { setView('data'); openTab('steps'); }
-  showStages();
+  stages.show();
   if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
   part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;
   part('title').title = controls.description;
@@ -225,116 +224,14 @@ function refocus(focused) {
   if (focused) document.querySelector(focused.selector)?.querySelectorAll('input, button, select')[focused.within]?.focus({ preventScroll: true });
 }
 
-// Steps: those of the recordings, and what came out of them.
-const recordings = new RecordingsView({ refresh: () => refresh(), attempt, startCandidates: () => begin('candidates', {}) });
+// Steps with recordings, and the robot.
+const recordings = new RecordingsView({ refresh: () => refresh(), attempt, startCandidates: () => stages.begin('candidates', {}) });
+const stages = new Stages(page, { attempt, perform, load, setView, openTab, refresh: () => refresh(), again: () => recordings.again() });
 const robot = new RobotView(part('robot-view'), {
-  attempt, recorded: load, recordedCount: () => page.state?.steps.recorded.length ?? 0, useRecorded,
+  attempt, recorded: load, recordedCount: () => page.state?.steps.recorded.length ?? 0, useRecorded: () => stages.useRecorded(),
   labels: (channel) => page.state?.channels[channel] ?? { label: channel, factor: 1, offset: 0, colour: '' },
 });
-page.recordings = recordings;
-page.robot = robot;
-
-page.choose = (stage) => { page.step = stage; setView('data'); showStages(); };
-
-function showStages() {
-  const { steps } = page.state;
-  page.step ??= steps.data ? nextStep(page.state) : null;
-  showSteps(part('steps'), page.state, page.step, {
-    choose: page.choose, begin, open: (files) => perform('recordings', { files }).then(() => chooseNext()), useRecorded,
-    stop: () => perform('stop'),
-  });
-  if (!steps.compared.length) part('grid-view').hidden = true;
-  showDetail();
-  if (steps.running && !polling) poll();
-}
-
-function useRecorded() {
-  perform('recordings', { recorded: true }).then(() => { setView('data'); openTab('steps'); chooseNext(); });
-}
-
-function chooseNext() {
-  page.step = nextStep(page.state);
-  showStages();
-}
-
-async function begin(stage, options) {
-  setView('data');
-  if (stage === 'accept') { await perform('accept'); page.step = 'compare'; return showStages(); }
-  if (stage === 'export') {
-    const found = await attempt('change', () => ask('export'));
-    if (found) { page.exported = found; page.step = 'export'; showStages(); }
-    return null;
-  }
-  page.step = stage;
-  return perform('start', { stage, options });
-}
-
-/** The job whose result a stage shows. */
-function jobOf(stage) {
-  const { steps } = page.state;
-  if (stage === 'candidates') return steps.candidates;
-  return steps.stages.find((one) => one.stage === stage)?.job ?? null;
-}
-
-async function showDetail() {
-  const stage = page.step, box = part('detail');
-  if (stage === 'export') return page.exported?.number === page.state.history.current ? showExport(box, page.exported) : box.replaceChildren();
-  const job = stage && jobOf(stage);
-  if (!job) {
-    const words = page.state.steps.data ? '' : 'No recordings yet: choose the files of your robot under Steps.';
-    return box.replaceChildren(element('p', { className: 'note', textContent: words }));
-  }
-  const key = `${job.number} ${job.state}`;
-  if (!page.results.has(key) || job.state === 'running') {
-    const found = await attempt('job', () => ask('job', { number: job.number, since: 0, result: job.state !== 'running' }));
-    if (!found) return null;
-    page.results.set(key, found);
-    if (page.results.size > 20) page.results.delete(page.results.keys().next().value);
-  }
-  if (page.step !== stage) return null;
-  const found = page.results.get(key);
-  if (job.state === 'running') page.events = found.events;
-  return showResult(box, job.stage, found, { holdOut: (names) => perform('recordings', { hold_out: names }), tryEffect, keepEffect, tried: page.tried?.name ?? null });
-}
-
-/** Look at an effect with the values that explain most, without a version. */
-function tryEffect(effect) {
-  page.tried = effect && { name: effect.name, ...withEffect(effect) };
-  showDetail();
-  refresh();
-}
-
-const withEffect = (effect) => ({
-  effects: [...page.state.controls.active, effect.name],
-  values: Object.fromEntries(Object.entries(effect.values).map(([name, value]) => [`effects.${effect.name}.${name}`, value])),
-});
-
-const keepEffect = (effect) => perform('change', { ...withEffect(effect), expected: page.state.history.current });
-
-// A step that runs is asked how it proceeds.
-let polling = 0;
-function poll() {
-  polling = setTimeout(async () => {
-    const running = page.state.steps.running;
-    if (!running) { polling = 0; return; }
-    const found = await attempt('job', () => ask('job', { number: running.number, since: page.step === running.stage ? page.events.length : 0 }));
-    polling = 0;
-    if (!found) { polling = 0; setTimeout(() => { if (!polling) poll(); }, 2000); return; }
-    if (found.job.state !== 'running') {
-      await load();
-      refresh();
-      recordings.again();
-      return;
-    }
-    running.words = found.job.words;
-    for (const words of document.querySelectorAll(`[data-stage="${running.stage}"] .words, #detail .words`)) words.textContent = found.job.words;
-    if (page.step === running.stage && found.events.length) {
-      page.events = [...page.events, ...found.events];
-      redrawFigure(part('detail'), running.stage, page.events);
-    }
-    poll();
-  }, 400);
-}
+Object.assign(page, { recordings, robot, stages });
 
 // Views: the model by itself, recordings beside it, a robot beside it.
 function setView(name) {
@@ -345,6 +242,9 @@ function setView(name) {
     part(`${one}-view`).hidden = one !== name;
   }
   document.body.dataset.view = name;
+  const open = tabs.find((tab) => tab.getAttribute('aria-selected') === 'true')?.getAttribute('aria-controls');
+  if (open === 'steps' && name !== 'data') openTab('parameters');
+  if (open === 'command' && name !== 'model') openTab(name === 'data' ? 'steps' : 'parameters');
   robot.wake();
   if (page.state) refresh();
 }
@@ -363,16 +263,16 @@ function openTab(id) {
   }
 }
 const tabs = [...document.querySelectorAll('[role="tab"]')];
-tabs.forEach((tab, k) => {
+for (const tab of tabs) {
   tab.addEventListener('click', () => openTab(tab.getAttribute('aria-controls')));
   tab.addEventListener('keydown', (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step) return;
-    const next = tabs[(k + step + tabs.length) % tabs.length];
+    const seen = tabs.filter((one) => one.offsetParent !== null), next = seen[(seen.indexOf(tab) + step + seen.length) % seen.length];
     openTab(next.getAttribute('aria-controls'));
     next.focus();
   });
-});
+}
 openTab('parameters');
 
 // The picture moves.
@@ -408,7 +308,7 @@ function redraw() {
   for (const chart of page.charts.values()) chart.draw();
   drawing.draw(page.time);
   recordings.draw();
-  if (page.step) redrawFigure(part('detail'), page.step, page.results.get(`${jobOf(page.step)?.number} ${jobOf(page.step)?.state}`)?.events ?? []);
+  stages.redraw();
 }
 new ResizeObserver(redraw).observe(part('curves'));
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);

@@ -143,7 +143,7 @@ export class Chart {
         context.globalAlpha = 1;
         context.fillStyle = soft;
         if (py(value) < area.top + 0.45 * em) continue; // the label of the axis stands there
-        context.fillText(value.toFixed(marks.digits).replace(/^-(0(\.0*)?)$/, '$1').replace('-', '\u2212'), area.left - 0.4 * em, py(value));
+        context.fillText(value.toFixed(marks.digits).replace(/^-(0(\.0*)?)$/, '$1').replace('-', '\u2212'), area.left - 0.4 * em, py(value), area.left - 0.6 * em);
       }
     }
     const marks = ticks(...this.x, area.width / (5 * em));
@@ -212,8 +212,10 @@ export class Chart {
     const named = this.curves.filter((curve) => curve.label && !curve.beside && (this.kind === 'time' || this.curves.length > 1));
     let right = area.left + area.width;
     context.textAlign = 'right';
+    const free = context.measureText(this.label).width + 1.5 * em, many = named.length > 3; // the label of the axis stands there
     for (const curve of [...named].reverse()) {
-      const text = curve.label + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
+      const text = (many ? curve.label.replace(/^\D+ (?=\d+$)/, '') : curve.label) + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
+      if (right - context.measureText(text).width < free + 1.5 * em) break;
       context.fillStyle = styleOf('--ink');
       context.fillText(text, right, base);
       right -= context.measureText(text).width + 0.4 * em;

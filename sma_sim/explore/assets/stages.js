@@ -1,0 +1,143 @@
+// What the steps of the recordings do: begin and stop them, follow the one that runs, show what came out.
+
+import { element } from './controls.js';
+import { redrawFigure, showExport, showResult } from './results.js';
+import { nextStep, showSteps } from './steps.js';
+import { ask } from './wire.js';
+
+const part = (id) => document.getElementById(id);
+const PERIOD = 400, AFTER_FAILURE = 2000; // [ms] between two questions about a step that runs
+const RESULTS_KEPT = 20;
+
+export class Stages {
+  /** `page`: what the page knows; `actions`: attempt, perform, load, setView, openTab, refresh, again (explain the marked part again). */
+  constructor(page, actions) {
+    Object.assign(this, { page, actions, results: new Map(), events: [], chosen: null, exported: null, polling: 0 });
+  }
+
+  get state() { return this.page.state; }
+
+  show() {
+    const { steps } = this.state;
+    this.chosen ??= steps.data ? nextStep(this.state) : null;
+    showSteps(part('steps'), this.state, this.chosen, {
+      choose: (stage) => this.choose(stage), begin: (stage, options) => this.begin(stage, options), stop: () => this.actions.perform('stop'),
+      open: (files) => this.open({ files }), useRecorded: () => this.useRecorded(),
+    });
+    if (!steps.compared.length) part('grid-view').hidden = true;
+    this.detail();
+    if (steps.running && !this.polling) this.poll();
+  }
+
+  choose(stage) {
+    this.chosen = stage;
+    this.actions.setView('data');
+    this.show();
+  }
+
+  async open(body) {
+    await this.actions.perform('recordings', body);
+    this.choose(nextStep(this.state));
+  }
+
+  async useRecorded() {
+    await this.open({ recorded: true });
+    this.actions.openTab('steps');
+  }
+
+  async begin(stage, options) {
+    const { perform, attempt } = this.actions;
+    if (stage === 'accept') {
+      await perform('accept');
+      return this.choose('compare');
+    }
+    if (stage === 'export') {
+      const found = await attempt('change', () => ask('export'));
+      if (found) this.exported = found;
+      return this.choose('export');
+    }
+    this.chosen = stage;
+    this.actions.setView('data');
+    return perform('start', { stage, options });
+  }
+
+  /** The job whose result a stage shows. */
+  jobOf(stage) {
+    const { steps } = this.state;
+    return stage === 'candidates' ? steps.candidates : steps.stages.find((one) => one.stage === stage)?.job ?? null;
+  }
+
+  async detail() {
+    const stage = this.chosen, box = part('detail'), job = stage && this.jobOf(stage);
+    if (stage === 'export') return this.exported?.number === this.state.history.current ? showExport(box, this.exported) : box.replaceChildren();
+    if (!job) {
+      const words = this.state.steps.data ? '' : 'No recordings yet: choose the files of your robot under Steps.';
+      return box.replaceChildren(element('p', { className: 'note', textContent: words }));
+    }
+    const found = await this.resultOf(job);
+    if (!found || this.chosen !== stage) return null;
+    if (job.state === 'running') this.events = found.events;
+    return showResult(box, job.stage, found, {
+      holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
+      tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
+    });
+  }
+
+  async resultOf(job) {
+    const key = `${job.number} ${job.state}`;
+    if (!this.results.has(key) || job.state === 'running') {
+      const found = await this.actions.attempt('job', () => ask('job', { number: job.number, since: 0, result: job.state !== 'running' }));
+      if (!found) return null;
+      this.results.set(key, found);
+      if (this.results.size > RESULTS_KEPT) this.results.delete(this.results.keys().next().value);
+    }
+    return this.results.get(key);
+  }
+
+  /** Look at an effect with the values that explain most, without a version. */
+  tryEffect(effect) {
+    this.page.tried = effect && { name: effect.name, ...this.with(effect) };
+    this.detail();
+    this.actions.refresh();
+  }
+
+  with(effect) {
+    return {
+      effects: [...this.state.controls.active, effect.name],
+      values: Object.fromEntries(Object.entries(effect.values).map(([name, value]) => [`effects.${effect.name}.${name}`, value])),
+    };
+  }
+
+  /** A step that runs is asked how it proceeds, until it has ended. */
+  poll() {
+    this.polling = setTimeout(async () => {
+      const { running } = this.state.steps, { attempt, load, refresh, again } = this.actions;
+      const seen = running?.stage === this.chosen;
+      const found = running && await attempt('job', () => ask('job', { number: running.number, since: seen ? this.events.length : 0 }));
+      this.polling = 0;
+      if (!running) return;
+      if (!found) { setTimeout(() => { if (!this.polling) this.poll(); }, AFTER_FAILURE); return; }
+      if (found.job.state === 'running') {
+        this.progress(running, found, seen);
+        this.poll();
+        return;
+      }
+      await load();
+      refresh();
+      again();
+    }, PERIOD);
+  }
+
+  progress(running, { job, events }, seen) {
+    running.words = job.words;
+    for (const words of document.querySelectorAll(`[data-stage="${running.stage}"] .words${seen ? ', #detail .words' : ''}`)) words.textContent = job.words;
+    if (!seen || !events.length) return;
+    this.events = [...this.events, ...events];
+    redrawFigure(part('detail'), running.stage, this.events);
+  }
+
+  redraw() {
+    const job = this.state && this.chosen && this.jobOf(this.chosen);
+    if (job) redrawFigure(part('detail'), job.stage, job.state === 'running' ? this.events : this.results.get(`${job.number} ${job.state}`)?.events ?? []);
+  }
+}

@@ -1,0 +1,93 @@
+"""The page of `sma-sim explore` beside a running node: listen, record, the node goes and comes back."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+
+import pytest
+from browser import open_browser
+from explore_server import serving, until
+
+ros_client = pytest.importorskip('ros_client', reason='no ROS here')
+
+WORDS = ('check.burn_in=0.5', 'check.window=0.5')
+STATE = 'return smaExplore.robot.state'
+PATIENCE = 120.0  # [s]
+
+
+@pytest.fixture(scope='module')
+def browser():
+    one = open_browser(1400, 900)
+    yield one
+    assert [entry for entry in one.get_log('browser') if ' 400 ' not in entry['message']] == []
+    one.quit()
+
+
+def wait(browser, condition):
+    until(browser, f'const one = smaExplore.robot.state; return {condition}', seconds=PATIENCE)
+
+
+@contextlib.contextmanager
+def node_again(environment):
+    """The same node, started anew where it was."""
+    command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '__ns:=/robot_1']
+    output = subprocess.DEVNULL
+    with subprocess.Popen(command, cwd=ros_client.ROOT, env=environment, stdout=output, stderr=output) as process:
+        yield
+        process.send_signal(signal.SIGINT)
+
+
+def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
+    with serving(tmp_path / 'session', words=WORDS) as server:
+        try:
+            with ros_client.Simulation('-r', '__ns:=/robot_1') as robot:
+                browser.get(server.address)
+                until(browser, 'return window.smaExplore?.ready')
+                browser.find_element('id', 'view-robot').click()
+                browser.find_element('id', 'namespace').send_keys('robot_1')
+                domain = robot.environment['ROS_DOMAIN_ID']
+                browser.find_element('id', 'domain').send_keys(domain)
+                browser.find_element('id', 'listen').click()
+                wait(browser, 'one.state === "comparing" && smaExplore.robot.charts.size >= 10')
+                browser.find_element('id', 'record').click()
+                wait(browser, 'one.recording.messages > 200')
+                browser.find_element('id', 'record').click()
+                wait(browser, 'one.recording.path === ""')
+                until(browser, 'return smaExplore.state.steps.recorded.length === 1', seconds=PATIENCE)
+                assert browser.execute_script(STATE)['problems'] == []
+                robot.stop()
+                wait(browser, 'one.problems.some((words) => words.includes("joint_states"))')
+                assert 'joint_states' in browser.find_element('id', 'robot-problems').text
+            count = browser.execute_script(STATE)['compared']
+            with node_again(robot.environment):
+                wait(browser, f'one.compared > {count} + 20 && one.problems.length === 0')
+                browser.find_element('id', 'listen-end').click()
+                wait(browser, 'one.state === "ended"')
+            browser.find_element('id', 'use-recorded').click()
+            until(browser, 'return smaExplore.state.steps.data?.data.length === 1')
+            browser.execute_script('document.querySelector("[data-begin=check]").click()')
+            until(browser, 'return smaExplore.state.steps.stages[0].job?.state === "done"', seconds=PATIENCE)
+            (run,) = server.application.data.engine.latest('check').result()['runs']
+            assert {'U_x', 'U_y', 'alpha', 'F_1', 'T_2'} <= set(run['channels']) and run['samples'] > 20
+        finally:
+            server.application.close()
+
+
+def test_without_a_robot_the_page_waits(browser, tmp_path):
+    with serving(tmp_path / 'session', words=WORDS) as server:
+        try:
+            browser.get(server.address)
+            until(browser, 'return window.smaExplore?.ready')
+            browser.find_element('id', 'view-robot').click()
+            browser.find_element('id', 'namespace').send_keys('nobody')
+            browser.find_element('id', 'listen').click()
+            wait(browser, 'one.state === "waiting for joint_states"')
+            browser.refresh()
+            until(browser, 'return window.smaExplore?.ready')
+            browser.find_element('id', 'view-robot').click()
+            wait(browser, 'one.state === "waiting for joint_states"')
+            browser.find_element('id', 'listen-end').click()
+            wait(browser, 'one.state === "ended"')
+        finally:
+            server.application.close()
