@@ -12,6 +12,18 @@ from sensor_msgs.msg import JointState
 from sma_sim.model.errors import UserError
 from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
 
+LOOKED = """
+import inspect, sys
+from sma_sim.ros.entry import run_node
+from sma_sim.ros.main import PROGRAM
+
+class Runner:
+    def begin(self, stop): print('modules known at the start:', __file__ in inspect.modulesbyfile)
+    def spin(self, stop): pass
+    def close(self): pass
+
+sys.exit(run_node(PROGRAM, lambda *_: Runner(), []))
+"""  # rclpy asks `inspect` for the caller of each message
 FIFO = ('-p', 'node.realtime_priority:=10.0')
 
 
@@ -27,6 +39,12 @@ def test_no_object_of_the_start_is_collected_again():
         assert gc.get_freeze_count() > 10_000 > len(gc.get_objects())
     finally:
         gc.unfreeze()
+
+
+def test_the_first_message_does_not_look_through_all_modules_while_steps_wait(tmp_path):
+    (tmp_path / 'start.py').write_text(LOOKED)
+    done = subprocess.run([sys.executable, tmp_path / 'start.py'], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, 'modules known at the start: True\n'), done.stderr
 
 
 def test_without_a_priority_nothing_changes():

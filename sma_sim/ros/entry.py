@@ -207,11 +207,12 @@ class Server:
 def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, working: threading.Event) -> int:
     """Make the node and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode
-    from sma_sim.ros.realtime import freeze_objects, switch_threads_often, use_realtime_priority
+    from sma_sim.ros.realtime import freeze_objects, prepare_logging, switch_threads_often, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
     node = ParameterNode(program.name, automatically_declare_parameters_from_overrides=True)
     runner, settings = configured_runner(node, make, program.live)
+    prepare_logging()
     working.set()
     server = Server(node)
     try:

@@ -299,7 +299,7 @@ class ModuleSimulation:
             **self._recording.values,
         }
         problems = [
-            f'{overruns} overruns in the last {OVERRUN_WINDOW:g} s' if overruns else '',
+            f'overruns in the last {OVERRUN_WINDOW:g} s: {overruns}' if overruns else '',
             f'command {command.state}' if command.state == TURNED_OFF else '',
             f'recording {values["recording"]}' if self._recording.problem else '',
             *self._graph_check.problems(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 import sys
 
@@ -20,6 +21,11 @@ def freeze_objects() -> None:
     """Keep what the start has made out of all later garbage collections, each of which would take a tenth of a second."""
     gc.collect()
     gc.freeze()
+
+
+def prepare_logging() -> None:
+    """Let `inspect` look through all modules now, by which rclpy finds the caller of a message: the first time takes long."""
+    inspect.getmodule(inspect.currentframe())
 
 
 def use_realtime_priority(priority: int) -> None:
