@@ -1,4 +1,4 @@
-"""One wire in several kinds of tests: a map tells them apart, one fit takes them all, pages and sheets show it."""
+"""One wire in several kinds of tests: a map tells them apart, one fit takes them all, pages and sheets show them."""
 
 import csv
 from pathlib import Path

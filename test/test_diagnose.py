@@ -206,7 +206,7 @@ def test_a_held_out_run_that_goes_further_than_the_fitted_ones_is_said():
     found = diagnose(changed, config(), request=DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False)))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.stages[-1].train < 1.1 and found.stages[-1].held_out > 1.3
-    assert found.pooled_errors is not None and not found.pooled_errors.explained
+    assert found.pooled_errors is not None and not found.pooled_errors.explained()
     assert any(line.startswith('The fitted runs are explained') for line in as_text(found))
 
 

@@ -1,8 +1,13 @@
 """What a diagnosis would say with another run held out, from the errors of its models by run."""
 
+from math import nan
+
 import pytest
 
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, JudgedModel, differing, verdicts_by_run
+from sma_sim.evidence.estimation.cross_validation import interpolated
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
+from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 
 RUNS = ('run1', 'run2', 'run3')
 NOISE = dict.fromkeys(RUNS, 1.0)
@@ -71,3 +76,29 @@ def test_a_formula_stays_unknown_and_is_no_effect():
 ])  # fmt: skip
 def test_a_single_fitted_run_tells_nothing_nor_a_last_model_that_was_not_cross_validated(path):
     assert verdicts_by_run(path) == {}
+
+
+def test_levels_beyond_all_others_do_not_judge():
+    levels = {'low': 7e6, 'middle': 1e8, 'top': 4e8}
+    assert interpolated(levels) == ['middle']
+    assert interpolated({**levels, 'again': 4e8}) == ['middle', 'top', 'again']  # a repeat predicts its like
+    assert interpolated({'low': 7e6, 'top': 4e8}) == ['low', 'top']  # nothing is between: all have to do
+    assert interpolated({**levels, 'pulled': nan}) == ['middle', 'pulled']  # another kind of test
+    assert interpolated(dict.fromkeys(RUNS, nan)) == list(RUNS)
+
+
+def test_extrapolated_levels_do_not_reject_an_effect():
+    """The top level is predicted worse by the right model: two levels do not tell how strain goes on."""
+    path = model((), (2.0, 4.0, 3.0, 3.0)), model(('smooth',), (1.0, 9.0, 1.1, 1.0))
+    levels = {'run1': 1e8, 'run2': 4e8, 'run3': 7e6}
+    assert verdicts(*path)['test'] == ('unknown_effect', ())
+    assert verdicts_by_run(path, levels=levels)['test'].effects == ('smooth',)
+
+
+def test_a_homogeneous_wire_cannot_be_much_better():
+    """A part of what strain spans counts as explained; without a span, as in all other runs, only noise does."""
+    assert unexplained_above(nan) == CRITERIA.unexplained and fits_all(CRITERIA.unexplained) == CRITERIA.pooled_noise_only
+    assert unexplained_above(200.0) == pytest.approx(10.0) and fits_all(10.0) == 10.0
+    assert unexplained_above(5.0) == CRITERIA.unexplained  # a noisy test
+    beyond = PooledErrors(train=8.0, held_out=9.0)
+    assert beyond.explained(10.0) and not beyond.explained()

@@ -30,7 +30,7 @@ from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.forward_selection import select_forward
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
@@ -285,7 +285,7 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     stages = [provisional_stage(data, kind, fit, context) for kind, fit in path[:-1]]
     stages.append(last_stage(data, kind, last, request, context))
     pooled = None
-    if data.held_out and reaches_beyond_fitted(stages[-1]):
+    if data.held_out and reaches_beyond_fitted(stages[-1], data.limit):
         predicted = stages[-1].predicted
         pooled = pooled_refit(data.training, data.held_out, last, predicted, request.options, context)
     verdict = verdict_of(stages[-1], pooled, data.limit)
@@ -318,7 +318,7 @@ def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]
     if end.pooled_errors is not None:
         together = {run.name: end.pooled_errors.held_out for run in end.stages[-1].predicted}
         models[-1] = replace(models[-1], fitted={**models[-1].fitted, **together})
-    return verdicts_by_run(models, limit)
+    return verdicts_by_run(models, limit, {run.name: run.level for run in fits[0].problem.runs})
 
 
 def last_stage(
@@ -377,9 +377,9 @@ def predicts_best(stages: Sequence[ModelStage]) -> int:
     return best
 
 
-def reaches_beyond_fitted(last: ModelStage) -> bool:
+def reaches_beyond_fitted(last: ModelStage, limit: float = CRITERIA.unexplained) -> bool:
     """Whether the fitted runs are explained, and those held out are not."""
-    return last.train <= CRITERIA.noise_only and last.held_out > CRITERIA.unexplained
+    return last.train <= max(CRITERIA.noise_only, fits_all(limit)) and last.held_out > limit
 
 
 def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRITERIA.unexplained) -> str:
@@ -390,7 +390,7 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRI
     fitted to all runs (`pooled`).
     """
     error = last.train if isnan(last.held_out) else last.held_out
-    if error > limit and not (pooled is not None and pooled.explained):
+    if error > limit and not (pooled is not None and pooled.explained(limit)):
         return 'unknown_effect'
     return 'missing_effect' if last.effects else 'none'
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import nan
+from types import MappingProxyType
 
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.estimation.cross_validation import mean_error
+from sma_sim.evidence.estimation.cross_validation import interpolated, mean_error
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,9 @@ class JudgedModel:
     rivals: tuple[JudgedModel, ...] = ()
     formula: bool = False
 
-    def error_without(self, run: str, runs: Sequence[str]) -> float:
-        """Error of the other `runs`, each predicted without itself."""
-        return mean_error({name: self.predicted[name] for name in runs if name != run})
+    def error_of(self, runs: Sequence[str]) -> float:
+        """Error of some runs, each predicted without itself."""
+        return mean_error({name: self.predicted[name] for name in runs})
 
 
 def judged_model(
@@ -64,8 +66,10 @@ def rivals_of(fit: FitResult, steps: Sequence[SelectionStep]) -> list[JudgedMode
     return found
 
 
-def verdicts_by_run(path: Sequence[JudgedModel], limit: float = CRITERIA.unexplained) -> dict[str, HeldOutVerdict]:
-    """By run, fitted and held out; `path` leads from the nominal model to the last.
+def verdicts_by_run(
+    path: Sequence[JudgedModel], limit: float = CRITERIA.unexplained, levels: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, HeldOutVerdict]:
+    """By run, fitted and held out; `path` leads from the nominal model to the last, `levels` are those of isobaric tests.
 
     Empty for a single fitted run, and where the first or the last model was not refitted without each run.
     """
@@ -73,23 +77,26 @@ def verdicts_by_run(path: Sequence[JudgedModel], limit: float = CRITERIA.unexpla
     compared = [model for model in path if set(fitted) <= set(model.predicted)]
     if len(fitted) < 2 or len(compared) < 1 or compared[0] is not path[0] or compared[-1] is not path[-1]:
         return {}
-    return {run: verdict_without(run, fitted, compared, limit) for run in path[0].predicted}
+    return {
+        run: verdict_without(run, interpolated({n: levels.get(n, nan) for n in fitted if n != run}), compared, limit)
+        for run in path[0].predicted
+    }
 
 
-def verdict_without(run: str, fitted: Sequence[str], path: Sequence[JudgedModel], limit: float) -> HeldOutVerdict:
-    """What the others say, and how that predicts the run."""
-    best, least = path[0], path[0].error_without(run, fitted)
+def verdict_without(run: str, judges: Sequence[str], path: Sequence[JudgedModel], limit: float) -> HeldOutVerdict:
+    """What the `judges` among the others say, and how that predicts the run."""
+    best, least = path[0], path[0].error_of(judges)
     for model in path[1:]:
-        error = model.error_without(run, fitted)
+        error = model.error_of(judges)
         more = len(model.effects) > len(best.effects)
         if lowers_enough(error, least, CRITERIA.min_error_reduction if more else -CRITERIA.min_error_reduction):
             best, least = model, error
-    for rival in best.rivals if run in fitted else ():  # without a run that no fit has seen, the search was as it is
-        error = rival.error_without(run, fitted)
+    for rival in best.rivals if run in path[0].fitted else ():  # without a run that no fit has seen, the search was as it is
+        error = rival.error_of(judges)
         if lowers_enough(error, least, CRITERIA.min_error_reduction):
             best, least = rival, error
     error, together = best.predicted[run], path[-1].fitted.get(run)
-    explained = error <= limit or (together is not None and together <= CRITERIA.pooled_noise_only)
+    explained = error <= limit or (together is not None and together <= fits_all(limit))
     known = best.effects[:-1] if best.formula else best.effects
     verdict = 'unknown_effect' if best.formula or not explained else 'missing_effect' if known else 'none'
     return HeldOutVerdict(verdict, known, error)

@@ -19,7 +19,7 @@ from sma_sim.evidence.estimation.calibrate import (
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 
@@ -97,17 +97,13 @@ class StageData:
 
     @property
     def limit(self) -> float:
-        """The error over noise above which something is missing that no accepted effect explains.
-
-        A quasi-static test has far less noise than a model of one homogeneous wire can follow: there the least is a part
-        of what the strain spans.
-        """
+        """The error over noise above which something is missing that no accepted effect explains."""
         structures = [known_structures()[recording.system] for recording in self.training.recordings]
         if not all(structure.is_quasi_static for structure in structures) or 'strain' not in self.training.noise_std:
             return CRITERIA.unexplained
         span = max(float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
                    for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip
-        return max(CRITERIA.unexplained, CRITERIA.adequate_part * span / self.training.noise_std['strain'])
+        return unexplained_above(span / self.training.noise_std['strain'])
 
     def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs under a model."""

@@ -135,7 +135,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield agreement_sentence(diagnosis.calibration.by_run)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         yield from left_lines(diagnosis)
-    elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained:
+    elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit):
         yield BEYOND_FITTED.format(**asdict(diagnosis.pooled_errors))
     yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:

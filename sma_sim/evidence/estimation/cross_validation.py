@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import inf, nan
+from math import inf, isnan, nan
 from threading import Event
 
 import numpy as np
@@ -195,7 +195,22 @@ def cross_validated(fit: FitResult, context: SearchContext) -> FitResult:
         errors = dict.fromkeys((run.name for run in fit.problem.runs), inf)
     if context.stop.is_set() or not errors:
         return replace(fit, cross_validated_error=nan, left_out_errors={})
-    return replace(fit, cross_validated_error=mean_error(errors), left_out_errors=errors)
+    judges = interpolated({run.name: run.level for run in fit.problem.runs})
+    return replace(fit, cross_validated_error=mean_error({name: errors[name] for name in judges}), left_out_errors=errors)
+
+
+def interpolated(levels: Mapping[str, float]) -> list[str]:
+    """By the level of runs (NaN where they have none), those whose errors judge a model when they are left out in turn.
+
+    Of isobaric tests these are the levels between the others: beyond all others a model extrapolates, and two or three
+    levels that do not determine how strain goes on with stress would decide by what the priors say. All where none is.
+    """
+    found = []
+    for name, level in levels.items():
+        others = [other for key, other in levels.items() if key != name and not isnan(other)]
+        if isnan(level) or (others and min(others) <= level <= max(others)):
+            found.append(name)
+    return found or list(levels)
 
 
 def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from math import isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +105,14 @@ class Problem:
     def samples(self) -> int:
         """Measured values that count."""
         return sum(run.samples for run in self.runs)
+
+    @property
+    def span(self) -> float:
+        """What strain spans in an isobaric test, over its noise: the most of all runs; NaN where a run is no such test."""
+        if any(isnan(run.level) or 'strain' not in run.channels for run in self.runs):
+            return nan
+        strains = [(run, run.channels.index('strain')) for run in self.runs]
+        return max(float(np.ptp(run.measured[k][run.weight[k] > 0.0]) * run.weight[k].max()) for run, k in strains)
 
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,8 @@ class FitData:
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
-    `bench`: on which the wire was, by the name of its structure; empty for that of the configuration.
+    `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
+    stress [Pa] of an isobaric test, NaN of others.
     """
 
     name: str
@@ -58,6 +60,7 @@ class FitData:
     zero_std: tuple[float, ...] = ()
     drift_std: tuple[float, ...] = ()
     bench: str = ''
+    level: float = nan
 
     @property
     def groups(self) -> int:
@@ -127,6 +130,7 @@ def fit_data(
         zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
         drift_std=stds_of(recording.drift_std, recording.zero_std, channels),
         bench=recording.system if structure.options else '',
+        level=float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.effects.discovery import FoundEffect
@@ -26,7 +26,8 @@ class CandidateFit:
     `error_ratio`: cross-validated error with over without (the fitted error, which is smaller, where it is
     `not_cross_validated`); `error_reduction`: by how much it is lower, as a fraction of the error or of the noise,
     whichever is larger; `explained`: fraction of the fitted squares; `family_p` of the screening; `std`: standard errors by
-    full name (SI); `indistinguishable`: other candidates that explain as well.
+    full name (SI); `indistinguishable`: other candidates that explain as well; `least_reduction`: the least
+    `error_reduction` with which it is accepted.
     """
 
     found: FoundEffect
@@ -39,6 +40,7 @@ class CandidateFit:
     plausible: bool
     std: Mapping[str, float]
     indistinguishable: tuple[str, ...] = ()
+    least_reduction: float = CRITERIA.min_error_reduction
 
     @property
     def name(self) -> str:
@@ -76,7 +78,7 @@ class CandidateFit:
     @property
     def predicts_better(self) -> bool:
         """Whether runs left out are predicted better by enough, and by more than chance."""
-        return self.error_reduction >= CRITERIA.min_error_reduction and self.significant
+        return self.error_reduction >= self.least_reduction and self.significant
 
     @property
     def significant(self) -> bool:
@@ -113,7 +115,18 @@ def candidate_fit(
     return CandidateFit(
         found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
         1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
+        least_reduction=least_reduction(base),
     )  # fmt: skip
+
+
+def least_reduction(base: FitResult) -> float:
+    """What an effect must take away from the error of a model: more where no homogeneous wire could be much better.
+
+    There effects imitate gradients of temperature and texture, which are alike in all tests of a specimen.
+    """
+    span = base.problem.span
+    adequate = not isnan(span) and base.error <= unexplained_above(span)
+    return CRITERIA.adequate_reduction if adequate else CRITERIA.min_error_reduction
 
 
 def delta_bic(base: FitResult, fit: FitResult) -> float:

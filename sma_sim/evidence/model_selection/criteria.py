@@ -97,6 +97,9 @@ class SelectionCriteria:
     adequate_part: float = 0.05
     """Part of what strain spans in a quasi-static test within which a model of one homogeneous wire predicts it: specimens
     have gradients of temperature and texture that no such model has."""
+    adequate_reduction: float = 0.15
+    """Fraction of the cross-validated error of such tests that an effect must take away below that: gradients are alike in
+    all tests of a specimen, and effects that imitate them predict a little better, too."""
     clearly_unexplained: float = 1.5
     """Error above which a fit on all samples does not change the verdict, so that it is not made first."""
     min_named_reduction: float = 0.1
@@ -111,3 +114,17 @@ class SelectionCriteria:
 
 
 CRITERIA = SelectionCriteria()
+
+
+def unexplained_above(span: float) -> float:
+    """The error over noise above which something is missing that no accepted effect explains.
+
+    `span`: what strain spans in isobaric tests, over its noise, which is far less than a model of one homogeneous wire can
+    follow: there the least is a part of it. NaN for other runs.
+    """
+    return max(CRITERIA.unexplained, CRITERIA.adequate_part * span) if span == span else CRITERIA.unexplained
+
+
+def fits_all(limit: float) -> float:
+    """The error of runs fitted together below which one model explains them, where something is missing above a `limit`."""
+    return CRITERIA.pooled_noise_only if limit <= CRITERIA.unexplained else limit

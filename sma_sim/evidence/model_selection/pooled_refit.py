@@ -18,7 +18,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.refit import refit
 
 
@@ -29,10 +29,9 @@ class PooledErrors:
     train: float
     held_out: float
 
-    @property
-    def explained(self) -> bool:
-        """Whether nothing is left in either."""
-        return max(self.train, self.held_out) <= CRITERIA.pooled_noise_only
+    def explained(self, limit: float = CRITERIA.unexplained) -> bool:
+        """Whether nothing is left in either; `limit`: the error above which something is missing."""
+        return max(self.train, self.held_out) <= fits_all(limit)
 
 
 def pooled_refit(

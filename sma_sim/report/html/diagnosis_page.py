@@ -103,5 +103,5 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.verdict == 'none' and not diagnosis.effects:
         yield 'No effect of the library lowers the cross-validated error by more than chance would.'
     rule = f'An error over noise above {diagnosis.limit:.3g} at the end counts as unexplained'
-    explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained
+    explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit)
     yield rule + (', except in runs that one model explains together.' if explained else '.')
