@@ -24,7 +24,7 @@ def freeze_objects() -> None:
 
 
 def prepare_logging() -> None:
-    """Let `inspect` look through all modules now, by which rclpy finds the caller of a message: the first time takes long."""
+    """Let `inspect`, by which rclpy finds the caller of a message, look through all modules now: its first time is long."""
     inspect.getmodule(inspect.currentframe())
 
 
