@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts)]
-BLOCK = re.compile(r'(?:<!-- (?P<mark>run|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
+BLOCK = re.compile(r'(?:<!-- (?P<mark>run(?: at night)?|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
 SHELLS = ('bash', 'console', 'sh')
 # Half a minute and more.
 SEARCHES = re.compile(r'sma-sim (?:diagnose|latent|next|tour)|(?:diagnose|propose|estimate_latent_inputs|next_experiment)\(')
@@ -30,7 +30,7 @@ def scripts():
     for language in ('python', *SHELLS):
         for name, _, mark, text in blocks(language):
             if language == 'python' or (mark or '').startswith('run'):
-                marks = [pytest.mark.slow] if SEARCHES.search(text) else []
+                marks = [pytest.mark.slow] if SEARCHES.search(text) or mark == 'run at night' else []
                 words = [sys.executable] if language == 'python' else ['bash', '-euo', 'pipefail']
                 yield pytest.param([*words, '-c', text], id=name, marks=marks)
 
