@@ -21,7 +21,7 @@ from sma_sim.evidence.model_selection.candidate_fit import (
     ordered_by_error,
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
@@ -135,7 +135,7 @@ def further_step(first: SelectionStep, candidates: Sequence[Candidate], context:
         context.on_progress(f'screening {len(candidates)} effects and {len(variants)} variants')
         screened = screen(start.problem, start.z, [*candidates, *variants], context.pool, context.seed)
         trials += promising_further(screened, first, least_gain(base))
-    if accepted is None and base.error > CRITERIA.unexplained:
+    if accepted is None and base.error > unexplained_above(base.problem.span):
         trials += passed_over(first, candidates)
     if not trials:
         return first
@@ -252,7 +252,7 @@ def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionS
     then, so that a second one is tried where the first does not lead to the noise.
     """
     significant = [c for c in first.candidate_fits if c.plausible and c.family_p <= CRITERIA.significance]
-    if first.stopped or first.base.error <= CRITERIA.unexplained:
+    if first.stopped or first.base.error <= unexplained_above(first.base.problem.span):
         return (first,)
     steps: tuple[SelectionStep, ...] = (first,)
     best, stopped = (1.0 - CRITERIA.strong_error_reduction) * first.base.prediction_error, False
