@@ -36,7 +36,14 @@ tests:
     J_W: power
     stress_Pa: {column: stress_MPa, scale: 1.0e+6}
     T_K: {column: temperature_C, offset: 273.15}
+  - files: dsc/*.csv
+    bench: {control: stress, temperature: balance}
+    stress_Pa: {value: 0.0}
+    J_W: {value: 0.0}
+    T_E_K: {column: furnace_C, offset: 273.15}
+    T_1_K: {column: specimen_C, offset: 273.15}
 """
+KINDS = ('isobaric', 'pulls', 'blocked', 'dsc')
 GEOMETRY = ['wire.l0=0.2', 'wire.r0=2.5e-4', 'wire.n=1', 'wire.c_V=450', 'wire.lambda=100']
 SMOOTH = 'smooth_transformation:width_A=3e7,width_M=3e7,start_A=2,end_A=2,start_M=2,end_M=2'
 
@@ -49,9 +56,10 @@ def on_bench(control, temperature):
 
 
 def recorded(model, times, *imposed):
-    """A run under imposed columns, in a room of 298 K."""
-    values = np.column_stack([np.broadcast_to(column, times.shape) for column in (*imposed, 298.0)])
+    """A run under imposed columns, in a room of 298 K where they leave that open."""
     structure = model.structure
+    columns = (*imposed, 298.0)[: len(structure.input_columns)]
+    values = np.column_stack([np.broadcast_to(column, times.shape) for column in columns])
     linear = tuple(k < len(structure.drives) for k in range(values.shape[1]))
     return simulate(model, Input(times, values, linear, structure.input_columns), times)
 
@@ -65,7 +73,7 @@ def write(path, **columns):
 
 @pytest.fixture(scope='module')
 def campaign(tmp_path_factory):
-    """Isobaric, isothermal and blocked-force tests of one wire, and their map."""
+    """Isobaric, isothermal, blocked-force and calorimetric tests of one wire, and their map."""
     folder, random = tmp_path_factory.mktemp('campaign'), np.random.default_rng(1)
     (folder / 'map.yaml').write_text(MAP)
     times = np.linspace(0.0, 4000.0, 301)
@@ -88,26 +96,31 @@ def campaign(tmp_path_factory):
     write(folder / 'blocked' / 'heated.csv', time_s=times, power=power,
           stress_MPa=run['stress_Pa'] / 1e6 + 0.5 * random.normal(size=len(times)),
           temperature_C=run['T_K'] - 273.15 + 0.1 * random.normal(size=len(times)))  # fmt: skip
+    times = np.arange(0.0, 900.0, 3.0)
+    furnace = 270.0 + 90.0 * (1.0 - np.abs(times / 450.0 - 1.0))
+    run = recorded(on_bench('stress', 'balance'), times, 0.0, 0.0, furnace)
+    write(folder / 'dsc' / 'no_load.csv', time_s=times, furnace_C=furnace - 273.15,
+          specimen_C=run['T_1_K'] - 273.15 + 0.02 * random.normal(size=len(times)))  # fmt: skip
     return folder
 
 
 def words_of(campaign):
     """The command line for a campaign."""
-    folders = [str(campaign / name) for name in ('isobaric', 'pulls', 'blocked')]
+    folders = [str(campaign / name) for name in KINDS]
     return [*folders, '--system', 'wire', '--map', str(campaign / 'map.yaml'), '--model', 'hybrid', '--starts', '1',
             *(word for one in GEOMETRY for word in ('--set', one))]  # fmt: skip
 
 
 def dataset_of(campaign):
     """Its recordings."""
-    folders = [campaign / name for name in ('isobaric', 'pulls', 'blocked')]
+    folders = [campaign / name for name in KINDS]
     return read_dataset(folders, 'wire', 298.0, campaign / 'map.yaml')
 
 
 def test_one_fit_takes_all_kinds_of_tests(campaign):
     dataset = dataset_of(campaign)
     assert [run.system for run in dataset.recordings] == [
-        'wire_under_load_at_T', 'wire_under_load_at_T', 'wire_at_T', 'wire_at_T', 'wire',
+        'wire_under_load_at_T', 'wire_under_load_at_T', 'wire_at_T', 'wire_at_T', 'wire', 'wire_under_load',
     ]  # fmt: skip
     start = read_config(words=['system=wire', *GEOMETRY], effects=['smooth_transformation:width_A=2e7,width_M=2e7'])
     found = calibrate(dataset, start, FitOptions(model='hybrid', starts=1))
