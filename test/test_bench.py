@@ -101,7 +101,7 @@ def test_load_and_wire_are_in_balance_while_nothing_jumps():
 def test_a_specimen_at_a_set_temperature_is_stretched():
     """Isothermal tensile test: sigma = sigma_A on the way up, E_A before; heat does not matter."""
     model = bench('strain', 'prescribed', 'initial.x_M_1=0')
-    assert model.structure.channels == ('stress',)
+    assert model.structure.channels == ('stress', 'R')
     times = np.array([0.0, 100.0])
     values = np.column_stack([[0.0, 0.03], [450.0, 450.0], np.zeros(2), np.full(2, 298.0)])
     run = simulate(model, Input(times, values, (True, True, False, False), model.structure.input_columns), 10.0)
