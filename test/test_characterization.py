@@ -239,3 +239,14 @@ def test_measured_transformation_temperatures_rise_with_stress():
     table = np.array([test.temperatures for test in tests])
     assert len(tests) == 6 and (np.diff(table[1:], axis=0) > 0.0).all()
     assert all(test.hysteresis > 5.0 for test in tests)
+
+
+def test_what_belongs_to_one_bench_is_left_out_on_the_others(campaign, tmp_path):
+    """A scale of power, stated for all tests, is fitted where something is heated."""
+    path = tmp_path / 'map.yaml'
+    path.write_text(MAP + 'nuisances:\n  power_scale: {k: 0.1}\n')
+    options = FitOptions(free=('wire.eps_T',), model='hybrid', starts=1, intervals=False)
+    for kinds, expected in ((['pulls'], {'wire.eps_T'}), (['blocked'], {'wire.eps_T', 'effects.power_scale.k'})):
+        dataset = read_dataset([campaign / kind for kind in kinds], 'wire', 298.0, path)
+        found = calibrate(dataset, read_config(words=['system=wire', *GEOMETRY]), options)
+        assert set(found.values) == expected

@@ -233,7 +233,7 @@ def on_leading_bench(config: Config, dataset: Dataset) -> Config:
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen."""
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
-    names = with_nuisance_names(options.free, dataset)
+    names = with_nuisance_names(options.free, dataset, config)
     free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(known_structures()[one.system].is_quasi_static for one in dataset.recordings)

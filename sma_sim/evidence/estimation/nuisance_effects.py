@@ -26,11 +26,11 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     more = []
     for name, stds in dataset.nuisances.items():
         found = known.get(name)
-        if found is None or not acts_on(found.effect, structure):
+        if found is None:
             expected = sorted(name for name, one in known.items() if acts_on(one.effect, structure))
             raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint(name, expected)}')
         check_parameters(name, found, stds)
-        if name not in active:
+        if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign
             values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
             more.append(ActiveEffect(found, tuple(values)))
     return replace(config, effects=(*config.effects, *more)) if more else config
@@ -57,9 +57,11 @@ def hint(name: str, known: Sequence[str]) -> str:
     return f'; did you mean {close[0]}?' if close else f'; expected some of {", ".join(known)}'
 
 
-def with_nuisance_names(free: tuple[str, ...] | None, dataset: Dataset) -> tuple[str, ...] | None:
-    """The parameters to fit, with those of the bench; None, all, and (), a model as it is, stay."""
-    declared = (f'effects.{name}.{parameter}' for name, stds in dataset.nuisances.items() for parameter in stds)
+def with_nuisance_names(free: tuple[str, ...] | None, dataset: Dataset, config: Config) -> tuple[str, ...] | None:
+    """The parameters to fit, with those of the bench that the model has; None, all, and (), a model as it is, stay."""
+    active = {one.found.effect.name for one in config.effects}
+    stds = {name: stds for name, stds in dataset.nuisances.items() if name in active}
+    declared = (f'effects.{name}.{parameter}' for name, entry in stds.items() for parameter in entry)
     return (*free, *declared) if free else free
 
 
