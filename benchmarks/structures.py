@@ -20,7 +20,6 @@ from sma_sim.model.structures.structure import Structure, numbers, record
 
 LEVEL = 1.2  # [W] for each wire of a bundle
 SPREAD = 0.25
-KEPT = ('modules',)
 TIMED = 7  # runs of which the time is taken
 
 
@@ -38,7 +37,7 @@ def varied(structure: Structure, random: np.random.Generator) -> dict[str, float
     values = structure.default_values
     declared = structure.default_constants
     for name, parameter in structure.declared.items():
-        if name.rpartition('.')[2] not in KEPT:
+        if name != structure.size_name:
             values[name] = float(np.clip(values[name] * (1.0 + SPREAD * random.uniform(-1.0, 1.0)), *parameter.bounds))
     values['wire.l0'] *= rest_length(structure, structure.constants_of(values)) / rest_length(structure, declared)
     return values

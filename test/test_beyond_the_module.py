@@ -27,7 +27,7 @@ from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import visited_by_wire
 from sma_sim.solver.inputs import Input
 
-NOISE = {'position': 1e-5, 'angle': 1e-3, 'F_1': 0.02, 'F_2': 0.02, 'T_1': 0.5, 'T_2': 0.5}
+NOISE = {'position': 1e-5, 'angle': 1e-3, 'F': 0.02, 'T': 0.5}
 RIPPLE = """
 import math
 from sma_sim import Effect, Parameter
@@ -170,13 +170,13 @@ def test_what_is_not_asked_of_a_structure_is_refused(tmp_path, capsys):
 def test_an_experiment_for_a_slider_heats_only(tmp_path, capsys):
     """One command from 0 to the largest of the recordings, in its column."""
     model = model_of('slider', 'mas')
-    run = recorded(model, 1, ('position', 'T_1'), levels=[0.0, 1.1, 0.4, 0.9, 0.0, 0.0])
+    run = recorded(model, 1, ('position', 'T'), levels=[0.0, 1.1, 0.4, 0.9, 0.0, 0.0])
     columns = {'time_s': run.time, 'J_W': run.source.values[np.searchsorted(run.source.times, run.time, 'right') - 1, 0]}
-    columns |= {'position_m': run.channels['position'], 'T_1_K': run.channels['T_1']}
+    columns |= {'position_m': run.channels['position'], 'T_K': run.channels['T']}
     rows = '\n'.join(','.join(f'{v:.9g}' for v in row) for row in np.column_stack(list(columns.values())))
     (tmp_path / 'run.csv').write_text(','.join(columns) + '\n' + rows + '\n')
     out = tmp_path / 'next.csv'
-    words = ['--system', 'slider', '--model', 'mas', '--noise', 'position=1e-5', '--noise', 'T_1=0.5', '--tries', '6']
+    words = ['--system', 'slider', '--model', 'mas', '--noise', 'position=1e-5', '--noise', 'T=0.5', '--tries', '6']
     words += [
         '--length',
         '12',
@@ -211,7 +211,7 @@ def shaken_slider(tmp_path):
 
 @pytest.mark.slow
 def test_a_force_on_a_slider_is_found_over_time(tmp_path):
-    data = dataset_of(shaken_slider(tmp_path), [1, 2], ('position', 'F_1', 'T_1'))
+    data = dataset_of(shaken_slider(tmp_path), [1, 2], ('position', 'F', 'T'))
     request = LatentRequest('mas', options=FitOptions(free=('slider.k', 'wire.lambda'), starts=1, intervals=False))
     found = estimate_latent_inputs(data, config_of('slider'), request=request)
     assert found.verdict == 'force_position' and found.error > 1.3 and found.findings[0].error < 1.15
@@ -224,7 +224,7 @@ def test_an_equation_for_a_slider_is_found(tmp_path):
     """A force that is periodic in the position is no listed effect: port, variable and period are found."""
     (tmp_path / 'ripple.py').write_text(RIPPLE)
     truth = Model(read_config(words=['system=slider', 'model=mas', f'effects.paths={tmp_path}'], effects=['ripple']))
-    data = dataset_of(truth, [1, 2, 3], ('position', 'F_1', 'T_1'))
+    data = dataset_of(truth, [1, 2, 3], ('position', 'F', 'T'))
     training, held_out = replace(data, recordings=data.recordings[:2]), replace(data, recordings=data.recordings[2:])
     options = FitOptions(free=('slider.k', 'slider.x_0', 'wire.lambda'), starts=1, intervals=False)
     found = diagnose(training, config_of('slider'), held_out, DiagnosisRequest('mas', (), 0, options))

@@ -59,7 +59,7 @@ def test_init_writes_the_file_of_a_structure(tmp_path, capsys):
     assert config.system == 'slider' and config.parameters['slider.k'] == 55.0 and config.parameters['wire.n'] == 1.0
     assert 'beam:' not in out.read_text()
     for flags, message in (
-        (['--beam-length', '100'], 'a slider has none; give its own with --set, which are slider.L'),
+        (['--beam-length', '100'], 'a slider has none; give its own with --set, which are slider.wires, slider.L'),
         (['--set', 'slider.L=0.3', '--set', 'slider.k=1e6'], 'against slider.L = 0.3 m'),
     ):
         assert main([*words, '--overwrite', *flags]) == 2
@@ -128,7 +128,7 @@ def test_an_inertia_that_cannot_be_is_told():
     found = FoundStructure(changed(name='light', inertia=lambda p: p.m - 0.1), (), ('sma_sim.', __name__))
     with pytest.raises(UserError, match=r"structure 'light': its inertia in position is -0\.07 kg; expected more than 0"):
         inertia_of(found.structure, found.structure.default_constants)
-    assert inertia_of(found.structure, found.structure.constants_of({**found.structure.default_values, 'light.m': 0.3}))
+    assert inertia_of(found.structure, found.structure.constants_of({**found.structure.default_values, 'slider.m': 0.3}))
 
 
 def test_data_do_not_say_which_structure_files_are_run(tmp_path):

@@ -35,6 +35,7 @@ SINGLE: Mapping[str, tuple[str, Curve]] = {  # others: axis label and curve
     'T_E_K': ('T [deg C]', ('T_E_K', 'ambient', GREY, 1.0, -FREEZING)),
     'stress_Pa': ('stress [MPa]', ('stress_Pa', 'stress', BLUE, 1e-6, 0.0)),
     'R_ohm': ('R [ohm]', ('R_ohm', 'wire', BLUE, 1.0, 0.0)),
+    'F_N': ('force [N]', ('F_N', 'bundle', BLUE, 1.0, 0.0)),
     'x_M': ('x_M [-]', ('x_M', 'wire', BLUE, 1.0, 0.0)),
     'strain': ('strain [%]', ('strain', 'strain', BLUE, 100.0, 0.0)),
     'J_eq_W': ('J_eq [W]', ('J_eq_W', 'J_eq', ORANGE, 1.0, 0.0)),

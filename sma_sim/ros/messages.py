@@ -45,19 +45,19 @@ class Messages:
         first, joints = self.where.sensed.start, len(self.joint_names)
         self._sensed_pose = slice(first, first + joints)
         channels = {name: first + k for k, name in enumerate(structure.channels)}
-        numbers = range(1, structure.wires + 1)
         true = self.where.wires.start + WIRE_COLUMNS.index('T')  # where no sensor shows what is imposed
-        self._temperatures = [channels.get(f'T_{i}' if joints else 'T', true + PER_WIRE * (i - 1)) for i in numbers]
+        suffixes = structure.wire_suffixes
+        self._temperatures = [channels.get(f'T{suffix}', true + PER_WIRE * i) for i, suffix in enumerate(suffixes)]
         self._measured = {  # label and columns of what is measured of the wires, by topic
             SINGLE_CHANNELS[name]: (CHANNEL_LABELS[name], slice(channels[name], channels[name] + 1))
             for name in SINGLE_CHANNELS
             if name in channels and not joints
         }
         if joints:
-            at = slice(channels['F_1'], channels['F_1'] + structure.wires)
+            at = slice(channels[f'F{suffixes[0]}'], channels[f'F{suffixes[0]}'] + structure.wires)
             self._measured['wire_forces'] = (f'force {self._of_wires} [N]', at)
         if resistances:
-            at = slice(channels['R_1' if joints else 'R'], channels['R_1' if joints else 'R'] + structure.wires)
+            at = slice(channels[f'R{suffixes[0]}'], channels[f'R{suffixes[0]}'] + structure.wires)
             self._measured[RESISTANCES] = (f'resistance {self._of_wires} [ohm]', at)
         of_pairs = ', '.join(structure.commands)
         self._heating = f'{of_pairs} [W]' if structure.antagonistic else f'J {self._of_wires} [W]'

@@ -63,9 +63,8 @@ def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.in
     imposed = ('T',) if structure.imposed_temperature >= 0 else ()  # no sensor's, but people want to see it
     for name in (*imposed, 'x_M', 'mode'):
         at = where.wires.start + WIRE_COLUMNS.index(name)
-        for i in range(structure.wires):
-            numbered = f'{name}_{i + 1}' if structure.coordinates else name
-            columns[f'{numbered}_K' if name == 'T' else numbered] = samples[:, at + PER_WIRE * i]
+        for i, suffix in enumerate(structure.wire_suffixes):
+            columns[f'{name}{suffix}_K' if name == 'T' else f'{name}{suffix}'] = samples[:, at + PER_WIRE * i]
     return columns
 
 

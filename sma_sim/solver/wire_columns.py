@@ -20,7 +20,7 @@ def strains_from_pose(config: Config, columns: Mapping[str, Vector]) -> dict[str
     constants, pose = structure.constants_of(config.parameters), record('Pose', structure.coordinate_names)
     rows = np.column_stack([columns[coordinate.column] for coordinate in structure.coordinates]).tolist()
     lengths = np.array([numbers(structure.lengths(pose(*row), constants)) for row in rows])
-    return {f'strain_{i + 1}': lengths[:, i] / l0 - 1.0 for i in range(structure.wires)}
+    return {f'strain{suffix}': lengths[:, i] / l0 - 1.0 for i, suffix in enumerate(structure.wire_suffixes)}
 
 
 def heating_of_wire(config: Config, columns: Mapping[str, Vector], wire: int) -> Vector:

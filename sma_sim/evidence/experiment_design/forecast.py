@@ -168,9 +168,9 @@ def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedR
     columns = model_columns(config, run, nuisance)
     values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
     section = config.parameters['wire.n'] * pi * config.parameters['wire.r0'] ** 2
-    wires = range(1, config.structure.structure.wires + 1)
-    temperature = max(columns[f'T_{i}_K'].max() for i in wires)
-    force = max(columns[f'F_{i}_N'].max() for i in wires)
+    suffixes = config.structure.structure.wire_suffixes
+    temperature = max(columns[f'T{suffix}_K'].max() for suffix in suffixes)
+    force = max(columns[f'F{suffix}_N'].max() for suffix in suffixes)
     return SimulatedRun(values.ravel(), float(temperature), float(force / section))
 
 

@@ -76,8 +76,9 @@ class FurtherChannel:
     def words(self) -> str:
         """What a sentence calls it."""
         letter, _, number = self.channel.partition('_')
-        if letter in OF_WIRES and number.isdigit():
-            words = f'{OF_WIRES[letter]} of wire {number} ({self.channel})'
+        if letter in OF_WIRES and (number.isdigit() or not number):
+            wire = f'wire {number}' if number else 'the wire'
+            words = f'{OF_WIRES[letter]} of {wire} ({self.channel})'
         else:
             words = f'{BY_UNIT.get(CHANNEL_COLUMNS[self.channel].rpartition("_")[2], "channel")} {self.channel}'
         return f'second, equal sensor of the {words}' if self.measured else words

@@ -151,7 +151,7 @@ def states_at(port: Port, columns: Mapping[str, Vector], T_E: float) -> dict[str
         return {'value': columns[port.column]}
     if port.hook == 'structure_force':
         return {port.variable: columns[port.column]}
-    suffix = f'_{port.component + 1}' if 'T_1_K' in columns else ''
+    suffix = '' if 'T_K' in columns else f'_{port.component + 1}'
     J = columns[wire_heating(port.component)]
     return {'T': columns[f'T{suffix}_K'] - T_E, 'x': columns[f'x_M{suffix}'], 'J': J}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -58,7 +59,7 @@ Matrix = NDArray[np.float64]
 BAND_SIGMAS = 1.96  # half width of a 95 % band in standard deviations
 NUISANCE_SAMPLES = 1000  # per run, on which starts and delay are estimated: a handful of unknowns
 EXTERNAL_HOOKS = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors
-FORCE_SENSORS = ('sense_F_', 'sense_stress')  # ports that exist where the wires' forces were measured
+FORCE_SENSORS = re.compile(r'sense_(F(_\d+)?|stress)')  # ports that exist where the wires' forces were measured
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,7 @@ def evaluate_hypotheses(
     result = replace(result, findings=tuple(findings), noise_inflation=inflation)
     if not refined or best.error > (1.0 - LATENT_CRITERIA.min_error_reduction) * result.error:
         return result
-    forces_measured = any(port.name.startswith(FORCE_SENSORS) for port in ports)
+    forces_measured = any(FORCE_SENSORS.fullmatch(port.name) for port in ports)
     return replace(result, verdict=best.name, indistinguishable=confounded_with_best(findings, forces_measured))
 
 

@@ -14,31 +14,24 @@ Vector = NDArray[np.float64]
 REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/explanation/physics.md) ...
 REST_DT = 0.05  # ... if the temperature stands still too [K/s]
 REST_DEPS = 1e-6  # ... and the strain [1/s]
-OF_WIRES = ('T{}_K', 'x_M{}', 'mode{}', 'strain{}')  # columns of each wire
 RESTING = 0  # the number of the class beside modes 1 to 5
 
 
 def wires_of(config: Config) -> dict[str, str]:
     """The wires by the suffix of their columns."""
-    structure = config.structure.structure
-    if not structure.coordinates:
-        return {'': 'the wire'}
-    return {f'_{i}': f'wire {i}' for i in range(1, structure.wires + 1)}
+    suffixes = config.structure.structure.wire_suffixes
+    return {suffix: f'wire {suffix[1:]}' if suffix else 'the wire' for suffix in suffixes}
 
 
 def with_derived_states(
     config: Config, run_config: Config, time: Vector, columns: Mapping[str, Vector]
 ) -> dict[str, Vector]:  # fmt: skip
     """The columns (k,), and for each wire (suffix s): ``strain{s}`` [-], ``dT{s}`` [K/s], ``deps{s}`` [1/s], and
-    ``class{s}``: its mode, or RESTING where nothing of it moves.
-
-    `run_config` is on the bench of the run; where that names wires otherwise, their columns have both names.
-    """
+    ``class{s}``: its mode, or RESTING where nothing of it moves. `run_config` is on the bench of the run."""
     found = dict(columns)
     if run_config.structure.structure.coordinates:
         found |= strains_from_pose(run_config, columns)
-    for own, suffix in zip(wires_of(run_config), wires_of(config), strict=True):
-        found = {name.format(suffix): found[name.format(own)] for name in OF_WIRES if name.format(own) in found} | found
+    for suffix in wires_of(config):
         dT, deps = rate_of_change(time, found[f'T{suffix}_K']), rate_of_change(time, found[f'strain{suffix}'])
         dx = rate_of_change(time, found[f'x_M{suffix}'])
         rests = (np.abs(dx) < REST_DX) & (np.abs(dT) < REST_DT) & (np.abs(deps) < REST_DEPS)

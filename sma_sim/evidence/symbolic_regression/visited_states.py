@@ -57,15 +57,15 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
     structure, w = config.structure.structure, wire_constants(config.parameters)
     fields = {'t': time, 'T_E': columns['T_E_K'], 'wire': np.full_like(time, wire)}
     fields['others'] = np.full_like(time, structure.wires - 1)
-    suffixes = [f'_{i + 1}' for i in range(structure.wires)] if structure.coordinates else ['']
+    suffixes = structure.wire_suffixes
     others = [suffix for i, suffix in enumerate(suffixes) if i != wire] or suffixes
     for name, column in (('T', 'T{}_K'), ('x', 'x_M{}')):
         fields[name] = columns[column.format(suffixes[wire])]
         fields[f'{name}_other'] = np.mean([columns[column.format(suffix)] for suffix in others], axis=0)
     fields['J'] = heating_of_wire(config, columns, wire)
     if structure.coordinates:
-        fields['sigma'] = columns[f'F_{wire + 1}_N'] / (w.n * w.section)
-        fields['eps'] = strains_from_pose(config, columns)[f'strain_{wire + 1}']
+        fields['sigma'] = columns[f'F{suffixes[wire]}_N'] / (w.n * w.section)
+        fields['eps'] = strains_from_pose(config, columns)[f'strain{suffixes[wire]}']
         names = pose_fields(structure)
         for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
             fields[name] = columns[coordinate.column]

@@ -40,13 +40,14 @@ def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[in
 def channel_slots(effect: Effect, structure: Structure) -> list[int]:
     """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
 
-    An effect on every coordinate of the module acts on every coordinate of other structures too.
+    An effect on every coordinate of the module acts on every coordinate of other structures too, one on wire 1 on the only
+    wire.
     """
     slots, count = [], 0
     of_pose = set(POSE) <= set(effect.channels) and not effect.scope.channel
     for channel in structure.channels:
-        named = channel in effect.channels or of_pose and channel in structure.coordinate_names
-        acts = effect.port == PORT_NAMES[SENSING] and named
+        named = channel in effect.channels or f'{channel}_1' in effect.channels
+        acts = effect.port == PORT_NAMES[SENSING] and (named or of_pose and channel in structure.coordinate_names)
         slots.append(count if acts else -1)
         count += acts
     return slots

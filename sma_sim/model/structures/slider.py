@@ -1,6 +1,8 @@
-"""A slider that a wire pulls against a spring: the usual linear actuator.
+"""A slider that a wire pulls against a spring, the usual linear actuator; or two wires, one on either side.
 
-m dv/dt = F - k (x + x_0) - b v - m g sin(incline);   wire length = L - x
+m dv/dt = F_1 - F_2 - k (x + x_0) - b v - F_c tanh(v/v_c) - m g sin(incline)
+
+The length of wire 1 is L - x, that of wire 2, which pulls the other way, L + x.
 """
 
 from __future__ import annotations
@@ -9,10 +11,10 @@ import math
 from typing import Any
 
 from sma_sim.model.parameters import Parameter
-from sma_sim.model.structures.links import Drawing
-from sma_sim.model.structures.structure import Coordinate, Structure
+from sma_sim.model.structures.links import Drawing, Line
+from sma_sim.model.structures.structure import Coordinate, Structure, in_group
 
-SOURCE = 'a usual bench actuator'
+NAME, SOURCE = 'slider', 'a usual bench actuator'
 
 
 def lengths(q: Any, p: Any) -> float:
@@ -20,38 +22,71 @@ def lengths(q: Any, p: Any) -> float:
     return float(p.L - q.position)
 
 
+def both_lengths(q: Any, p: Any) -> tuple[float, float]:
+    """Lengths of two wires [m]."""
+    return p.L - q.position, p.L + q.position
+
+
 def forces(q: Any, v: Any, p: Any) -> float:
-    """Spring, damping and weight [N], against the wire's pull."""
+    """Spring, damping, dry friction and weight [N], against the pull of wire 1."""
     weight = p.m * p.g * math.sin(p.incline)
-    return float(-p.k * (q.position + p.x_0) - p.b * v.position - weight)
+    friction = p.b * v.position + p.F_c * math.tanh(v.position / p.v_c)
+    return float(-p.k * (q.position + p.x_0) - friction - weight)
 
 
-STRUCTURE = Structure(
-    name='slider',
-    title='slider',
-    coordinates=(Coordinate('position', 'm', lambda p: 0.01 * p.L, 'of the slider, towards the anchor of the wire'),),
-    wires=1,
-    lengths=lengths,
-    gradients=lambda q, p: -1.0,
-    forces=forces,
-    stiffness=lambda q, p, part: part * p.k * (q.position + p.x_0),
-    inertia=lambda p: p.m,
-    parameters=(
-        Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the wire at position 0', SOURCE),
-        Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring', SOURCE),
-        Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0', SOURCE),
-        Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass', SOURCE),
-        Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping', SOURCE),
-        Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),
-        Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
-                  'of the rail; positive: the wire lifts the slider', SOURCE),
-    ),
-    drawing=Drawing(wires=lambda q, p: [((p.L, 0.0, 0.0), (q.position, 0.0, 0.0))]),
-    size_parameter='slider.L',
-    fitted=('slider.k', 'slider.x_0', 'slider.b'),
-    defaults={'wire.n': 1.0},
-    energy=lambda q, v, p: 0.5 * p.m * v.position**2 + 0.5 * p.k * (q.position + p.x_0) ** 2
-    + p.m * p.g * math.sin(p.incline) * q.position,
-    description='one bundle; position is positive where the wire is shorter',
-    source=SOURCE,
-)  # fmt: skip
+def energy(q: Any, v: Any, p: Any) -> float:
+    """Of the motion, the spring and the height [J]."""
+    height = q.position * math.sin(p.incline)
+    return float(0.5 * p.m * v.position**2 + 0.5 * p.k * (q.position + p.x_0) ** 2 + p.m * p.g * height)
+
+
+def slider_with(wires: int) -> Structure:
+    """A slider with one wire or with two."""
+    one = wires == 1
+    return Structure(
+        name=NAME if one else f'{NAME}_{wires}',
+        title='slider',
+        coordinates=(Coordinate('position', 'm', lambda p: 0.01 * p.L, 'of the slider, towards the anchor of wire 1'),),
+        wires=wires,
+        lengths=lengths if one else both_lengths,
+        gradients=(lambda q, p: -1.0) if one else (lambda q, p: (-1.0, 1.0)),
+        forces=forces,
+        stiffness=lambda q, p, part: part * p.k * (q.position + p.x_0),
+        inertia=lambda p: p.m,
+        parameters=in_group(NAME, (
+            Parameter('wires', 1.0, '-', (1.0, 2.0), 'bundles of wires; the second pulls the other way', SOURCE),
+            Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at position 0', SOURCE),
+            Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring', SOURCE),
+            Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0', SOURCE),
+            Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass', SOURCE),
+            Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping', SOURCE),
+            Parameter('F_c', 0.0, 'N', (0.0, 1e4), 'dry friction of the rail', SOURCE),
+            Parameter('v_c', 1e-3, 'm/s', (1e-6, 1.0), 'speed at which it reaches 76 % of F_c', SOURCE),
+            Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),
+            Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
+                      'of the rail; positive: wire 1 lifts the slider', SOURCE),
+        )),
+        drawing=Drawing(wires=(lambda q, p: [toward_anchor(q, p)]) if one else drawn_wires),
+        size_parameter='slider.L',
+        fitted=('slider.k', 'slider.x_0', 'slider.b'),
+        defaults={'wire.n': 1.0},
+        energy=energy,
+        system=NAME,
+        size_name='slider.wires',
+        of_size=slider_with,
+        description='one bundle, or two with slider.wires = 2; position is positive where wire 1 is shorter',
+        source=SOURCE,
+    )  # fmt: skip
+
+
+def toward_anchor(q: Any, p: Any) -> Line:
+    """Wire 1, from its anchor to the slider."""
+    return [(p.L, 0.0, 0.0), (q.position, 0.0, 0.0)]
+
+
+def drawn_wires(q: Any, p: Any) -> list[Line]:
+    """Both wires."""
+    return [toward_anchor(q, p), [(-p.L, 0.0, 0.0), (q.position, 0.0, 0.0)]]
+
+
+STRUCTURE = slider_with(1)

@@ -334,15 +334,17 @@ class Structure:
         return self.imposed_temperature >= 0 and bool(self.coordinates)
 
     @property
+    def wire_suffixes(self) -> tuple[str, ...]:
+        """What the names of channels and columns of each wire end with: its number, where there are several."""
+        return ('',) if self.wires == 1 else tuple(f'_{i}' for i in range(1, self.wires + 1))
+
+    @property
     def _channels(self) -> tuple[tuple[str, str], ...]:
         """The channels with their columns; a temperature that is imposed is none."""
-        numbers = range(1, self.wires + 1)
-        if not self.coordinates:
-            shown, temperatures, resistances = [('stress', 'stress_Pa')], [('T', 'T_K')], [('R', 'R_ohm')]
-        else:
-            shown = [(c.name, c.column) for c in self.coordinates] + [(f'F_{i}', f'F_{i}_N') for i in numbers]
-            temperatures = [(f'T_{i}', f'T_{i}_K') for i in numbers]
-            resistances = [(f'R_{i}', f'R_{i}_ohm') for i in numbers]
+        forces = [(f'F{suffix}', f'F{suffix}_N') for suffix in self.wire_suffixes]
+        shown = [(c.name, c.column) for c in self.coordinates] + forces if self.coordinates else [('stress', 'stress_Pa')]
+        temperatures = [(f'T{suffix}', f'T{suffix}_K') for suffix in self.wire_suffixes]
+        resistances = [(f'R{suffix}', f'R{suffix}_ohm') for suffix in self.wire_suffixes]
         return (*shown, *(temperatures if self.imposed_temperature < 0 else ()), *resistances)
 
     @property

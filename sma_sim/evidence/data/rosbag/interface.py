@@ -64,10 +64,10 @@ class Interface:
         return tuple(f'{name}_W' for name in self.commands)
 
     def wire_columns(self, quantity: str, suffix: str = '') -> tuple[str, ...]:
-        """The columns of one quantity of every wire; without a number on a test bench."""
-        if self.joints:
-            return tuple(f'{quantity}_{i + 1}{suffix}' for i in range(self.wires))
-        return (f'{quantity}{suffix}',)
+        """The columns of one quantity of every wire; without a number where there is one."""
+        if self.wires == 1:
+            return (f'{quantity}{suffix}',)
+        return tuple(f'{quantity}_{i + 1}{suffix}' for i in range(self.wires))
 
     @property
     def columns(self) -> tuple[str, ...]:
