@@ -71,7 +71,8 @@ def test_ports_and_terms_of_every_structure(name):
     ports = ports_of(config, structure.channels)
     count = {hook: sum(port.hook == hook for port in ports) for hook in ('structure_force', 'wire_heat', 'sensing')}
     assert count == {
-        'structure_force': len(structure.coordinates), 'wire_heat': structure.wires, 'sensing': len(structure.channels),
+        'structure_force': len(structure.coordinates), 'wire_heat': structure.wires,
+        'sensing': len(structure.channels) - structure.wires,  # all but the resistances
     }  # fmt: skip
     assert len({port.name for port in ports}) == len(ports) and all(port.probe > 0.0 for port in ports)
     for location in locations_for(config, structure.channels):

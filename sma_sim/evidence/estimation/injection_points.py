@@ -113,7 +113,7 @@ def wire_ports(structure: Structure) -> tuple[Port, ...]:
 
 
 def sensor_ports(structure: Structure, channels: Collection[str]) -> tuple[Port, ...]:
-    """An offset of what each of some channels shows."""
+    """An offset of what each of some channels shows; none of a resistance, which is that of leads and measured apart."""
     sensors = zip(structure.channels, structure.channel_columns, strict=True)
     coordinates = {coordinate.name: coordinate for coordinate in structure.coordinates}
     return tuple(
@@ -121,7 +121,7 @@ def sensor_ports(structure: Structure, channels: Collection[str]) -> tuple[Port,
             f'sense_{channel}', column[len(channel) + 1 :] or '-', 'sensing', k, f'sense_{channel}',
             sensor_probe(channel, coordinates.get(channel), structure), f'offset of the shown {channel}', channel, column,
         )
-        for k, (channel, column) in enumerate(sensors) if channel in channels
+        for k, (channel, column) in enumerate(sensors) if channel in channels and column not in structure.resistance_columns
     )  # fmt: skip
 
 
