@@ -84,7 +84,7 @@ def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_com
     until(browser, 'return document.querySelectorAll("#detail tbody tr").length === 3')
     assert offered(browser) == ['check', 'compare']
     take(browser, 'compare')
-    assert offered(browser) == ['check', 'compare', 'calibrate', 'diagnose', 'export']
+    assert offered(browser) == ['check', 'compare', 'candidates', 'calibrate', 'diagnose', 'export']
     until(browser, 'return smaExplore.recordings.charts.size === 15')
     config = server.application.session.file(1)
     out = tmp_path / 'compare.json'

@@ -68,7 +68,7 @@ export function drawErrors(canvas, models) {
   const { context, em, area } = space;
   const errors = known.flatMap((one) => [one.error, one.left_out].filter((error) => error > 0));
   const range = [Math.min(0.8, ...errors) * 0.9, Math.max(1.5, ...errors) * 1.6];
-  const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted');
+  const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted; dots: candidates; line: the model so far; squares: runs left out in turn');
   const px = (k) => area.left + area.width * (k + 0.7) / (known.length + 0.8);
   context.strokeStyle = styleOf('--good');
   context.setLineDash([6, 4]);
@@ -106,7 +106,7 @@ function mark({ context, em, area }, one, x, py) {
     context.stroke();
   }
   if (candidate) return;
-  const words = one.effects.length ? `+ ${one.effects[one.effects.length - 1]}` : `model as it is (${one.model})`;
+  const words = one.effects.length ? `+ ${one.effects[one.effects.length - 1]}` : one.model;
   context.fillStyle = styleOf('--ink');
   const half = context.measureText(words).width / 2;
   context.textAlign = 'center';

@@ -101,10 +101,10 @@ const SHOWN = {
       look.addEventListener('click', () => tryEffect(tried === effect.name ? null : effect));
       const keep = element('button', { type: 'button', textContent: 'Switch on' });
       keep.addEventListener('click', () => keepEffect(effect));
-      return [element('code', { textContent: effect.name }), errorCell(effect.error), errorCell(effect.expected_error), digits(effect.family_p, 2), ...channels.map((name) => errorCell(effect.errors[name])), element('span', { className: 'buttons' }, look, keep)];
+      return [element('code', { textContent: effect.name }), element('span', { className: 'pair' }, look, ' ', keep), errorCell(effect.error), errorCell(effect.expected_error), digits(effect.family_p, 2), ...channels.map((name) => errorCell(effect.errors[name]))];
     });
-    return [table(['effect', 'error with it', 'and parameters refitted (first order)', 'chance', ...channels, ''],
-      [['none', errorCell(result.error), errorCell(result.expected_error), '', ...channels.map((name) => errorCell(result.errors[name])), ''], ...rows], 'Error over noise with each effect switched on'),
+    return [table(['effect', '', 'error with it', 'and parameters refitted (first order)', 'chance', ...channels],
+      [['none', '', errorCell(result.error), errorCell(result.expected_error), '', ...channels.map((name) => errorCell(result.errors[name]))], ...rows], 'Error over noise with each effect switched on'),
     note('Chance: how often, by chance alone, the best of all effects explains as much. A small error is no proof: the diagnosis judges by runs that were not fitted.')];
   },
 };

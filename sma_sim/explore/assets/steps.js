@@ -59,8 +59,23 @@ function stepItem(one, state, { next, chosen, open }, actions) {
   const begin = element('button', { type: 'button', className: stage === next ? 'primary' : '', textContent: label(stage, state, job, accepted), disabled: busy || accepted });
   begin.dataset.begin = stage;
   begin.addEventListener('click', () => actions.begin(stage, read()));
-  item.append(element('div', { className: 'row' }, begin), ...fields);
+  item.append(element('div', { className: 'row' }, begin), ...fields, ...(stage === 'compare' ? candidates(state, actions) : []));
   return item;
+}
+
+/** Effects switched on by hand belong to the comparison: each of them, one at a time. */
+function candidates({ steps }, actions) {
+  const { running, candidates: known } = steps, part = element('div', { className: 'sub' });
+  part.dataset.stage = 'candidates';
+  if (running?.stage === 'candidates') return [progress(part, running, actions)];
+  if (!steps.compared.includes(steps.version)) return [];
+  const done = known?.state === 'done';
+  const begin = element('button', { type: 'button', textContent: done ? 'What each effect would do' : 'Switch effects on, one at a time', disabled: running !== null });
+  begin.dataset.begin = 'candidates';
+  begin.addEventListener('click', () => (done ? actions.choose('candidates') : actions.begin('candidates', {})));
+  part.append(begin);
+  if (known && ['failed', 'killed'].includes(known.state)) part.append(element('p', { className: 'problem', textContent: known.words }));
+  return [part];
 }
 
 function label(stage, { history }, job, accepted) {
