@@ -13,7 +13,7 @@ from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
 from sma_sim.explore.jobs import FILES
-from sma_sim.explore.overlay import Overlay, overlay_data
+from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
 from sma_sim.explore.session import Session
@@ -24,6 +24,7 @@ from sma_sim.workflow.data_request import DataRequest
 
 RECORDINGS = 'recordings'  # folder in the session: what was given to the page, and what it has recorded
 BAG = 'robot'  # what the name of such a bag begins with
+CURVE_KINDS = ('measured', 'model', 'residual')
 FILE_NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_. -]{0,100}\.csv')
 MOST_FILES, MOST_TEXT = 50, 20_000_000
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
@@ -99,13 +100,13 @@ class DataVerbs:
     def overlay(self, body: Body) -> Reply:
         """All recordings beside the model that a request is about."""
         config, numbers = self._config_in(body), Numbers()
-        view = window_in(body), pixels_in(body), body.get('residuals') is True
+        view = View(window_in(body), pixels_in(body), curves_in(body))
         content = overlay_data(self._overlay.beside(config), config, view, numbers)
-        if (beside := body.get('beside')) is not None and not view[2]:
+        if (beside := body.get('beside')) is not None:
             other = self._session.config(whole(beside, 'beside'))
-            shown = overlay_data(self._overlay.beside(other), other, view, numbers)
+            shown = overlay_data(self._overlay.beside(other), other, replace(view, curves=('model',)), numbers)
             for run, same in zip(content['runs'], shown['runs'], strict=True):
-                run['beside'] = {name: {'model': curves['model']} for name, curves in same['channels'].items()}
+                run['beside'] = same['channels']
         return numbers.message(finite_reply(content))
 
     def settle(self, body: Body) -> Reply:
@@ -196,6 +197,14 @@ class DataVerbs:
             raise UserError(f'there is no {name} of {kind} {number_of}')
         stem, dot, suffix = name.rpartition('.')
         return TYPES.get(f'.{suffix}', 'text/plain; charset=utf-8'), path.read_bytes(), f'{stem}_{given}{dot}{suffix}'
+
+
+def curves_in(body: Body) -> tuple[str, ...]:
+    """Which curves are asked for. Raises UserError."""
+    curves = body.get('curves', ['measured', 'model'])
+    if not isinstance(curves, list) or not set(curves) <= set(CURVE_KINDS):
+        raise UserError(f'curves: expected some of {", ".join(CURVE_KINDS)}')
+    return tuple(curves)
 
 
 def recorded_bags(session: Path) -> list[Path]:

@@ -21,9 +21,10 @@ def decimated(time: Vector, values: Vector, pixels: int) -> NDArray[np.int64]:
     begin = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1])
     end = np.append(begin[1:], len(y)) - 1
     stretch = np.repeat(np.arange(len(begin)), end - begin + 1)
-    chosen = [begin, end]
+    kept = np.zeros(len(y), dtype=bool)
+    kept[begin] = kept[end] = True
     for bound in (np.minimum.reduceat(y, begin), np.maximum.reduceat(y, begin)):
         equal = np.flatnonzero(y == bound[stretch])
-        chosen.append(equal[np.unique(stretch[equal], return_index=True)[1]])
-    found: NDArray[np.int64] = known[np.unique(np.concatenate(chosen))]
+        kept[equal[np.diff(stretch[equal], prepend=-1) > 0]] = True  # the first of each column
+    found: NDArray[np.int64] = known[kept]
     return found

@@ -59,6 +59,16 @@ class Shown:
         return tuple(run for run in self.runs if run.held_out == held_out)
 
 
+@dataclass(frozen=True)
+class View:
+    """What is drawn: the window [s], None for all; the width in pixels; of ``measured``, ``model`` and ``residual`` (over
+    noise) those that are asked for."""  # fmt: skip
+
+    window: tuple[float, float] | None
+    pixels: int
+    curves: tuple[str, ...]
+
+
 class Overlay:
     """The recordings of an engine's session beside models. All methods may be called from any thread."""
 
@@ -146,11 +156,8 @@ class Overlay:
         return self._prepared[1]
 
 
-def overlay_data(
-    shown: Shown, config: Config, view: tuple[tuple[float, float] | None, int, bool], numbers: Numbers
-) -> dict[str, Any]:
-    """Runs beside a model for the page: `view` is the window [s], the width in pixels, and whether residuals are drawn."""
-    window, pixels, residuals = view
+def overlay_data(shown: Shown, config: Config, view: View, numbers: Numbers) -> dict[str, Any]:
+    """Runs beside a model for the page."""
     order = config.structure.structure.channels
     names = [name for name in order if any(name in run.measured for run in shown.runs)]
     runs = [
@@ -158,8 +165,7 @@ def overlay_data(
             'name': run.name, 'held_out': run.held_out, 'begin': float(run.time[0]), 'end': float(run.time[-1]),
             'error': json_number(pooled(run_errors := errors_of((run,), names))), 'errors': run_errors,
             'channels': {
-                name: curves_of_channel(run, name, window, pixels, residuals, numbers)
-                for name in names if name in run.measured
+                name: curves_of_channel(run, name, view, numbers) for name in names if name in run.measured
             },
         }
         for run in shown.runs
@@ -196,22 +202,21 @@ def display_of(channel: str) -> dict[str, Any]:
     return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset}
 
 
-def curves_of_channel(
-    run: ComparedRun, name: str, window: tuple[float, float] | None, pixels: int, residuals: bool, numbers: Numbers
-) -> dict[str, list[list[int]]]:
-    """Measured and model, or residual over noise, as places among the numbers: [x, y] each."""
+def curves_of_channel(run: ComparedRun, name: str, view: View, numbers: Numbers) -> dict[str, list[list[int]]]:
+    """Curves as places among the numbers: [x, y] each."""
     part = slice(None)
-    if window is not None:
-        first, last = np.searchsorted(run.time, window)
+    if view.window is not None:
+        first, last = np.searchsorted(run.time, view.window)
         part = slice(max(int(first) - 1, 0), int(last) + 1)
-    time = run.time[part]
-    curves = (
-        {'residual': run.residual(name)[part] / run.noise[name]}
-        if residuals
-        else {'measured': run.measured[name][part], 'model': run.predicted[name][part]}
-    )
+    time, curves = run.time[part], dict[str, Vector]()
+    if 'residual' in view.curves:
+        curves['residual'] = run.residual(name)[part] / run.noise[name]
+    if 'measured' in view.curves:
+        curves['measured'] = run.measured[name][part]
+    if 'model' in view.curves:
+        curves['model'] = run.predicted[name][part]
     found = {}
     for what, values in curves.items():
-        at = decimated(time, values, pixels)
+        at = decimated(time, values, view.pixels)
         found[what] = [numbers.put(time[at]), numbers.put(values[at])]
     return found

@@ -180,6 +180,7 @@ function show(state) {
   page.values = {};
   const { controls, history } = state;
   if (first && (state.steps.data || state.steps.recorded.length)) { setView('data'); openTab('steps'); }
+  recordings.forget();
   stages.show();
   if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
   part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;

@@ -17,6 +17,7 @@ export class RecordingsView {
     this.window = null;
     this.runs = null;
     this.marked = null;
+    this.forget();
     part('drawn').addEventListener('change', () => actions.refresh());
     part('run').addEventListener('change', () => actions.refresh());
     part('whole-data').addEventListener('click', () => this.zoom(null));
@@ -26,8 +27,16 @@ export class RecordingsView {
 
   /** What is asked for beside the model. */
   request() {
-    const widths = [...this.charts.values()].map((chart) => chart.pixels);
-    return { window: this.window, pixels: widths.length ? Math.max(...widths) : 500, residuals: this.residuals };
+    const widths = [...this.charts.values()].map((chart) => chart.pixels), pixels = widths.length ? Math.max(...widths) : 500;
+    this.asked = JSON.stringify([this.window, pixels, part('run').value]);
+    const curves = this.residuals ? ['residual'] : this.asked === this.kept ? ['model'] : ['measured', 'model'];
+    return { window: this.window, pixels, curves };
+  }
+
+  /** What was measured is asked for once, as long as the same part of it is shown. */
+  forget() {
+    this.kept = null;
+    this.measured = new Map();
   }
 
   zoom(range) {
@@ -38,6 +47,9 @@ export class RecordingsView {
 
   show({ content, numbers }) {
     this.exact = content.exact;
+    const drawn = Object.values(content.runs[0]?.channels ?? {})[0] ?? {};
+    if (!this.residuals !== !('residual' in drawn)) return; // the choice was changed meanwhile: another answer comes
+    if ('measured' in drawn) this.keep(content.runs, numbers);
     part('grid-view').hidden = false;
     this.offerRuns(content.runs);
     this.showErrors(content);
@@ -53,6 +65,12 @@ export class RecordingsView {
     for (const [id, chart] of this.charts) if (!used.has(id)) { chart.box.remove(); this.charts.delete(id); changed = true; }
     if (changed || used.size !== this.order?.length) this.arrange([...used]);
     this.draw();
+  }
+
+  keep(runs, numbers) {
+    const place = ([x, y]) => ({ x: numbers(x).slice(), y: numbers(y).slice() });
+    this.measured = new Map(runs.flatMap((run) => Object.entries(run.channels).map(([name, curves]) => [`${run.name}|${name}`, place(curves.measured)])));
+    this.kept = this.asked;
   }
 
   draw() { for (const chart of this.charts.values()) chart.draw(); }
@@ -85,8 +103,9 @@ export class RecordingsView {
       return { label: `${run.name}${held} ${channel.name} / noise${error}`, range, mark, shade: [-2, 2], curves: [{ factor: 1, offset: 0, colour: channel.colour, label: '', ...place(curves.residual) }] };
     }
     const beside = run.beside?.[channel.name];
+    const measured = this.measured.get(`${run.name}|${channel.name}`); // not there while it is asked for anew
     return { label: `${run.name}${held} ${channel.label}${error}`, range, mark, curves: [
-      { ...si, colour: '', thin: true, label: '', ...place(curves.measured) },
+      ...(measured ? [{ ...si, colour: '', thin: true, label: '', ...measured }] : []),
       ...(beside ? [{ ...si, colour: channel.colour, beside: true, label: '', ...place(beside.model) }] : []),
       { ...si, colour: channel.colour, label: '', ...place(curves.model) }] };
   }
