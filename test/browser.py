@@ -7,14 +7,21 @@ import pytest
 DRIVER, BROWSER = shutil.which('chromedriver'), shutil.which('chromium') or shutil.which('google-chrome')
 
 
-def open_browser(width=1400, height=900, phone=False):
-    """A browser window of this size [px]; skips the test, with the reason, where there is no browser."""
+def open_browser(width=1400, height=900, phone=False, further=()):
+    """A browser window of this size [px], with further options; skips the test where there is no browser."""
     webdriver = pytest.importorskip('selenium.webdriver', reason='selenium is not installed: pip install selenium')
     if not (DRIVER and BROWSER):
         pytest.skip('no browser: apt-get install chromium chromium-driver')
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for word in ('headless=new', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage', f'window-size={width},{height}'):
+    for word in (
+        'headless=new',
+        'no-sandbox',
+        'disable-gpu',
+        'disable-dev-shm-usage',
+        f'window-size={width},{height}',
+        *further,
+    ):
         options.add_argument(f'--{word}')
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
     if phone:

@@ -23,7 +23,8 @@ FIRST = (
     'test_next', 'test_docs', 'test_model_check', 'test_equations', 'test_controller', 'test_diagnose', 'test_latent',
     'test_recorder', 'test_diagnose_stop', 'test_node', 'test_calibrate', 'test_launch', 'test_fit_command', 'test_clock',
     'test_inseparable', 'test_node_control', 'test_diagnose_data', 'test_challenge', 'test_trajectory', 'test_two_effects',
-    'test_report_html', 'test_stages', 'test_explore_recordings', 'test_wrong_use', 'test_compare', 'test_optional_packages', 'test_install',
+    'test_report_html', 'test_stages', 'test_explore_recordings',
+    'test_wrong_use', 'test_compare', 'test_optional_packages', 'test_install',
     'test_interpreted',
 )  # fmt: skip
 
