@@ -10,8 +10,12 @@ from explore_server import ask, serving, slide, until, verb
 from measured_runs import truth, write_module_runs
 from test_stages import BROKEN, PATIENCE
 
+from sma_sim import Model, simulate
 from sma_sim.cli.main import main
-from sma_sim.model.config import read_config
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.explore.command import first_command, input_of
+from sma_sim.model.config import Config, read_config
+from sma_sim.solver.inputs import inputs_at
 from sma_sim.workflow.data_request import DataRequest
 
 READY = 'return window.smaExplore !== undefined && smaExplore.ready'
@@ -209,6 +213,33 @@ def test_files_are_chosen_on_the_page_held_out_and_kept(browser, case, tmp_path)
         assert (session.data.data[0]).read_text() == (case / 'run1.csv').read_text()
     with serving(tmp_path / 'session') as again:
         assert again.application.session.data.hold_out == ('run3',)
+
+
+def write_structure_run(folder, system):
+    """A run of a structure as it would be measured, under the command that the page begins with."""
+    config = Config(system=system)
+    source = input_of(first_command(config), config)
+    run, random = simulate(Model(config), source, 5.0), np.random.default_rng(0)
+    shown = {name: column for name, column in run.columns.items() if not name.startswith(('mode', 'x_M'))}
+    noise = {name: (1e-3 * np.ptp(column) + 1e-9) * random.normal(size=len(run.time)) for name, column in shown.items()}
+    write_columns(folder / 'run.csv', inputs_at(source, run.time) | {name: shown[name] + noise[name] for name in shown})
+    return folder
+
+
+SLOWER = [pytest.param(system, marks=pytest.mark.slow) for system in ('slider', 'spatial', 'stack')]
+
+
+@pytest.mark.parametrize('system', ['lever', 'wire', *SLOWER])
+def test_every_structure_beside_recordings_has_the_errors_of_the_command(system, tmp_path):
+    request = DataRequest((write_structure_run(tmp_path, system) / 'run.csv',))
+    with serving(tmp_path / 'session', words=(f'system={system}',), data=request) as server:
+        engine = server.application.data.engine
+        for stage in ('check', 'compare'):
+            assert engine.wait(engine.start(stage), PATIENCE).state == 'done', engine.jobs[-1].words
+        status, content = verb(server, 'overlay')
+        shown = json.loads(content[4 : 4 + int.from_bytes(content[:4], 'little')])
+        assert status == 200 and shown['exact'] and 0.5 < shown['error']['train'] < 1.2
+        assert shown['error']['train'] == engine.latest('compare').result()['comparisons'][0]['error']['train']
 
 
 @pytest.mark.parametrize(

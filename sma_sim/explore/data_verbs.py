@@ -101,10 +101,10 @@ class DataVerbs:
         """All recordings beside the model that a request is about."""
         config, numbers = self._config_in(body), Numbers()
         view = View(window_in(body), pixels_in(body), curves_in(body))
-        content = overlay_data(self._overlay.beside(config), config, view, numbers)
+        content = overlay_data(self._overlay.beside(config), view, numbers)
         if (beside := body.get('beside')) is not None:
             other = self._session.config(whole(beside, 'beside'))
-            shown = overlay_data(self._overlay.beside(other), other, replace(view, curves=('model',)), numbers)
+            shown = overlay_data(self._overlay.beside(other), replace(view, curves=('model',)), numbers)
             for run, same in zip(content['runs'], shown['runs'], strict=True):
                 run['beside'] = same['channels']
         return numbers.message(finite_reply(content))

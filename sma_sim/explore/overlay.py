@@ -156,10 +156,9 @@ class Overlay:
         return self._prepared[1]
 
 
-def overlay_data(shown: Shown, config: Config, view: View, numbers: Numbers) -> dict[str, Any]:
+def overlay_data(shown: Shown, view: View, numbers: Numbers) -> dict[str, Any]:
     """Runs beside a model for the page."""
-    order = config.structure.structure.channels
-    names = [name for name in order if any(name in run.measured for run in shown.runs)]
+    names = [name for name in CHANNEL_COLUMNS if any(name in run.measured for run in shown.runs)]
     runs = [
         {
             'name': run.name, 'held_out': run.held_out, 'begin': float(run.time[0]), 'end': float(run.time[-1]),
