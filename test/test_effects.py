@@ -46,7 +46,7 @@ PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'reference' / 'effects.md'
 # Where an effect shows: wires that run out of martensite, wires that would push.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
-    **dict.fromkeys(('functional_fatigue', 'grip_toe', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
+    **dict.fromkeys(('functional_fatigue', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
 }
 LIBRARY = {

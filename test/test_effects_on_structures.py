@@ -25,10 +25,11 @@ CASES = [
 # Where an effect shows: wires that run out of martensite, wires that would push, a load that creep leaves above the plateau.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
-    **dict.fromkeys(('functional_fatigue', 'grip_toe', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
+    **dict.fromkeys(('functional_fatigue', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
     ('beam_creep', 'slider'): {'slider__x_0': 0.035},
     ('functional_fatigue', 'slider'): {'wire__l0': 95.7e-3},
+    ('transformation_plasticity', 'slider'): {'wire__l0': 95.7e-3},
     ('slack', 'slider'): {'slider__x_0': -0.008, 'slider__incline': 0.0, 'initial__x_M_1': 0.0},
 }
 DURATION = 12.0

@@ -19,6 +19,7 @@ EFFECT = Effect(
         Parameter('sigma_t', 5e6, 'Pa', (1e4, 1e10), 'stress at which they have taken half of it', '', None, (1e6, 5e7)),
     ),
     tried='never',
+    systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T', 'slider'),
     kernel=lambda s, w, p: saturating_strain(s.eps - s.strain - w.eps_T * s.x, p.toe, p.sigma_t, compliance(s.x, w)),
     energy='elastic: the grips store Om times the integral of sigma de, which is not in U of the wire',
     description='of the bench, not of the wire: no finding of a diagnosis, but part of its model where it is switched on',
