@@ -8,6 +8,7 @@ import pytest
 from sma_sim import FitOptions, Input, Model, UserError, calibrate, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
 from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.nuisance_report import nuisance_data, nuisance_sentences
@@ -150,6 +151,16 @@ def test_what_a_map_cannot_say(mapping, message, tmp_path):
     paths = heated(tmp_path)
     with pytest.raises(UserError, match=message):
         starting_model(dataset_of(paths, mapping), read_config(words=BENCH))
+
+
+def test_a_fit_of_named_parameters_has_those_of_the_bench_where_it_is_part_of_the_model(tmp_path):
+    """Also a problem whose model lacks it, as that of a comparison, is well formed."""
+    dataset = dataset_of(heated(tmp_path), 'nuisances: {power_scale: {k: 0.1}}')
+    without, options = read_config(words=BENCH), FitOptions(('wire.E_A',), 'hybrid')
+    assert [p.name for p in problem_for(dataset, without, options, 1).free] == ['wire.E_A']
+    with_it = problem_for(dataset, starting_model(dataset, without), options, 1)
+    assert [(p.name, p.scale) for p in with_it.free if p.name != 'wire.E_A'] == [('effects.power_scale.k', 0.1)]
+    assert not problem_for(dataset, starting_model(dataset, without), FitOptions(()), 1).free
 
 
 def test_what_is_active_already_stays(tmp_path):

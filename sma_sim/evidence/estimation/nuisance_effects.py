@@ -20,10 +20,11 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
 
     Raises UserError for an effect, a scope or a parameter that there is not.
     """
-    active = {one.found.effect.name for one in config.effects}
-    structure = config.structure.structure
-    known = effects_on(find_effects(), dataset.nuisances, structure, config.parameters) if dataset.nuisances else {}
-    more = []
+    if not dataset.nuisances:
+        return config
+    active = {one.found.effect.name: one.found for one in config.effects}
+    structure, more = config.structure.structure, list[ActiveEffect]()
+    known = effects_on(find_effects(), dataset.nuisances.keys() - active, structure, config.parameters) | active
     for name, stds in dataset.nuisances.items():
         found = known.get(name)
         if found is None:
@@ -33,7 +34,7 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
         if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign
             values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
             more.append(ActiveEffect(found, tuple(values)))
-    return replace(config, effects=(*config.effects, *more)) if more else config
+    return replace(config, effects=(*config.effects, *more))
 
 
 def starting_model(dataset: Dataset, config: Config) -> Config:
@@ -59,9 +60,8 @@ def hint(name: str, known: Sequence[str]) -> str:
 
 def with_nuisance_names(free: tuple[str, ...] | None, dataset: Dataset, config: Config) -> tuple[str, ...] | None:
     """The parameters to fit, with those of the bench that the model has; None, all, and (), a model as it is, stay."""
-    active = {one.found.effect.name for one in config.effects}
-    stds = {name: stds for name, stds in dataset.nuisances.items() if name in active}
-    declared = (f'effects.{name}.{parameter}' for name, entry in stds.items() for parameter in entry)
+    active = [one.found.effect.name for one in config.effects]
+    declared = (f'effects.{name}.{parameter}' for name in active for parameter in dataset.nuisances.get(name, ()))
     return (*free, *declared) if free else free
 
 

@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     minimize,
     normal_parts,
 )
+from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
@@ -102,7 +103,7 @@ def fit_base_model(training: Dataset, config: Config, models: Sequence[str], con
     """The configuration as it is, with the kinetics that fit it better."""
     options = FitOptions(starts=BASE_FIT_STARTS)
     check(training, config, options)
-    fits = []
+    fits, config = list[FitResult](), with_nuisance_effects(config, training)
     for model in models:
         context.on_progress(f'fitting the {model} model')
         fits.append(multistart_search(training, replace(config, model=model), options, context))

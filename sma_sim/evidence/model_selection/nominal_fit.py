@@ -10,6 +10,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import MODELS, FitOptions, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -35,7 +36,7 @@ class DiagnosisRequest:
 
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
     """The better of the kinetics without further effects."""
-    fits: list[FitResult] = []
+    fits, config = list[FitResult](), with_nuisance_effects(config, training)
     for model in MODELS if request.model == 'auto' else (request.model,):
         context.on_progress(f'fitting the {model} model')
         best = multistart_search(training, replace(config, model=model), request.options, context, NOMINAL_MODEL)
