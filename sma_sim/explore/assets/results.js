@@ -124,9 +124,9 @@ export function showRegion(parent, found, { switchOn, closer, close }) {
   const percent = (share) => `${Math.round(100 * share)} %`;
   const rows = [...states].map(([dimension, shares]) => [dimension, shares.map((one) => `${one.label} ${percent(one.share)}`).join(', '), `${percent(shares[0].elsewhere)} elsewhere`]);
   const temperatures = Object.entries(found.temperatures).map(([wire, [low, high]]) => `${wire} ${digits(low - 273.15, 3)} to ${digits(high - 273.15, 3)} \u00b0C`).join(', ');
-  const effects = [...found.effects].filter((one) => one.explains > 0.05).sort((a, b) => b.explains - a.explains).slice(0, 6).map((one) => [element('code', { textContent: one.effect }), digits(one.likeness, 2), percent(one.explains)]);
+  const effects = [...found.effects].filter((one) => one.explains > 0.05).sort((a, b) => b.explains - a.explains).slice(0, 6).map((one) => [element('code', { textContent: one.effect }), digits(one.cosine, 2), percent(one.explains)]);
   const button = (textContent, action) => { const one = element('button', { type: 'button', textContent }); one.addEventListener('click', action); return one; };
-  const alike = effects.length ? [table(['effect', 'likeness of its trace', 'explains'], effects, 'Effects that leave such a trace here (first order)')]
+  const alike = effects.length ? [table(['effect', 'cosine with its trace', 'explains'], effects, 'Effects that leave such a trace here (first order)')]
     : found.effects.length ? [element('p', { textContent: 'No effect leaves a trace like this.' })] : [button('Which effects leave such a trace? (switches each on, takes a minute)', switchOn)];
   parent.hidden = false;
   parent.replaceChildren(element('div', { className: 'bar' }, heading(`${found.run}, ${found.channel}, ${digits(found.t0)} to ${digits(found.t1)} s`), button('Look closer', closer), button('Close', close)),
