@@ -107,8 +107,10 @@ class Config:
         other = package_structures()[name].structure
         values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
         effects = tuple(
-            one if one.found.effect.scope.name else replace(one, found=(one.found.plain or one.found).on(other, values))
-            for one in self.effects
+            active
+            if active.found.effect.scope.name
+            else replace(active, found=(active.found.plain or active.found).on(other, values))
+            for active in self.effects
         )
         return replace(self, system=name, own_structure=None, parameters=other.default_values | values, effects=effects)
 

@@ -129,8 +129,8 @@ def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> C
     if not isinstance(bench, dict) or not all(isinstance(word, str) for word in bench.values()):
         raise UserError(f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
                         f'temperature: prescribed}}, got {bench!r}')  # fmt: skip
-    columns = {str(name): one for name, one in entry.items() if name not in (FILES, BENCH)}
-    origins = {name: parsed_origin(path, name, one, names) for name, one in columns.items()}
+    columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH)}
+    origins = {name: parsed_origin(path, name, column, names) for name, column in columns.items()}
     return ColumnMap(origins, path=path, files=entry[FILES], bench={f'{BENCH}.{name}': word for name, word in bench.items()})
 
 

@@ -113,11 +113,11 @@ def bench_of(system: str, test: ColumnMap) -> str:
     if not test.bench:
         return system
     own, known = known_structures()[system], known_structures()
-    family = [one for one in known.values() if own.options and one.options.keys() == own.options.keys()]
+    family = [member for member in known.values() if own.options and member.options.keys() == own.options.keys()]
     wanted = {**own.options, **test.bench}
-    found = next((one.name for one in family if dict(one.options) == wanted), None)
+    found = next((member.name for member in family if dict(member.options) == wanted), None)
     if found is None:
-        choices = {name: sorted({one.options[name] for one in family}) for name in own.options}
+        choices = {name: sorted({member.options[name] for member in family}) for name in own.options}
         words = ', '.join(f'{name}: {" or ".join(values)}' for name, values in choices.items())
         raise UserError(f'the map {test.path}, {test.files}: bench {dict(test.bench)!r}; expected {words or "no bench"}')
     return found

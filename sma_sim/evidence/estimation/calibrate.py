@@ -236,7 +236,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     names = with_nuisance_names(options.free, dataset, config)
     free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
-    quasi_static = all(known_structures()[one.system].is_quasi_static for one in dataset.recordings)
+    quasi_static = all(known_structures()[recording.system].is_quasi_static for recording in dataset.recordings)
     delay = 0.0 if quasi_static else None
     return Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
 

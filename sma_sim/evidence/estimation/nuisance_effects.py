@@ -22,13 +22,13 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     """
     if not dataset.nuisances:
         return config
-    active = {one.found.effect.name: one.found for one in config.effects}
+    active = {given.found.effect.name: given.found for given in config.effects}
     structure, more = config.structure.structure, list[ActiveEffect]()
     known = effects_on(find_effects(), dataset.nuisances.keys() - active, structure, config.parameters) | active
     for name, stds in dataset.nuisances.items():
         found = known.get(name)
         if found is None:
-            expected = sorted(name for name, one in known.items() if acts_on(one.effect, structure))
+            expected = sorted(name for name, effect in known.items() if acts_on(effect.effect, structure))
             raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint(name, expected)}')
         check_parameters(name, found, stds)
         if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign

@@ -62,7 +62,9 @@ def confounding_reason(first: InputHypothesis, second: InputHypothesis, forces_m
         return 'the same quantity, on one wire or on several'
     pair = frozenset((first.group, second.group))
     one_of_a_wire = len(pair.intersection(WIRE_QUANTITIES)) == 1
-    on_structure = [one.group for one in (first, second) if one.hook == 'structure_force' and one.group != ALONG_WIRES]
+    on_structure = [
+        tested.group for tested in (first, second) if tested.hook == 'structure_force' and tested.group != ALONG_WIRES
+    ]
     if not forces_measured and one_of_a_wire and on_structure:
         return FORCES_UNMEASURED
     return CONFOUNDING_REASONS.get(pair, '')
