@@ -7,12 +7,12 @@ import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 from sma_sim.ros.graph_check import GraphCheck  # noqa: E402
-from sma_sim.ros.inbox import Inbox, clock_inbox  # noqa: E402
+from sma_sim.ros.inbox import MOST_AT_ONCE, Inbox, clock_inbox  # noqa: E402
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -76,6 +76,7 @@ def test_a_message_that_cannot_be_read_is_logged(node):
 
     class Subscription:
         handle, msg_type, raw, topic_name, event_handlers = Handle(), Float64, False, '/x', ()
+        qos_profile = BEST_EFFORT
         callback = staticmethod(seen.append)
 
     node.get_logger = lambda: type('Logger', (), {'error': staticmethod(logged.append)})
@@ -85,6 +86,27 @@ def test_a_message_that_cannot_be_read_is_logged(node):
     assert logged == ['a message on /x was lost: broken'] and seen == []
     inbox.take()
     assert [message.data for message in seen] == [3.0] and len(logged) == 1
+
+
+@pytest.mark.parametrize(('history', 'most'), [(HistoryPolicy.KEEP_LAST, 10), (HistoryPolicy.KEEP_ALL, MOST_AT_ONCE)])
+def test_a_flood_ends_with_what_could_wait(node, history, most):
+    """Messages that arrive faster than they are taken: steps must be made between them."""
+    seen = []
+    inbox = Inbox(node)
+    inbox.add(node.create_subscription(Float64, 'x', seen.append, QoSProfile(depth=10, history=history)))
+    publisher = node.create_publisher(Float64, 'x', QoSProfile(depth=10, history=history))
+    until(lambda: publisher.get_subscription_count() > 0)
+
+    def another(message):
+        seen.append(message)
+        assert len(seen) <= most
+        publisher.publish(message)
+        inbox.wait(0.2)  # it has arrived, as a rule
+
+    inbox.subscriptions[0].callback = another
+    publisher.publish(Float64(data=1.0))
+    until(lambda: inbox.take() or seen)
+    assert 1 <= len(seen) <= most
 
 
 def test_a_clock_is_followed_only_when_it_is_taken(node, executor):

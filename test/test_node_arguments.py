@@ -39,6 +39,14 @@ def test_help_prints_the_usage(node, word):
     assert done.returncode == 0 and done.stdout.startswith(f'usage: {node} ') and '--params-file' in done.stdout
 
 
+@pytest.mark.parametrize('node', NODES)
+def test_ctrl_c_is_heard_before_anything_is_loaded_that_takes_long(node):
+    """Python answers Ctrl-C with a traceback until the node listens to signals."""
+    code = f'import sys, {NODES[node]}; print({{"numpy", "rclpy", "numba", "yaml"}} & set(sys.modules))'
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == 'set()\n'
+
+
 def test_arguments_of_ros_are_those_between_its_marks():
     assert outside_ros_args(['--ros-args', '-p', 'a:=1', '--', '--ros-args', '-r', '__ns:=/b']) == []
     assert outside_ros_args(['a', '--ros-args', '-p', 'b', '--', 'c']) == ['a', 'c']

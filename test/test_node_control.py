@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
+from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.ros.control import Control, Refused  # noqa: E402
 
 
@@ -207,6 +208,27 @@ def test_an_overrun_is_in_the_diagnosis_for_ten_seconds():
         one.until(lambda: 'overruns' not in diagnosed(one)[0].message)
         assert int(diagnosed(one)[1]['overruns']) > before
         assert one.stop()[0] == 0
+
+
+def test_what_is_in_force_is_known_after_a_reset_without_any_step(tmp_path):
+    """Whoever listens to J_eq_applied, /diagnostics or the bag does not have to wait for the next step."""
+    topics = ((DiagnosticArray, '/diagnostics'), (Float64, 'J_eq_applied'))
+    with ros_client.Simulation('-p', f'node.record:={tmp_path}/', topics=topics) as one:
+        applied = one.seen['J_eq_applied']
+        command = one.publisher(Float64, 'J_eq')
+        command.publish(Float64(data=12.0))
+        one.until(lambda: applied and applied[-1].data == 12.0, ros_client.FIRST_MESSAGE)
+        assert call(one, SetBool, 'pause', data=True).success and call(one, Trigger, 'reset').success
+        one.until(
+            lambda: applied[-1].data == 0.0 and one.seen['/diagnostics'] and diagnosed(one)[1]['J_eq applied [W]'] == '0'
+        )
+        assert call(one, Trigger, 'reset').success
+        command.publish(Float64(data=5.0))
+        one.until(lambda: call(one, Trigger, 'step').success and applied[-1].data == 5.0)
+        assert one.stop()[0] == 0
+    moved, unmoved, stepped = (read_bag(path) for path in sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime))
+    assert moved['J_eq_W'][-1] == 12.0 and unmoved['J_eq_W'].tolist() == [0.0]
+    assert stepped['J_eq_W'][0] in (0.0, 5.0) and stepped['J_eq_W'][-1] == 5.0
 
 
 class Steps:

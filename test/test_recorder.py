@@ -91,7 +91,8 @@ def test_killed_while_recording(tmp_path):
     """SIGKILL at random moments: nothing older than a second before is lost."""
     for number in range(KILLS):
         bag = tmp_path / f'bag{number}'
-        with ros_client.Simulation('-p', f'node.record:={bag}', topics=JOINTS) as one:
+        words = ('-p', f'node.record:={bag}', '-p', 'node.stamps_follow_clock:=false')  # simulated time, as in the bag
+        with ros_client.Simulation(*words, topics=JOINTS) as one:
             seen = one.seen['joint_states']
             one.until(lambda seen=seen: seen, ros_client.FIRST_MESSAGE)
             end = time.monotonic() + random.uniform(1.0, 2.5)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sma_sim.model.config import Config
 from sma_sim.ros.entry import Program, Runner, run_node
+
+if TYPE_CHECKING:
+    from sma_sim.model.config import Config
 
 PROGRAM = Program(
     'sma_model_check',

@@ -12,7 +12,10 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+
+MOST_AT_ONCE = 1000  # messages of a subscription that keeps all
 
 
 class TakenElsewhere(CallbackGroup):
@@ -48,11 +51,12 @@ class Inbox:
         self.subscriptions.append(subscription)
 
     def take(self) -> None:
-        """Call the callbacks with all messages that have arrived."""
+        """Call the callbacks with all messages that have arrived; those that arrive meanwhile wait for the next time."""
         for subscription in self.subscriptions:
             with subscription.handle:
-                while self._take_one(subscription):
-                    pass
+                for _ in range(most_waiting(subscription.qos_profile)):
+                    if not self._take_one(subscription):
+                        break
 
     def wait(self, longest: float) -> None:
         """Return when there is a message, after `longest` seconds at the latest."""
@@ -78,6 +82,11 @@ class Inbox:
             return False
         subscription.callback(taken[0])
         return True
+
+
+def most_waiting(profile: QoSProfile) -> int:
+    """How many messages can wait at most: with more taken, a flood of them would keep the one who takes them for ever."""
+    return int(profile.depth) if profile.history == HistoryPolicy.KEEP_LAST and profile.depth else MOST_AT_ONCE
 
 
 def clock_inbox(node: Node) -> Inbox:

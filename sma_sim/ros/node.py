@@ -211,6 +211,7 @@ class ModuleSimulation:
         if at_zero:
             self._set_epoch()
         self._speed = Speed(self._run.time)
+        self._apply()  # so that what is in force is known, and in the bag, also where no step follows
         self._publish()
 
     def _set_epoch(self) -> None:
