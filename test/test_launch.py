@@ -121,6 +121,7 @@ def test_every_argument_is_described(environment, file):
     (['alpha_target:=far'], 'alpha_target:=far: expected an angle'),
     (['rviz:=maybe'], 'rviz:=maybe: expected true or false'),
     (['params_file:=none.yaml'], 'there is no file none.yaml'),
+    (['system:=lever', 'demo:=true'], 'system:=lever has no joint alpha, which the controllers of the examples move'),
     (['controller:=none.py'], 'there is no file none.py; of the examples there are controller, trajectory_follower'),
 ])  # fmt: skip
 def test_wrong_arguments_start_nothing(environment, words, message):
@@ -152,6 +153,26 @@ def test_two_modules(environment, tmp_path):
     topics = ['/left/joint_states', '/right/joint_states']
     with Launched(environment, tmp_path / 'log', topics, 'two_modules.launch.py') as launched:
         launched.until(lambda seen: all(seen.values()))
+
+
+@by_ros2
+def test_rviz_looks_at_each_of_two_modules(environment, tmp_path):
+    """What is started instead of RViz says with which names."""
+    (tmp_path / 'share/ament_index/resource_index/packages').mkdir(parents=True)
+    (tmp_path / 'share/ament_index/resource_index/packages/rviz2').touch()
+    (tmp_path / 'lib/rviz2').mkdir(parents=True)
+    (tmp_path / 'lib/rviz2/rviz2').write_text('#!/bin/sh\necho "$@" >> "$SEEN"\nexec sleep 60\n')
+    (tmp_path / 'lib/rviz2/rviz2').chmod(0o755)
+    seen = tmp_path / 'seen'
+    with_rviz = {
+        **environment, 'SEEN': str(seen), 'AMENT_PREFIX_PATH': f'{tmp_path}{os.pathsep}{environment["AMENT_PREFIX_PATH"]}'
+    }  # fmt: skip
+    with Launched(with_rviz, tmp_path / 'log', [], 'two_modules.launch.py', 'rviz:=true') as launched:
+        launched.until(lambda _: seen.exists() and len(seen.read_text().splitlines()) == 2)
+    lines = sorted(seen.read_text().splitlines())
+    assert all(
+        f'-f {side}/base' in line and f'__ns:=/{side}' in line for side, line in zip(('left', 'right'), lines, strict=True)
+    )
 
 
 @by_ros2

@@ -70,9 +70,6 @@ UNDECLARED = {
     'plotly',
     'threadpoolctl',
     'distributed',
-    'tf2_msgs',
-    'simulation_interfaces',
-    'control_msgs',
     'llvmlite',
     'zstandard',
 }
@@ -116,7 +113,7 @@ ROSDEP_KEYS = {
 ROS_PACKAGES = {  # released in both
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs', 'diagnostic_msgs',
     'visualization_msgs', 'geometry_msgs', 'rosgraph_msgs', 'trajectory_msgs',
-    'launch', 'launch_ros', 'ros2launch', 'ament_index_python',
+    'tf2_msgs', 'control_msgs', 'simulation_interfaces', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python',
 }  # fmt: skip
 
 

@@ -15,10 +15,12 @@ from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.bag_names import record_of_side
 
 PACKAGE = 'sma_sim'
 EXAMPLES = {'controller': 'alpha_controller', 'trajectory_follower': 'alpha_trajectory_controller'}  # file: node
+ANGLE = 'alpha'  # the joint that they move
 BOOLEANS = {'true': True, '1': True, 'false': False, '0': False}
 ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'params_file': ('', 'ROS 2 parameter file; empty: the paper\'s module'),
@@ -91,6 +93,8 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
     use_sim_time, rviz, demo = (boolean(name, text[name]) for name in ('use_sim_time', 'rviz', 'demo'))
     controller = text['controller'] or ('controller' if demo else '')
+    if controller in EXAMPLES or controller == share('examples', 'controller.py'):
+        refuse_without_angle(text['system'])
     if controller in EXAMPLES:
         controller = share('examples', f'{controller}.py')
     if controller and not Path(controller).is_file():
@@ -99,6 +103,16 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         file, text['namespace'].strip('/'), tuple(overrides.items()), text['record'], text['log_level'],
         use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo, text['joint_prefix'],
     )  # fmt: skip
+
+
+def refuse_without_angle(system: str) -> None:
+    """Raise RuntimeError for a system that the controllers of the examples cannot move."""
+    found = package_structures().get(system)
+    if found is not None and all(coordinate.name != ANGLE for coordinate in found.structure.coordinates):
+        raise RuntimeError(
+            f'system:={system} has no joint {ANGLE}, which the controllers of the examples move; expected controller:=FILE '
+            f'with a controller of your own, or module.launch.py'
+        )
 
 
 def angle(name: str, text: str) -> float:
@@ -136,12 +150,12 @@ def module_actions(given: ModuleArguments) -> list[Action]:
 
 
 def two_modules(given: ModuleArguments) -> list[Action]:
-    """The same twice, in the namespaces left and right; a bag of each."""
+    """The same twice, in the namespaces left and right; a bag and a picture of each."""
     sides = [
         replace(given, namespace=f'{given.namespace}/{side}'.lstrip('/'), record=record_of_side(given.record, side))
         for side in ('left', 'right')
     ]
-    return [action for side in sides for action in module_actions(side)]
+    return [action for side in sides for action in (*module_actions(side), *rviz_actions(side))]
 
 
 def module_node(given: ModuleArguments) -> Node:
