@@ -6,7 +6,8 @@
 clock and is paused by its service at times. Both record a bag and get 1000 commands per second. Every status on
 /diagnostics is compared with what the script has done: `wrong_statuses` counts those that say anything else, apart from
 the two seconds after each change. Stamps are compared with their clock at the moment when a message is published
-(`stamp_lag`) and when it arrives (`stamp_delay`), both as the middleware tells them.
+(`stamp_lag`) and when it arrives (`stamp_delay`), both as the middleware tells them. A /clock that is late jumps over
+stamps: `answers_within_2_ms_percent` counts from the moment when the clock reached a stamp, before which no node can know.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ RUNNING, PAUSED = 20.0, 5.0  # [s] in turn
 SETTLING = 2.5  # [s] after a change in which a status may still tell of before
 ALLOWED_LAG = 2.0  # [ms] of a stamp behind its clock
 KEPT_TICKS = 10_000  # of the clock, the last ten seconds
+ROUNDING = 1e-8  # [s] of a stamp
 SWITCH_INTERVAL = 5e-4  # [s]; the thread that publishes is not to wait for the one that listens
 LOST = 0.1  # [s] that a node may be late before it says so; our own clock must be no later
 
@@ -50,6 +52,15 @@ class Clock:
             if published <= moment:
                 return shown
         return self.now
+
+    def reached(self, shown: float) -> float:
+        """When the clock showed a time [s] first, by the computer's clock [s]."""
+        moment = self._ticks[-1][0]
+        for published, showed in reversed(self._ticks):
+            if showed < shown - ROUNDING:
+                break
+            moment = published
+        return moment
 
     def tick(self) -> None:
         """Go on by the time that has passed, unless stopped."""
@@ -74,11 +85,12 @@ class Watched(Module):
         self.statuses, self.wrong, self.late_by_status = 0, Counter[str](), 0.0
         self.memories: list[float] = []
         self.lags: list[float] = []
+        self.answers: list[float] = []
 
     def begin(self) -> None:
         """Count from now on."""
         super().begin()
-        self.lags = self.lags[-1:]
+        self.lags, self.answers = self.lags[-1:], self.answers[-1:]
 
     def receive(self, message: Any, info: Any) -> None:
         """Note a stamp and how far it is behind the clock that the node follows, when published and when received."""
@@ -86,6 +98,7 @@ class Watched(Module):
         published, received = 1e-9 * info['source_timestamp'], 1e-9 * info['received_timestamp']
         self.stamps.append(stamp)
         self.lags.append((self.clock.at(published) if self.clock else published) - stamp)
+        self.answers.append(published - (self.clock.reached(stamp) if self.clock else stamp))
         self.delays.append((self.clock.at(received) if self.clock else received) - stamp)
 
     def hear(self, message: Any) -> None:
@@ -125,6 +138,7 @@ class Watched(Module):
             'stamp_lag_median_ms': float(np.median(lags)),
             'stamp_lag_99_percent_ms': float(np.percentile(lags, 99)),
             'stamps_within_2_ms_percent': 100.0 * float(np.mean(lags <= ALLOWED_LAG)),
+            'answers_within_2_ms_percent': 100.0 * float(np.mean(1e3 * np.array(self.answers) <= ALLOWED_LAG)),
             'stamp_delay_median_ms': float(np.median(delays)),
             'stamp_delay_99_percent_ms': float(np.percentile(delays, 99)),
             'largest_lag_by_status_ms': 1e3 * self.late_by_status,
