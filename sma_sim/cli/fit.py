@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(arguments.json, review.as_data())
     if arguments.report:
         review.write_page(arguments.report)
-    print_written(arguments.out, arguments.report, arguments.json)
+    print_written(arguments.out, arguments.report, arguments.json, arguments.sheet)
     return EXIT_INTERRUPTED if found.interrupted else 0
 
 
