@@ -19,6 +19,7 @@ from sma_sim.explore.session import Session, Start, open_session
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
+from sma_sim.workflow.data_request import DataRequest
 
 DEFAULT_FOLDER = Path('explore-session')
 HIGHEST_PORT = 65535
@@ -45,10 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'--port {arguments.port}: expected 0 to {HIGHEST_PORT}')
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('system', 'model') if getattr(arguments, name)]
     words = (*arguments.words, *chosen)
-    data = data_request(arguments) if arguments.data else None
-    if data is None and (arguments.hold_out or arguments.map or arguments.noise or arguments.namespace):
-        raise UserError('--hold-out, --map, --noise and --namespace are about recordings: name them too, as in '
-                        'sma-sim explore run1.csv run2.csv --hold-out run2')  # fmt: skip
+    data = recordings_of(arguments)
     start = Start(arguments.config, words, tuple(arguments.effects), data)
     folders = effect_folders_of(arguments.config, words)
     with open_session(arguments.session, start) as session, PageServer(arguments.port) as server:
@@ -60,6 +58,19 @@ def run(arguments: argparse.Namespace) -> int:
         server.tabs.close()
         server.shutdown()
     return 0
+
+
+def recordings_of(arguments: argparse.Namespace) -> DataRequest | None:
+    """The recordings that were named, None without any. Raises UserError for those that are not there."""
+    if not arguments.data:
+        if arguments.hold_out or arguments.map or arguments.noise or arguments.namespace:
+            raise UserError('--hold-out, --map, --noise and --namespace are about recordings: name them too, as in '
+                            'sma-sim explore run1.csv run2.csv --hold-out run2')  # fmt: skip
+        return None
+    for path in arguments.data:
+        if not path.exists():
+            raise UserError(f'cannot read {path}: No such file or directory')
+    return data_request(arguments)
 
 
 def serve(server: PageServer, session: Session, with_browser: bool) -> None:
