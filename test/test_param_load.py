@@ -42,7 +42,8 @@ def load(one, file):
     one.until(client.services_are_ready)
     future = client.load_parameter_file(str(file), use_wildcard=True)
     one.until(future.done)
-    names = [value.name for value in parameter_dict_from_yaml_file(str(file), True, [NODE]).values()]
+    nodes = list(yaml.safe_load(file.read_text()))  # Jazzy wants those that the file has
+    names = [value.name for value in parameter_dict_from_yaml_file(str(file), True, nodes).values()]
     return dict(zip(names, future.result().results, strict=True))
 
 
