@@ -144,6 +144,7 @@ def test_sensing_effect_shows_both_poses(tmp_path):
     [
         (['-p', 'wire.E_X:=1e9'], 'unknown parameter wire.E_X'),
         (['-p', 'system:=cantilever'], "system = 'cantilever' (given to the node): expected one of "),
+        (['-p', 'node.steps_per_call:=1.5'], 'node.steps_per_call = 1.5: expected a whole number of steps'),
         (['-p', 'node.publish_rate:=300.0'], '300 samples per second do not divide 1000 steps per second'),
         (['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
         (['-p', 'wire.E_A'], 'wire.E_A'),

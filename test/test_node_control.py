@@ -137,7 +137,13 @@ def test_limits_and_pace_can_be_set_while_the_node_runs():
         assert set_parameters(one, real_time_factor=0.01)[0]
         one.until(lambda: float(diagnosed(one)[1]['real-time factor']) < 0.1)
         assert stamp(one.seen['joint_states'][-1]) >= stamp(one.seen['joint_states'][0])
-        for wrong in ({'J_max': -1.0}, {'command_timeout': math.nan}, {'real_time_factor': 1e9}, {'publish_rate': 50.0}):
+        for wrong in (
+            {'J_max': -1.0},
+            {'command_timeout': math.nan},
+            {'real_time_factor': 1e9},
+            {'publish_rate': 50.0},
+            {'steps_per_call': 1.5},
+        ):
             assert not set_parameters(one, **wrong)[0]
         assert call(one, GetParameters, 'get_parameters', names=['node.J_max']).values[0].double_value == 8.0
         assert one.stop()[0] == 0

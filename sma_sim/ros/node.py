@@ -22,7 +22,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.inbox import Inbox, clock_inbox
 from sma_sim.ros.inputs import Inputs
 from sma_sim.ros.messages import Messages, stamp_of
-from sma_sim.ros.parameters import REAL_TIME_FACTOR, follow_live_parameters
+from sma_sim.ros.parameters import REAL_TIME_FACTOR, STEPS_PER_CALL, follow_live_parameters, refused_value
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.recording import BagSession
 from sma_sim.ros.robot_frames import RobotFrames
@@ -151,6 +151,9 @@ class ModuleSimulation:
         """Offer services, and take parameters that are set while the node runs."""
         self._control = Control(node, self)
         self._recording.serve(node, self._control)
+        wrong = refused_value(STEPS_PER_CALL, self._settings['steps_per_call'], self._follows)
+        if wrong:
+            raise UserError(wrong)
         self._set_steps_per_call()
         try:
             from sma_sim.ros.simulation_services import SimulationServices
@@ -162,7 +165,7 @@ class ModuleSimulation:
             ENVIRONMENT: self._inputs.ambient.apply,
             'node.J_max': self._set_J_max,
             'node.command_timeout': self._set_command_timeout,
-            'node.steps_per_call': self._set_steps_per_call,
+            STEPS_PER_CALL: self._set_steps_per_call,
             REAL_TIME_FACTOR: lambda: self._control.ask(self._set_pace),
         }
         follow_live_parameters(node, live, self._follows)
@@ -178,7 +181,7 @@ class ModuleSimulation:
         self._inputs.command.timeout = self._value('node.command_timeout')
 
     def _set_steps_per_call(self) -> None:
-        self._control.steps_per_call = round(self._value('node.steps_per_call'))
+        self._control.steps_per_call = round(self._value(STEPS_PER_CALL))
 
     def _set_pace(self) -> str:
         """Another real-time factor, between two steps; the counts of overruns go on."""

@@ -20,7 +20,7 @@ from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.command import ENVIRONMENT
 
-REAL_TIME_FACTOR = 'node.real_time_factor'
+REAL_TIME_FACTOR, STEPS_PER_CALL = 'node.real_time_factor', 'node.steps_per_call'
 LIVE = (ENVIRONMENT,)  # what every node of ours lets a user set while it runs
 LIST_DESCRIPTIONS = {
     'effects.active': 'names of the active effects',
@@ -137,8 +137,10 @@ def follow_live_parameters(node: Node, apply: Mapping[str, Callable[[], object]]
 
 
 def refused_value(name: str, value: float, use_sim_time: bool) -> str:
-    """Why a number is refused while the node runs; empty where it is not."""
+    """Why a number that may be set while the node runs is refused; empty where it is not."""
     if name == REAL_TIME_FACTOR and use_sim_time:
         return f'{name}: with use_sim_time, /clock sets the pace'
+    if name == STEPS_PER_CALL and value % 1.0 != 0.0:
+        return f'{name} = {value}: expected a whole number of steps'
     (low, high), unit = DEFAULTS[name].bounds, DEFAULTS[name].unit
     return '' if low <= value <= high else f'{name} = {value} {unit}: expected {low:g} to {high:g} {unit}'
