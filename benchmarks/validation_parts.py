@@ -15,6 +15,7 @@ from invariance import table as invariance_rows
 from latent import table as latent_table
 from nitinol import rows as wire_rows
 from other_forms import table as other_form_rows
+from recovery import table as recovery_rows
 from scipy.stats import kstest
 
 LEVELS = (0.01, 0.05, 0.1, 0.5)  # of p-values
@@ -236,6 +237,10 @@ PARTS = (
          'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
          'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
          joined(other_form_rows), True, share=0.1),
+    Part('recovery', 'Recovery against magnitude', 60, cases('recovery'),
+         'Six effects of the library whose strength is scaled until the best fit without them leaves a given error over '
+         'noise (1: nothing). Another one named: beside the hidden effect, or in its place.',
+         joined(recovery_rows), True, share=0.1),
     Part('latent', 'Latent inputs', 40, cases('latent', '--seeds', '311', '--channels', 'pose'),
          'The port that is named, and the error over noise without and with it (`left`).', latent_table, True, share=0.1),
     Part('designs', 'Designed experiments', 40, cases('designs'),

@@ -14,9 +14,9 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection import confounding, forward_selection
+from sma_sim.evidence.model_selection import candidate_fit, confounding, forward_selection
 from sma_sim.evidence.model_selection.backward_elimination import other_effects
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable, straightens
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.forward_selection import promising_further, with_further_candidates
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -87,8 +87,9 @@ def fit(error, prediction, effects=(), cost=100.0):
     runs = (SimpleNamespace(channels=('alpha',)),)
     problem = SimpleNamespace(free=(1,) * len(effects), config=config_, runs=runs, samples=1000)
     return SimpleNamespace(
-        error=error, prediction_error=prediction, effects=effects, problem=problem, cost=cost, squares=2.0 * cost, z=()
-    )
+        error=error, prediction_error=prediction, effects=effects, problem=problem, cost=cost, squares=2.0 * cost, z=(),
+        is_bent=False, values_of=lambda name: {},
+    )  # fmt: skip
 
 
 def candidate(name, prediction, cost=100.0):
@@ -108,6 +109,30 @@ def test_a_variant_must_predict_and_fit_better_than_every_effect(prediction, cos
     plain, variant = candidate('beam_creep', prediction), candidate('beam_creep@rotation', 1.0, cost)
     assert best_acceptable([variant, plain]) is (variant if taken else plain)
     assert best_acceptable([variant, replace(plain, plausible=False)]) is variant
+
+
+@pytest.mark.parametrize(('cost', 'taken'), [(50.0, True), (95.0, False)])
+def test_another_exponent_is_a_variant(cost, taken):
+    """An effect whose exponent is not the realistic one: it must fit better than every effect that is as it is listed."""
+    other = candidate('natural_convection', 1.0, cost)
+    other.fit.values_of = {'natural_convection': {'k': 4.0, 'm': 0.8}}.get
+    listed = candidate('natural_convection', 1.0)
+    listed.fit.values_of = {'natural_convection': {'k': 40.0, 'm': 0.3}}.get
+    assert other.is_variant and not listed.is_variant
+    plain = candidate('radiation', 1.03)
+    assert best_acceptable([other, plain]) is (other if taken else plain)
+
+
+@pytest.mark.parametrize(
+    ('cost', 'prediction', 'implausible', 'found'),
+    [(480.0, 1.0, (), True), (495.0, 1.0, (), False), (480.0, 1.03, (), False), (480.0, 1.0, ('wire.E_M',), False)],
+)
+def test_what_makes_implausible_parameters_plausible(monkeypatch, cost, prediction, implausible, found):
+    monkeypatch.setattr(candidate_fit, 'implausible_in', lambda fit, context: implausible)
+    base = fit(1.01, 1.01, cost=500.0)
+    assert not straightens(base, fit(1.0, prediction, cost=cost), None)  # nothing is wrong with it
+    base.is_bent = True
+    assert straightens(base, fit(1.0, prediction, cost=cost), None) == found
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,9 @@
 
 a. The nominal model is fitted with either kinetics; the better one is kept. b. Score tests screen all effects. c. The best
 are refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance,
-with a realistic value; then the search returns to b. e. The held-out runs are read once, and the verdict is given; partial
-explanations that hardly help there are taken back. f. Where no known effect explains enough, or several leave more than
-noise, an equation is proposed (`sma_sim.evidence.symbolic_regression`).
+with a realistic value; then the search returns to b. e. Where the effects leave more than noise, formulas compete with them
+(`sma_sim.evidence.symbolic_regression`). f. The held-out runs are read once, and the verdict is given; partial explanations
+that hardly help there are taken back.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
-from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
+from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, is_bent
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
-from sma_sim.evidence.model_selection.forward_selection import select_forward
+from sma_sim.evidence.model_selection.forward_selection import leaves_something, select_forward
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
 from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
@@ -229,6 +229,8 @@ def searched_together(
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open."""
     nominal = nominal_fit(data.training, config, request, context)
+    implausible = () if context.stop.is_set() else implausible_in(nominal, context)
+    nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
     steps = select_forward(nominal, context)
     path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)
@@ -248,7 +250,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0, proposal=end.proposal,
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
-        similar=similar, implausible=() if context.stop.is_set() else implausible_in(nominal, context),
+        similar=similar, implausible=implausible,
         by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations), data.limit),
     )  # fmt: skip
 
@@ -280,32 +282,28 @@ class Conclusion:
 
 
 def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, context: SearchContext) -> Conclusion:
-    """Read the held-out runs, take back what does not help there, and look for an equation where much is left."""
-    (_, nominal), (kind, last) = path[0], path[-1]
-    stages = [provisional_stage(data, kind, fit, context) for kind, fit in path[:-1]]
-    stages.append(last_stage(data, kind, last, request, context))
-    pooled = None
-    if data.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        predicted = stages[-1].predicted
-        pooled = pooled_refit(data.training, data.held_out, last, predicted, request.options, context)
-    verdict = verdict_of(stages[-1], pooled, data.limit)
-    best = predicts_best(stages)
-    if verdict == 'unknown_effect' and not context.stop.is_set() and best < len(path) - 1:
-        _, last = path[best]
-        context.on_progress('the held-out runs are predicted better with fewer effects')
-        provisional = replace(stages[best], kind='taken_back')
-        stages.append(final_stage(data, 'taken_back', last, context) if stages[-1].final else provisional)
-        verdict = verdict_after_removal(stages[-1], data.limit)
-    proposal = None
-    adequate = verdict != 'unknown_effect' and data.limit > CRITERIA.unexplained
-    if request.equation and not adequate and not context.stop.is_set():
-        verdict, proposal = with_equation(verdict, nominal, last, context)
+    """Let formulas compete with the effects where these leave more than noise, and read the held-out runs."""
+    stages = [provisional_stage(data, kind, fit, context) for kind, fit in path]
+    fits, proposal = [fit for _, fit in path], None
+    if request.equation and not context.stop.is_set():
+        fits[-1] = replace(fits[-1], is_bent=is_bent(fits[-1], context))
+        proposal = propose(fits, context) if leaves_room(fits[-1], data.limit) else None
     if proposal is not None:
-        last = nominal if proposal.fit.effects[:-1] == nominal.effects else last
+        last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
         stages.append(final_stage(data, 'formula', proposal.fit, context))
-    elif not stages[-1].final:
-        stages[-1] = final_stage(data, stages[-1].kind, last, context)
-    return Conclusion(verdict, last, tuple(stages), pooled, proposal)
+        return Conclusion('unknown_effect', last, tuple(stages), None, proposal)
+    (kind, last), best = path[-1], predicts_best(stages)
+    verdict, pooled = verdict_of(stages[-1], None, data.limit), None
+    if verdict == 'unknown_effect' and best < len(path) - 1 and not reaches_beyond_fitted(stages[-1], data.limit):
+        context.on_progress('the held-out runs are predicted better with fewer effects')
+        kind, last = 'taken_back', path[best][1]
+        stages.append(stages[best])
+    stages[-1] = final_stage(data, kind, last, context)
+    if kind == 'taken_back':
+        return Conclusion(verdict_after_removal(stages[-1], data.limit), last, tuple(stages), None, None)
+    if data.held_out and reaches_beyond_fitted(stages[-1], data.limit):
+        pooled = pooled_refit(data.training, data.held_out, last, stages[-1].predicted, request.options, context)
+    return Conclusion(verdict_of(stages[-1], pooled, data.limit), last, tuple(stages), pooled, None)
 
 
 def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep], limit: float) -> dict[str, HeldOutVerdict]:
@@ -321,32 +319,14 @@ def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]
     return verdicts_by_run(models, limit, {run.name: run.level for run in fits[0].problem.runs})
 
 
-def last_stage(
-    data: StageData, kind: StageKind, last: FitResult, request: DiagnosisRequest, context: SearchContext
-) -> ModelStage:
-    """The last model; fitted on all samples, unless so much is left that an equation is sure to be looked for first."""
-    if request.equation and last.error > CRITERIA.clearly_unexplained:
-        stage = provisional_stage(data, kind, last, context)
-        if not stage.held_out <= CRITERIA.clearly_unexplained:
-            return stage
-    return final_stage(data, kind, last, context)
+def leaves_room(last: FitResult, limit: float) -> bool:
+    """Whether a model leaves so much in the fitted runs that a formula could explain better than its effects, or is bent.
 
-
-def with_equation(verdict: str, nominal: FitResult, last: FitResult, context: SearchContext) -> tuple[str, Proposal | None]:
-    """The verdict and the equation of what no known effect explains, if any is better than nothing.
-
-    Effects that leave more than noise in the fitted runs may imitate something that none of them is: if one formula
-    predicts better than all of them, it is taken, and they explain a part.
+    A formula that stands alone has to explain a part of the error that only more than noise can have.
     """
-    if verdict == 'unknown_effect' and last.prediction_error > CRITERIA.noise_only:
-        return verdict, propose([nominal, last] if last is not nominal else [nominal], context)
-    if verdict != 'missing_effect' or last.error <= CRITERIA.pooled_noise_only:
-        return verdict, None
-    context.on_progress(f'{" and ".join(last.effects)} leave more than noise: is there one formula that leaves less?')
-    found = propose([nominal], context)
-    if found is None or found.fit.prediction_error > (1.0 - CRITERIA.min_error_reduction) * last.prediction_error:
-        return verdict, None
-    return 'unknown_effect', found
+    if limit > CRITERIA.unexplained and last.error <= limit:
+        return False
+    return last.is_bent or (leaves_something(last) if last.effects else last.prediction_error > CRITERIA.noise_only)
 
 
 def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:

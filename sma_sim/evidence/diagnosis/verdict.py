@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
+from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR
 
@@ -70,9 +71,13 @@ def by_held_out_run(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 
 
 def variants(diagnosis: Diagnosis) -> dict[str, str]:
-    """By effect of the last model that acts in a part of its places: its scope in words."""
-    active = [one.found.effect for one in diagnosis.calibration.config.effects]
-    return {effect.plain_name: effect.scope.words for effect in active if effect.scope.name}
+    """By effect of the last model that acts in a part of its places, or in another form: which, in words."""
+    words = {}
+    for active in diagnosis.calibration.config.effects:
+        effect = active.found.effect
+        values = dict(zip([p.name for p in effect.parameters], active.values, strict=True))
+        words[effect.plain_name] = ', '.join(filter(None, (effect.scope.words, other_form(active.found, values))))
+    return {name: form for name, form in words.items() if form}
 
 
 def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -30,6 +30,7 @@ class FitResult:
 
     `cost`: half the sum of the squared residuals over noise, prior included. `cross_validated_error`: error over noise on
     runs left out in turn, NaN where that is not known; `left_out_errors`: by run. `other_starts`: of a search from several.
+    `is_bent`: whether parameters are known to have left their plausible range, which is all that tells of something missing.
     """
 
     problem: Problem
@@ -40,6 +41,7 @@ class FitResult:
     cross_validated_error: float = nan
     left_out_errors: Mapping[str, float] = field(default_factory=dict)
     other_starts: tuple[OtherStart, ...] = ()
+    is_bent: bool = False
 
     @property
     def effects(self) -> tuple[str, ...]:

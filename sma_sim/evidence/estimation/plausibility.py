@@ -73,6 +73,11 @@ def implausible_parameters(
     return (*found, *moduli_out_of_order(config, free, covariance))
 
 
+def is_form(parameter: Parameter) -> bool:
+    """Whether a parameter decides the form of a law, such as an exponent or a saturation: a number that is no strength."""
+    return parameter.neutral is None and parameter.unit == '-'
+
+
 def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
     """The realistic range of a parameter, with its neutral value: a strength of several may be nothing."""
     if parameter.realistic is None or parameter.neutral is None:
@@ -84,6 +89,8 @@ def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
 def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[float, float, str]:
     """Between which coordinates a parameter is plausible, and by what (`reason` of an `ImplausibleParameter`)."""
     between = realistic_range(declared)
+    if between is not None and is_form(declared):
+        return parameter.low, parameter.high, 'realistic'
     if between is None:
         return -MAX_PRIOR_STDS, MAX_PRIOR_STDS, 'nominal'
     tolerance = RANGE_TOLERANCE * (between[1] - between[0])

@@ -12,7 +12,9 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
+from sma_sim.evidence.estimation.plausibility import implausible_in
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
@@ -26,8 +28,9 @@ class CandidateFit:
     `error_ratio`: cross-validated error with over without (the fitted error, which is smaller, where it is
     `not_cross_validated`); `error_reduction`: by how much it is lower, as a fraction of the error or of the noise,
     whichever is larger; `explained`: fraction of the fitted squares; `family_p` of the screening; `std`: standard errors by
-    full name (SI); `indistinguishable`: other candidates that explain as well; `least_reduction`: the least
-    `error_reduction` with which it is accepted.
+    full name (SI); `straightens`: the base is bent, and the fit is not, though it fits better by odds that are no chance;
+    `indistinguishable`: other candidates that explain as well; `least_reduction`: the least `error_reduction` with which it
+    is accepted.
     """
 
     found: FoundEffect
@@ -39,6 +42,7 @@ class CandidateFit:
     family_p: float
     plausible: bool
     std: Mapping[str, float]
+    straightens: bool = False
     indistinguishable: tuple[str, ...] = ()
     least_reduction: float = CRITERIA.min_error_reduction
 
@@ -49,8 +53,8 @@ class CandidateFit:
 
     @property
     def is_variant(self) -> bool:
-        """Whether it acts in a part of the places of its effect."""
-        return bool(self.found.effect.scope.name)
+        """Whether it acts in a part of the places of its effect, or in another form."""
+        return bool(self.found.effect.scope.name or other_form(self.found, self.fit.values_of(self.name)))
 
     @property
     def not_cross_validated(self) -> bool:
@@ -65,7 +69,7 @@ class CandidateFit:
     @property
     def convincing(self) -> bool:
         """Whether it explains enough or all, whatever its values."""
-        return self.predicts_better or self.leaves_only_noise
+        return self.predicts_better or self.leaves_only_noise or self.straightens
 
     @property
     def leaves_only_noise(self) -> bool:
@@ -115,7 +119,7 @@ def candidate_fit(
     return CandidateFit(
         found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
         1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
-        least_reduction=least_reduction(base),
+        straightens(base, fit, context), least_reduction=least_reduction(base),
     )  # fmt: skip
 
 
@@ -127,6 +131,19 @@ def least_reduction(base: FitResult) -> float:
     span = base.problem.span
     adequate = not isnan(span) and base.error <= unexplained_above(span)
     return CRITERIA.adequate_reduction if adequate else CRITERIA.min_error_reduction
+
+
+def straightens(base: FitResult, fit: FitResult, context: SearchContext) -> bool:
+    """Whether a fit explains better and as well what is left out, without the implausible parameters of its base."""
+    if not base.is_bent or fit.cost > base.cost - CRITERIA.decisive_log_odds:
+        return False
+    predicts_as_well = fit.prediction_error <= (1.0 + CRITERIA.same_error) * base.prediction_error
+    return predicts_as_well and not is_bent(fit, context)
+
+
+def is_bent(fit: FitResult, context: SearchContext) -> bool:
+    """Whether parameters of a model that leaves little are implausible: with them it may imitate what it lacks."""
+    return fit.error <= CRITERIA.unexplained and bool(implausible_in(fit, context))
 
 
 def delta_bic(base: FitResult, fit: FitResult) -> float:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 
-from sma_sim.evidence.estimation.plausibility import realistic_range
+from sma_sim.evidence.estimation.plausibility import is_form, realistic_range
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
@@ -57,12 +56,23 @@ def candidate_of(found: FoundEffect) -> Candidate:
     """All probes of one effect."""
     strengths = [p for p in found.effect.parameters if p.neutral is not None]
     shapes = [p for p in found.effect.parameters if p.neutral is None]
-    grid = [dict(zip([p.name for p in shapes], values, strict=True)) for values in product(*map(shape_values, shapes))]
     families = [
         tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
-        for shape in grid
+        for shape in shape_grid(shapes)
     ]
     return Candidate(found, tuple(family for family in families if family))
+
+
+def shape_grid(shapes: Sequence[Parameter]) -> list[dict[str, float]]:
+    """The centre of the shapes' grid, in the middle, and each shape alone at its other values.
+
+    All combinations of four shapes would be nine times as many, and a fit finds the way between them.
+    """
+    values = {parameter.name: shape_values(parameter) for parameter in shapes}
+    centre = {name: of_one[len(of_one) // 2] for name, of_one in values.items()}
+    others = [centre | {name: value} for name, of_one in values.items() for value in of_one if value != centre[name]]
+    half = len(others) // 2
+    return [*others[:half], centre, *others[half:]]
 
 
 def shape_values(parameter: Parameter) -> list[float]:
@@ -102,13 +112,22 @@ def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float])
 
 
 def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
-    """Whether all values (by name, those that are given) lie in the realistic ranges, or nearly."""
+    """Whether all values (by name, those that are given) lie in the realistic ranges, or nearly; but for another form."""
+    return all(is_form(parameter) for parameter in unrealistic(found, values))
+
+
+def other_form(found: FoundEffect, values: Mapping[str, float]) -> str:
+    """In words, with what exponent or saturation beyond its realistic range an effect acts; '' without any."""
+    return ', '.join(f'with {p.name} = {values[p.name]:.3g}' for p in unrealistic(found, values) if is_form(p))
+
+
+def unrealistic(found: FoundEffect, values: Mapping[str, float]) -> list[Parameter]:
+    """The parameters whose value lies beyond the realistic range by more than literature is sharp."""
+    beyond = []
     for parameter in found.effect.parameters:
         between = realistic_range(parameter)
-        if between is None or parameter.name not in values:
-            continue
-        low, high = between
-        tolerance = CRITERIA.range_tolerance * (high - low)
-        if not (low - tolerance <= values[parameter.name] <= high + tolerance) or math.isnan(values[parameter.name]):
-            return False
-    return True
+        if between is not None and parameter.name in values:
+            tolerance = CRITERIA.range_tolerance * (between[1] - between[0])
+            if not between[0] - tolerance <= values[parameter.name] <= between[1] + tolerance:
+                beyond.append(parameter)
+    return beyond

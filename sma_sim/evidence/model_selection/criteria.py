@@ -100,8 +100,6 @@ class SelectionCriteria:
     adequate_reduction: float = 0.15
     """Fraction of the cross-validated error of such tests that an effect must take away below that: gradients are alike in
     all tests of a specimen, and effects that imitate them predict a little better, too."""
-    clearly_unexplained: float = 1.5
-    """Error above which a fit on all samples does not change the verdict, so that it is not made first."""
     min_named_reduction: float = 0.1
     """Fraction of the held-out error that a partial explanation takes away to be named: what imitates another effect takes
     little, or comes and goes with the run that is held out."""

@@ -65,6 +65,8 @@ def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
 
 def least_gain(base: FitResult) -> float:
     """What a candidate must promise to take away from the squares for a refit to be worth its time."""
+    if base.is_bent:
+        return 2.0 * CRITERIA.decisive_log_odds
     return CRITERIA.min_explained_by_screening * max(base.squares, base.problem.samples)
 
 
@@ -123,7 +125,8 @@ def with_further_candidates(first: SelectionStep, candidates: Sequence[Candidate
 def further_step(first: SelectionStep, candidates: Sequence[Candidate], context: SearchContext) -> SelectionStep:
     """A step with more candidates: what leads from where its accepted effect has led, or from the base."""
     base, accepted = first.base, first.accepted
-    if first.stopped or context.stop.is_set() or not leaves_something(base if accepted is None else accepted.fit):
+    last = base if accepted is None else accepted.fit
+    if first.stopped or context.stop.is_set() or not (leaves_something(last) or last.is_bent):
         return first
     variants: tuple[Candidate, ...] = ()
     if context.variants and base.problem.config.system == 'module':
@@ -135,11 +138,11 @@ def further_step(first: SelectionStep, candidates: Sequence[Candidate], context:
         context.on_progress(f'screening {len(candidates)} effects and {len(variants)} variants')
         screened = screen(start.problem, start.z, [*candidates, *variants], context.pool, context.seed)
         trials += promising_further(screened, first, least_gain(base))
-    if accepted is None and base.error > unexplained_above(base.problem.span):
+    if accepted is None and (base.is_bent or base.error > unexplained_above(base.problem.span)):
         trials += passed_over(first, candidates)
     if not trials:
         return first
-    enough = (1.0 - CRITERIA.strong_error_reduction) * base.cost
+    enough = (1.0 if base.is_bent else 1.0 - CRITERIA.strong_error_reduction) * base.cost
     limit = enough if accepted is None else CRITERIA.sketch_cost_ratio * accepted.fit.cost
     again = step_with(base, first.screened, trials, context, start, limit)
     if context.stop.is_set():

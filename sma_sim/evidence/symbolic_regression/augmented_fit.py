@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import FreeParameter
-from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.tempered_likelihood import tempered_minimum
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT
+from sma_sim.evidence.model_selection.candidates import Candidate
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import sketches_from
+from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.solver.simulate import SimulationError
-
-Vector = NDArray[np.float64]
-POSITIVE_GRIDS = ('width', 'wavenumber', 'time_constant', 'frequency', 'fixed')  # shapes that are fitted as logarithms
-MAX_COEFFICIENT_RATIO = 20.0  # to the linear estimate: beyond it the regression did not see the term
-PRIOR_WIDTH = 0.15  # of a shape, as a fraction of its realistic range: a step of the grid
+from sma_sim.model.structures.discovery import FoundStructure
 
 
 @dataclass(frozen=True)
@@ -36,45 +30,37 @@ class AugmentedFit:
         return f'{self.terms[0].location.name}: {" + ".join(fit.term.name for fit in self.terms)}'
 
 
-def free_parameters_of(fit: TermFit, effect: str) -> list[FreeParameter]:
-    """The coefficient and the shapes of a term, their priors centred at the linear estimate."""
-    size, ratio = abs(fit.coefficient), MAX_COEFFICIENT_RATIO
-    free = [FreeParameter(f'effects.{effect}.c', fit.coefficient, size, -ratio, ratio, False, '')]
-    for k, (shape, value, (low, high)) in enumerate(zip(fit.term.shapes, fit.shapes, fit.limits, strict=True)):
-        name = f'effects.{effect}.q_{k}'
-        if shape.grid in POSITIVE_GRIDS:
-            free.append(FreeParameter(name, value, 0.5, 2.0 * np.log(low / value), 2.0 * np.log(high / value), True, ''))
-        else:
-            scale = PRIOR_WIDTH * (high - low)
-            free.append(FreeParameter(name, value, scale, (low - value) / scale, (high - value) / scale, False, ''))
-    return free
+def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningResult:
+    """A term as a candidate of the selection: an effect that is that term, with the coefficient and shapes that it has.
+
+    It shares the kernels of its port (`universal_term`), so that no term compiles anything. `on`: what it acts on, `copy`:
+    of several terms.
+    """
+    universal = universal_term(fit.location.hook, bool(fit.term.rate), on, copy)
+    values = universal.values(fit.location, fit.term, fit.coefficient, fit.shapes)
+    names = ['c', *(f'q_{k}' for k in range(len(fit.shapes)))]
+    declared = {name: replace(p, name=name) for name, p in zip(names, Formula((fit,), on.structure).parameters, strict=True)}
+    effect = universal.found.effect
+    parameters = tuple(declared.get(p.name, replace(p, default=values.get(p.name, p.default))) for p in effect.parameters)
+    found = replace(universal.found, effect=replace(effect, parameters=parameters), plain=universal.found)
+    return ScreeningResult(Candidate(found, ()), fit.error_reduction, {name: values[name] for name in declared}, 1.0)
 
 
-def augmented_problem(base: FitResult, terms: tuple[TermFit, ...]) -> tuple[Problem, Vector]:
-    """The problem with the terms, and where to start."""
-    config, free = base.problem.config, list(base.problem.free)
-    for copy, fit in enumerate(terms):
-        effect = universal_term(fit.location.hook, bool(fit.term.rate), config.structure, copy)
-        config = with_effect(config, effect.found, effect.values(fit.location, fit.term, fit.coefficient, fit.shapes))
-        free += free_parameters_of(fit, effect.found.effect.name)
-    at = len(base.problem.free)
-    z = np.concatenate([base.z[:at], np.zeros(len(free) - at), base.z[at:]])
-    return replace(base.problem, config=config, free=tuple(free)), z
+def sketched_formulas(
+    start: FitResult, terms: Sequence[TermFit], context: SearchContext, before: tuple[TermFit, ...] = ()
+) -> list[AugmentedFit]:
+    """Sketches of the fits with each of some terms, beside those `before` which the start has; those that can be run."""
+    candidates = [as_candidate(term, start.problem.config.structure, len(before)) for term in terms]
+    sketches = sketches_from(start, ADDED_EFFECT.damping, candidates, context)
+    return [
+        AugmentedFit(fitted, tuple(as_fitted(term, copy, fitted) for copy, term in enumerate((*before, term))))
+        for term, fitted in zip(terms, sketches, strict=True) if fitted is not None
+    ]  # fmt: skip
 
 
-def fit_with_terms(
-    base: FitResult, tempering: float, terms: tuple[TermFit, ...], context: SearchContext
-) -> AugmentedFit | None:
-    """The fit with the terms, at a factor on the noise variance; None where the model cannot be run."""
-    problem, z = augmented_problem(base, terms)
-    try:
-        fitted = tempered_minimum(problem, z, tempering, context)
-    except SimulationError:
-        return None
-    values, refitted = fitted.values, []
-    for copy, fit in enumerate(terms):
-        effect = universal_term(fit.location.hook, bool(fit.term.rate), problem.config.structure, copy)
-        prefix = f'effects.{effect.found.effect.name}'
-        shapes = tuple(values[f'{prefix}.q_{k}'] for k in range(len(fit.shapes)))
-        refitted.append(replace(fit, coefficient=values[f'{prefix}.c'], shapes=shapes))
-    return AugmentedFit(fitted, tuple(refitted))
+def as_fitted(fit: TermFit, copy: int, fitted: FitResult) -> TermFit:
+    """A term with the values that a fit has found."""
+    universal = universal_term(fit.location.hook, bool(fit.term.rate), fitted.problem.config.structure, copy)
+    values = fitted.values_of(universal.found.effect.name)
+    shapes = tuple(values[f'q_{k}'] for k in range(len(fit.shapes)))
+    return replace(fit, coefficient=values['c'], shapes=shapes)

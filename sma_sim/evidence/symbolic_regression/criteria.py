@@ -20,15 +20,16 @@ class TermSearchCriteria:
         Terms that are fitted in place of those of such a fit.
     good_fit_error
         Error over noise below which no term is exchanged.
-    exchange_tempering
-        Factor on the noise variance while terms are exchanged: priors keep the parameters from following a wrong term.
     max_second_terms, sufficient_error
         Second terms that are fitted, and the error over noise below which none is needed.
     max_refitted, refit_error_ratio
         Formulas that are refitted as effects of their own and cross-validated, and how far their error may lie above the
         least.
     min_error_reduction
-        Fraction of the cross-validated error that a formula must remove to be proposed.
+        Fraction of the cross-validated error that a formula must remove as a further cause.
+    decisive_log_odds
+        By which a formula must explain better than as many listed causes: as e^10 for a variant, times the number of terms
+        and shapes among which it was chosen.
     """
 
     max_first_terms: int = 9
@@ -37,12 +38,12 @@ class TermSearchCriteria:
     lead_error_ratio: float = 1.5
     max_exchanged: int = 6
     good_fit_error: float = 1.03
-    exchange_tempering: float = 4.0
     max_second_terms: int = 3
     sufficient_error: float = 1.1
     max_refitted: int = 4
     refit_error_ratio: float = 1.5
     min_error_reduction: float = 0.1
+    decisive_log_odds: float = 20.0
 
 
 TERM_SEARCH_CRITERIA = TermSearchCriteria()

@@ -8,11 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.augmented_fit import POSITIVE_GRIDS
 from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPORT, kernel_return, load_generated, port_lines
 from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
-from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, factor, per_unit
+from sma_sim.evidence.symbolic_regression.terms import POSITIVE_GRIDS, ShapeParameter, Term, factor, per_unit
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.module import STRUCTURE as MODULE
@@ -21,6 +20,7 @@ from sma_sim.model.structures.structure import Structure
 FORMULA_SOURCE = 'proposed by sma-sim diagnose from recordings: a formula that fits, not a law that is known'
 PARAMETER_SOURCE = 'fitted to recordings'
 BOUND_RATIO = 1e3  # of a coefficient's bounds to its value: a later fit may change its order of magnitude
+NEAR_RATIO = 5.0  # of the realistic range to the value: a refit may change it by so much, either way
 VALUE_DIGITS, BOUND_DIGITS = 6, 3  # significant ones in the file
 MAX_INLINE_LENGTH = 60  # characters of an expression; a longer one gets a function of its own
 MAX_TEXT_LENGTH = 100  # characters of a string on one line
@@ -90,7 +90,9 @@ class Formula:
         for k, fit in enumerate(self.term_fits):
             bound, value = rounded(BOUND_RATIO * abs(fit.coefficient), BOUND_DIGITS), rounded(fit.coefficient)
             unit = self.unit(per_unit(self.location.unit, fit.term.unit))
-            parameters.append(Parameter(self.coefficient_name(k), value, unit, (-bound, bound), 'coefficient', '', 0.0))
+            near = rounded(NEAR_RATIO * abs(fit.coefficient), BOUND_DIGITS)
+            name, realistic = self.coefficient_name(k), (-near, near)
+            parameters.append(Parameter(name, value, unit, (-bound, bound), 'coefficient', '', 0.0, realistic))
         for fit, names in zip(self.term_fits, self.shape_names, strict=True):
             for shape, value, limits in zip(fit.term.shapes, fit.shapes, fit.limits, strict=True):
                 parameters.append(self.shape_parameter(names[shape.name], shape, rounded(value), limits))

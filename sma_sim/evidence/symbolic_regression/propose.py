@@ -4,40 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
-from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import StopCriteria
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
+from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, is_bent
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import cross_validated_candidate
-from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics
-from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.forward_selection import step_with
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot, partial_residual_plot
-from sma_sim.evidence.symbolic_regression.search import search_formulas
+from sma_sim.evidence.symbolic_regression.search import search_formulas, without_terms
 from sma_sim.evidence.symbolic_regression.stability import stabilities, stability_by_variable
-from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 MATERIAL_HOOKS = ('wire_strain', 'transformation_stress')  # taken only where no load or heat explains as much
-FORMULA_STOP_CRITERIA = StopCriteria(
-    max_iterations=10, damping=1.0, min_decrease=0.3, relative_decrease=1e-3, central=True
-)  # it starts at its optimum
 
 
 @dataclass(frozen=True)
@@ -118,47 +102,73 @@ class Proposal:
         return path
 
 
-def propose(bases: Sequence[FitResult], context: SearchContext) -> Proposal | None:
-    """Find an equation that explains what is left of the best of some fits.
+def propose(path: Sequence[FitResult], context: SearchContext) -> Proposal | None:
+    """Find a formula that explains better than known effects, instead of them or beside them.
 
     Parameters
     ----------
-    bases
-        Fits to the training runs: the nominal model first, then those with known effects. Later ones are used where no
-        formula helps the first.
+    path
+        Fits to the training runs: the nominal model, then those with known effects, to the last.
     context
         Runs the simulations; its `seed` is that of the random halves of the data.
 
     Returns
     -------
     Proposal or None
-        The formula as an effect, with the model refitted and the others that were considered; None where no formula removes
-        `TERM_SEARCH_CRITERIA.min_error_reduction` of the least cross-validated error, or the search was stopped.
+        The formula as an effect, with the model refitted and the others that were considered; None where the effects of the
+        last fit are to be preferred (`is_better`), or the search was stopped. It stands instead of the known effects, unless
+        beside them it leaves clearly less.
     """
-    least_error = min(base.prediction_error for base in bases)
-    for base in bases:
-        if context.stop.is_set():
+    first, best, found = path[0], path[-1], None
+    beside = [path[-1]] if len(path) > 1 and path[-1].error > CRITERIA.pooled_noise_only else []
+    for base in (first, *beside):
+        if context.stop.is_set() or (found is not None and best.error <= CRITERIA.noise_only):
             break
-        proposal = proposal_for(base, least_error, context)
+        proposal = proposal_for(base, best, context)
         if proposal is not None:
-            return proposal
-    return None
+            best, found = proposal.fit, replace(proposal, error_before=path[-1].prediction_error)
+    return found
 
 
-def proposal_for(base: FitResult, least_error: float, context: SearchContext) -> Proposal | None:
-    """The best formula on one model, if it removes enough of the least error so far."""
+def is_better(fit: FitResult, known: FitResult) -> bool:
+    """Whether a model with a formula is to be preferred to one with known effects only.
+
+    Fewer causes win unless the others explain better by odds that are no chance. As many must explain worse by such odds,
+    and predict worse: clearly so, unless the formula leaves only noise. A further cause has to take away a part of the error
+    that is worth it. Of models that explain with implausible parameters (`is_bent`), one that does not need them is better
+    where it fits better by such odds and predicts as well.
+    """
+    more, better = len(fit.effects) - len(known.effects), known.cost - fit.cost
+    predicts_as_well = fit.prediction_error <= (1.0 + CRITERIA.same_error) * known.prediction_error
+    if more < 0:
+        return predicts_as_well and better >= -CRITERIA.decisive_log_odds
+    if better < TERM_SEARCH_CRITERIA.decisive_log_odds:
+        return False
+    if known.is_bent and not fit.is_bent:
+        return predicts_as_well
+    only_noise = more == 0 and fit.error <= CRITERIA.pooled_noise_only
+    least = CRITERIA.same_error if only_noise else TERM_SEARCH_CRITERIA.min_error_reduction
+    return fit.prediction_error <= (1.0 - least) * known.prediction_error
+
+
+def proposal_for(base: FitResult, known: FitResult, context: SearchContext) -> Proposal | None:
+    """The best formula on a model, if it is better than the effects of the last one."""
     ranking = refitted_formulas(base, context)
-    if not ranking or ranking[0].error > (1.0 - TERM_SEARCH_CRITERIA.min_error_reduction) * least_error:
+    if not ranking:
+        return None
+    best = ranking[0].candidate.fit
+    if not is_better(replace(best, is_bent=known.is_bent and is_bent(best, context)), known):
         return None
     shares = stabilities([fit.candidate.fit for fit in ranking], context.pool, context.seed)
     ranking = [replace(fit, stability=float(share)) for fit, share in zip(ranking, shares, strict=True)]
     close = [fit for fit in ranking if fit.error <= (1.0 + CRITERIA.same_error) * ranking[0].error]
     chosen = min(close, key=simplicity)
     context.on_progress(f'{chosen.formula.equation}: error over noise {chosen.error:.2f}')
-    fitted = better_kinetics(chosen.candidate.fit, context)
+    fitted = chosen.candidate.fit
     formula = chosen.formula.with_values(fitted.values_of(chosen.formula.name))
     return Proposal(
-        formula, fitted, least_error, tuple(ranking), tuple(fit.formula.name for fit in close if fit is not chosen),
+        formula, fitted, known.prediction_error, tuple(ranking),
+        tuple(fit.formula.name for fit in close if fit is not chosen),
         partial_residual_plot(fitted, formula, context.pool), chosen.candidate.std,
     )  # fmt: skip
 
@@ -169,38 +179,28 @@ def simplicity(fit: FormulaFit) -> tuple[int, bool, float]:
 
 
 def refitted_formulas(base: FitResult, context: SearchContext) -> list[FormulaFit]:
-    """The best formulas of the search as effects, by their cross-validated error; none where no model can be run."""
+    """The best formulas of the search as effects, by their cross-validated error; none where no model can be run.
+
+    They are refitted and judged as effects are, from where the best sketch has led.
+    """
     try:
-        fits = search_formulas(base, context)
+        sketches = search_formulas(base, context)
     except SimulationError:
         return []
-    criteria = TERM_SEARCH_CRITERIA
-    best = [fit for fit in fits if fit.fitted.error <= criteria.refit_error_ratio * fits[0].fitted.error]
-    jobs = [partial(fit_formula, base, fit, context) for fit in best[: criteria.max_refitted]]
-    refitted = [fit for fit in run_in_threads(jobs, context.stop) if fit] if jobs else []
-    return sorted(refitted, key=lambda fit: fit.error)
+    criteria, structure = TERM_SEARCH_CRITERIA, base.problem.config.structure.structure
+    near = [sketch for sketch in sketches if sketch.fitted.error <= criteria.refit_error_ratio * sketches[0].fitted.error]
+    formulas: dict[str, Formula] = {}
+    for formula in (Formula(sketch.terms, structure) for sketch in near):
+        if len(formulas) < criteria.max_refitted:
+            formulas.setdefault(formula.name, formula)
+    if not formulas or context.stop.is_set():
+        return []
+    chosen = [formula_candidate(formula) for formula in formulas.values()]
+    step = step_with(base, (), chosen, context, without_terms(base, near[0]))
+    fits = [FormulaFit(formulas[fit.name], fit) for fit in step.candidate_fits if not fit.not_cross_validated]
+    return sorted(fits, key=lambda fit: fit.error)
 
 
-def fit_formula(base: FitResult, fit: AugmentedFit, context: SearchContext) -> FormulaFit | None:
-    """A formula refitted as an effect of its own, and cross-validated; None where it cannot be run, or after Ctrl-C."""
-    formula = Formula(fit.terms, base.problem.config.structure.structure)
-    effect = formula.load()
-    problem, z = problem_with_formula(base, fit, formula)
-    fitted = refit(problem, z, context, FORMULA_STOP_CRITERIA)
-    if fitted is None or context.stop.is_set():
-        return None
-    screened = ScreeningResult(Candidate(effect, ()), base.cost - fitted.cost, {}, 1.0)
-    return FormulaFit(formula, cross_validated_candidate(base, screened, fitted, context))
-
-
-def problem_with_formula(base: FitResult, fit: AugmentedFit, formula: Formula) -> tuple[Problem, Vector]:
-    """The problem with the formula's effect, at the fit that was found with the terms."""
-    config = base.problem.config
-    values = tuple(p.default for p in formula.parameters)
-    config = replace(config, effects=(*config.effects, ActiveEffect(formula.load(), values)))
-    declared = declared_parameters(config)
-    names = [f'effects.{formula.name}.{p.name}' for p in formula.parameters]
-    free = [free_parameter(name, value, declared[name]) for name, value in zip(names, values, strict=True)]
-    n, with_terms = len(base.problem.free), len(fit.fitted.problem.free)
-    z = np.concatenate([fit.fitted.z[:n], np.zeros(len(free)), fit.fitted.z[with_terms:]])
-    return replace(base.problem, config=config, free=(*base.problem.free, *free)), z
+def formula_candidate(formula: Formula) -> ScreeningResult:
+    """A formula as a candidate of the selection, which starts at the values that its sketch has found."""
+    return ScreeningResult(Candidate(formula.load(), ()), 0.0, {p.name: p.default for p in formula.parameters}, 1.0)

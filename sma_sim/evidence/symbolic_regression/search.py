@@ -1,57 +1,49 @@
-"""The search for the equation of what is missing: regress all terms, fit the best, exchange terms where those fits lead."""
+"""The search for the equation of what is missing: regress all terms, sketch the best, exchange terms where those lead."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered_fit
-from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, fit_with_terms
+from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, sketched_formulas
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, fit_all_terms
 
 
 def search_formulas(nominal: FitResult, context: SearchContext) -> list[AugmentedFit]:
-    """Fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
+    """Sketches of fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
     criteria = TERM_SEARCH_CRITERIA
     base, tempering = tempered_fit(nominal, context)
     context.on_progress('fitting the terms of an equation at every port')
-    terms = fit_all_terms(LinearizedFit(base.problem.weighted(1.0 / tempering), base.z, context.pool))
-    first = [(term,) for term in best_by_location(terms, criteria.max_first_terms)]
-    fits = fit_formulas(base, tempering, first, context)
+    terms = best_by_location(terms_at(base, tempering, context))
+    fits = sketched_formulas(base, terms[: criteria.max_first_terms], context)
     for lead in exchange_candidates(fits):
         if lead.fitted.error > criteria.good_fit_error and not context.stop.is_set():
             fits += with_exchanged_term(base, lead, context)
     fits.sort(key=lambda fit: fit.fitted.cost)
     if fits and fits[0].fitted.error > criteria.sufficient_error and not context.stop.is_set():
-        fits += with_second_term(base, fits[0], context)
+        fits += with_second_term(fits[0], context)
         fits.sort(key=lambda fit: fit.fitted.cost)
     return fits
 
 
-def best_by_location(terms: Sequence[TermFit], most: int) -> list[TermFit]:
+def terms_at(fit: FitResult, tempering: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
+    """All terms (of these ports) on a model where it lies, the largest error reduction first."""
+    return fit_all_terms(LinearizedFit(fit.problem.weighted(1.0 / tempering), fit.z, context.pool), hooks)
+
+
+def best_by_location(terms: Sequence[TermFit]) -> list[TermFit]:
     """The best terms, not too many of one location."""
     chosen: list[TermFit] = []
     for term in terms:
         if sum(other.location == term.location for other in chosen) < TERM_SEARCH_CRITERIA.max_per_location:
             chosen.append(term)
-    return chosen[:most]
-
-
-def fit_formulas(
-    base: FitResult, tempering: float, formulas: Sequence[tuple[TermFit, ...]], context: SearchContext
-) -> list[AugmentedFit]:
-    """Fits with each of some formulas, at a factor on the noise variance."""
-    if not formulas:
-        return []
-    jobs = [partial(fit_with_terms, base, tempering, terms, context) for terms in formulas]
-    return [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
+    return chosen
 
 
 def exchange_candidates(fits: Sequence[AugmentedFit]) -> list[AugmentedFit]:
@@ -72,26 +64,22 @@ def without_terms(base: FitResult, fit: AugmentedFit) -> FitResult:
 
 
 def with_exchanged_term(base: FitResult, lead: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:
-    """Fits with other terms of its port in place of those of a fit.
+    """Sketches with other terms of its port in place of those of a fit.
 
     All terms are regressed again on the model without any, but with the parameters that the fit has led to: they are nearer
     to the true ones than those of a fit without a term.
     """
     context.on_progress(f'{lead.name}: error over noise {lead.fitted.error:.2f}; fitting other terms in its place')
     tempering = overdispersion(lead.fitted.problem, lead.fitted.z, context.pool)
-    start = without_terms(base, lead)
-    linearized = LinearizedFit(start.problem.weighted(1.0 / tempering), start.z, context.pool)
-    terms = fit_all_terms(linearized, (lead.terms[0].location.hook,))
-    formulas = [(term,) for term in best_by_location(terms, TERM_SEARCH_CRITERIA.max_exchanged)]
-    return fit_formulas(start, TERM_SEARCH_CRITERIA.exchange_tempering * tempering, formulas, context)
+    start, hook = without_terms(base, lead), lead.terms[0].location.hook
+    terms = best_by_location(terms_at(start, tempering, context, (hook,)))
+    return sketched_formulas(start, terms[: TERM_SEARCH_CRITERIA.max_exchanged], context)
 
 
-def with_second_term(base: FitResult, best: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:
-    """Fits with a second term at the same location, those that could add most to a fit."""
+def with_second_term(best: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:
+    """Sketches with a second term at the same location, those that could add most to a fit."""
     context.on_progress(f'{best.name}: error over noise {best.fitted.error:.2f}; fitting second terms')
-    tempering = overdispersion(best.fitted.problem, best.fitted.z, context.pool)
-    linearized = LinearizedFit(best.fitted.problem.weighted(1.0 / tempering), best.fitted.z, context.pool)
-    location = best.terms[0].location
-    terms = [term for term in fit_all_terms(linearized, (location.hook,)) if term.location == location]
-    formulas = [(*best.terms, term) for term in terms[: TERM_SEARCH_CRITERIA.max_second_terms]]
-    return fit_formulas(without_terms(base, best), tempering, formulas, context)
+    fitted, location = best.fitted, best.terms[0].location
+    tempering = overdispersion(fitted.problem, fitted.z, context.pool)
+    terms = [term for term in terms_at(fitted, tempering, context, (location.hook,)) if term.location == location]
+    return sketched_formulas(fitted, terms[: TERM_SEARCH_CRITERIA.max_second_terms], context, best.terms)

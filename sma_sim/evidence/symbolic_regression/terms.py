@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+POSITIVE_GRIDS = ('width', 'wavenumber', 'time_constant', 'frequency', 'fixed')  # shapes that are fitted as logarithms
 MAX_SHAPES = 3  # of one term: parameters of the compiled kernel are declared for so many
 
 
