@@ -34,7 +34,7 @@ def run(request):
     source = Input(np.array([0.0, 0.1, 0.2, 0.3]), np.array(rows), tuple(linear), structure.input_columns)
     own = found if request.param == 'rocker' else None
     trajectory = simulate(Model(Config(system=request.param, own_structure=own)), source, 100.0)
-    return structure, inputs_at(source, trajectory.time) | trajectory.columns
+    return structure, inputs_at(source, trajectory.time) | trajectory.columns | trajectory.resistances
 
 
 def by_another_recorder(source, target):
