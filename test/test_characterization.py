@@ -41,7 +41,7 @@ tests:
     stress_Pa: {value: 0.0}
     J_W: {value: 0.0}
     T_E_K: {column: furnace_C, offset: 273.15}
-    T_1_K: {column: specimen_C, offset: 273.15}
+    T_K: {column: specimen_C, offset: 273.15}
 """
 KINDS = ('isobaric', 'pulls', 'blocked', 'dsc')
 GEOMETRY = ['wire.l0=0.2', 'wire.r0=2.5e-4', 'wire.n=1', 'wire.c_V=450', 'wire.lambda=100']
@@ -100,7 +100,7 @@ def campaign(tmp_path_factory):
     furnace = 270.0 + 90.0 * (1.0 - np.abs(times / 450.0 - 1.0))
     run = recorded(on_bench('stress', 'balance'), times, 0.0, 0.0, furnace)
     write(folder / 'dsc' / 'no_load.csv', time_s=times, furnace_C=furnace - 273.15,
-          specimen_C=run['T_1_K'] - 273.15 + 0.02 * random.normal(size=len(times)))  # fmt: skip
+          specimen_C=run['T_K'] - 273.15 + 0.02 * random.normal(size=len(times)))  # fmt: skip
     return folder
 
 
