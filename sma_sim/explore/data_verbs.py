@@ -12,7 +12,7 @@ from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
-from sma_sim.explore.jobs import FILES
+from sma_sim.explore.jobs import FILES, new_folder
 from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
@@ -177,7 +177,7 @@ class DataVerbs:
                     'Bags are named on the command line: sma-sim explore BAG'
                 )
             named[name] = text(entry.get('text'), name, MOST_TEXT)
-        folder = new_folder(self._session.folder / RECORDINGS)
+        _, folder = new_folder(self._session.folder / RECORDINGS)
         for name, content in named.items():
             write_whole(folder / name, lambda file, content=content: file.write(content))
         return [folder / name for name in named]
@@ -210,18 +210,6 @@ def curves_in(body: Body) -> tuple[str, ...]:
 def recorded_bags(session: Path) -> list[Path]:
     """The bags that the page has recorded of a robot, the oldest first."""
     return sorted(path.parent for path in (session / RECORDINGS).glob(f'*/{BAG}*/metadata.yaml'))
-
-
-def new_folder(home: Path) -> Path:
-    """A new numbered folder. Raises UserError."""
-    try:
-        home.mkdir(exist_ok=True)
-        count = 1 + max((int(path.name) for path in home.iterdir() if path.name.isdecimal()), default=0)
-        folder = home / f'{count:04}'
-        folder.mkdir()
-    except OSError as error:
-        raise UserError(f'cannot write {home}: {error.strerror}') from error
-    return folder
 
 
 def finite_reply(content: dict[str, Any]) -> dict[str, Any]:

@@ -195,16 +195,21 @@ def write_curves(path: Path, curves: Mapping[str, Vector]) -> None:
     temporary.replace(path)
 
 
+def new_folder(home: Path) -> tuple[int, Path]:
+    """A new numbered folder in another, and its number. Raises UserError."""
+    try:
+        home.mkdir(exist_ok=True)
+        number = 1 + max((int(path.name) for path in home.iterdir() if path.name.isdecimal()), default=0)
+        folder = home / f'{number:04}'
+        folder.mkdir()
+    except OSError as error:
+        raise UserError(f'cannot write {home}: {error.strerror}') from error
+    return number, folder
+
+
 def new_job(session: Path, stage: str, version: int, options: Mapping[str, Any], data: str) -> Job:
     """Write what is asked of a new job. Raises UserError."""
-    folder = session / JOBS
-    try:
-        folder.mkdir(exist_ok=True)
-        number = 1 + max((int(path.name) for path in folder.iterdir() if path.name.isdecimal()), default=0)
-        home = folder / f'{number:04}'
-        home.mkdir()
-    except OSError as error:
-        raise UserError(f'cannot write {folder}: {error.strerror}') from error
+    number, home = new_folder(session / JOBS)
     now = datetime.now(timezone.utc).isoformat(timespec='seconds')
     job = Job(home, number, stage, version, dict(options), data, now)
     entries = {name: value for name, value in asdict(job).items() if name not in ('folder', 'number')}

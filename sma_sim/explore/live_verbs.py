@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from sma_sim.explore.data_verbs import BAG, RECORDINGS, new_folder, recorded_bags
+from sma_sim.explore.data_verbs import BAG, RECORDINGS, recorded_bags
+from sma_sim.explore.jobs import new_folder
 from sma_sim.explore.live import LiveFeed
 from sma_sim.explore.request_values import Body, Reply, text, whole
 from sma_sim.explore.session import Session
@@ -44,7 +45,8 @@ class LiveVerbs:
             raise UserError('on: expected true or false')
         if on:
             number = 1 + len(recorded_bags(self._session.folder))
-            self._feed.record(new_folder(self._session.folder / RECORDINGS) / f'{BAG}_{number}')
+            _, folder = new_folder(self._session.folder / RECORDINGS)
+            self._feed.record(folder / f'{BAG}_{number}')
         else:
             self._feed.record(None)
         return self._feed.read()
