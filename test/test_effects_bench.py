@@ -68,7 +68,7 @@ def test_ratchet_is_logarithmic_and_in_proportion_to_stress(stress):
     T = 620.0 - 320.0 * np.abs((times / 1000.0) % 2.0 - 1.0)
     values = np.column_stack([np.full(len(times), stress), T, np.zeros(len(times)), np.full(len(times), 298.0)])
     run = simulate(model, Input(times, values, (True, True, False, False), model.structure.input_columns), times)
-    x = run['x_M_1']
+    x = run['x_M']
     left = run['strain'] - EPS_T * x - stress * (x / E_M + (1.0 - x) / E_A)
     z = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
     assert z[-1] == pytest.approx(2.0 * cycles, abs=0.1)
@@ -84,10 +84,10 @@ def test_r_phase_gives_strain_before_martensite(stress):
     effect = 'r_phase_strain:eps_R=0.006,T_R=430,w=4,sigma_R=1e7'
     T, run = isobar(bench('stress', 'prescribed', 'wire.sigma_MW0=2e8', effects=[effect]), stress, 395.0, 480.0)
     _, plain = isobar(bench('stress', 'prescribed', 'wire.sigma_MW0=2e8'), stress, 395.0, 480.0)
-    assert np.ptp(plain['x_M_1'][200:600]) == 0.0 and run['x_M_1'] == pytest.approx(plain['x_M_1'], abs=0.02)
-    parent = 1.0 - run['x_M_1']
+    assert np.ptp(plain['x_M'][200:600]) == 0.0 and run['x_M'] == pytest.approx(plain['x_M'], abs=0.02)
+    parent = 1.0 - run['x_M']
     expected = 0.006 * parent * stress / (stress + 1e7) / (1.0 + np.exp((T - 430.0) / 4.0))
-    apart = run['strain'] - EPS_T * run['x_M_1'] - stress * (run['x_M_1'] / E_M + parent / E_A)
+    apart = run['strain'] - EPS_T * run['x_M'] - stress * (run['x_M'] / E_M + parent / E_A)
     assert apart == pytest.approx(expected, abs=3e-6)
 
 

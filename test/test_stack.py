@@ -182,7 +182,7 @@ def test_random_stacks_come_to_their_end():
 
 def test_the_number_of_modules_is_a_parameter(tmp_path, capsys):
     assert stack(5).structure.commands == ('J_eq_1', 'J_eq_2', 'J_eq_3', 'J_eq_4', 'J_eq_5')
-    assert stack(5).structure.channels[-1] == 'T_10' and stack(5).structure.coordinate_names[-1] == 'alpha_5'
+    assert stack(5).structure.channels[-1] == 'R_10' and stack(5).structure.coordinate_names[-1] == 'alpha_5'
     assert read_config(words=['system=stack']).structure.structure == Model(Config(system='stack')).structure
     config = read_config(words=['system=stack', 'stack.modules=2', 'initial.x_M_4=0.3'])
     assert config.parameters['initial.x_M_4'] == 0.3 and config.system == 'stack'
