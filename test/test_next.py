@@ -254,7 +254,7 @@ def test_the_command_knows_parameters_better(tmp_path, capsys):
     for parameter in data['parameters'].values():
         assert parameter['std_designed'] <= parameter['std_now'] * (1 + 1e-9)
     channels = data['further_channels']
-    assert {channel['channel'] for channel in channels if channel['measured']} == set(POSE) and len(channels) == 7
+    assert {channel['channel'] for channel in channels if channel['measured']} == set(POSE) and len(channels) == 9
     assert all(channel['information_nat'] > 0.0 for channel in channels)
     assert 'J_eq [W]' in page.read_text() and 'One sensor more' in page.read_text()
 

@@ -192,13 +192,8 @@ def test_module_yaml_has_every_parameter_at_its_default():
     for name, parameter in DEFAULTS.items():
         assert given[name] == parameter.default or math.isnan(given[name]) and math.isnan(parameter.default), name
     assert {name: given[name] for name in SETTINGS} == {name: setting.default for name, setting in SETTINGS.items()}
-    assert set(given) - set(DEFAULTS) - set(SETTINGS) == {
-        'system',
-        'model',
-        'effects.active',
-        'effects.paths',
-        'structures.paths',
-    }
+    others = {'system', 'model', 'effects.active', 'effects.paths', 'structures.paths'}
+    assert set(given) - set(DEFAULTS) - set(SETTINGS) == others | {'check.noise_R_1', 'check.noise_R_2'}
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

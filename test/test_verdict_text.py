@@ -26,6 +26,8 @@ def interval(name, value, low, high):
 
 
 CALIBRATION = SimpleNamespace(
+    config=SimpleNamespace(effects=()),
+    runs=(),
     values={name: numbers[0] for name, numbers in KNOWN.items()},
     implausible=(),
     by_run=(),
