@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sma_sim import Input, Model, UserError, read_config, read_dataset, simulate
+from sma_sim import Config, Dataset, Input, Model, Recording, UserError, read_config, read_dataset, simulate, wire_input
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.plateau_stresses import isothermal_features
@@ -250,3 +250,14 @@ def test_what_belongs_to_one_bench_is_left_out_on_the_others(campaign, tmp_path)
         dataset = read_dataset([campaign / kind for kind in kinds], 'wire', 298.0, path)
         found = calibrate(dataset, read_config(words=['system=wire', *GEOMETRY]), options)
         assert set(found.values) == expected
+
+
+def test_isothermal_tests_are_compared_with_the_model_as_it_is():
+    """Only a fit starts from their plateaus: else a comparison would not be of the values that were given."""
+    model = Config(system='wire')
+    source = wire_input([0.0, 400.0, 800.0], [0.0, 0.06, 0.0], 0.0, 310.0)
+    run = simulate(Model(model), source, np.linspace(0.0, 800.0, 401))
+    dataset = Dataset((Recording('loop', 'wire', run.time, {'stress': run['stress_Pa']}, source),), {'stress': 1e5})
+    assert started_from_curves(dataset, model, is_fitted=False)[0] is model
+    started, features = started_from_curves(dataset, model)
+    assert features.isothermal and started.parameters['wire.T0'] == pytest.approx(310.0)

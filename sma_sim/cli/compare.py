@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'one configuration is of system {first}, the other of {second}: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
     labels, configs = zip(*named, strict=True)
-    named = list(zip(labels, from_curves(fitted, *configs), strict=True))
+    named = list(zip(labels, from_curves(fitted, *configs, is_fitted=False), strict=True))
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         found = [compare(fitted, config, held_out, label, not arguments.no_nuisance, executor) for label, config in named]

@@ -135,7 +135,7 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
             WRITE_LINES[job.stage],
             'config = sma_sim.read_config(file)',
         ]
-    body += ['', *read_lines(), "summary = summarize(compare(fitted, config, held_out, 'by Python'))"]
+    body += ['', *read_lines(is_fitted=False), "summary = summarize(compare(fitted, config, held_out, 'by Python'))"]
     body += ["write_json(OUT / 'comparison_by_python.json', comparison_result([summary], (), fitted.noise_std))"]
     body += ["print(f'error over noise {summary.fitted_error}')"]
     imports = sorted({*IMPORTS, *(line for job in steps for line in STEP_IMPORTS[job.stage])})
@@ -144,9 +144,10 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
     return '\n'.join([*text, *request_lines(request), 'OUT.mkdir(exist_ok=True)', *body, ''])
 
 
-def read_lines() -> list[str]:
+def read_lines(is_fitted: bool = True) -> list[str]:
     """The recordings, and the model that a step begins with."""
-    return ['fitted, held_out = request.split(request.read(config))', 'config, _ = started_from_curves(fitted, config)']
+    start = f'config, _ = started_from_curves(fitted, config, {is_fitted})'
+    return ['fitted, held_out = request.split(request.read(config))', start]
 
 
 def request_lines(request: DataRequest) -> list[str]:

@@ -68,13 +68,13 @@ class WorkOrder:
         """The version's configuration."""
         return read_config(self.file)
 
-    def read(self) -> tuple[Config, Dataset, Dataset | None]:
+    def read(self, is_fitted: bool = True) -> tuple[Config, Dataset, Dataset | None]:
         """The configuration, with starts from curves where there are any, the recordings to fit, and those held out."""
         config, request = self.config(), self.request
         self.log.progress('reading the recordings')
         fitted, held_out = request.split(request.read(config))
         announce_compilation(self.log.progress)
-        return started_from_curves(fitted, config)[0], fitted, held_out
+        return started_from_curves(fitted, config, is_fitted)[0], fitted, held_out
 
     def effect_folders(self) -> list[Path]:
         """The folders of the user's effects."""
@@ -107,7 +107,7 @@ def check(order: WorkOrder) -> bool:
 
 def compare_version(order: WorkOrder) -> bool:
     """As ``sma-sim compare``."""
-    config, fitted, held_out = order.read()
+    config, fitted, held_out = order.read(is_fitted=False)
     order.log.progress('comparing the model with the recordings')
     with executor_or_threads(None) as executor:
         comparison = compare(fitted, config, held_out, str(order.file), True, executor)
@@ -175,7 +175,7 @@ def diagnosis_request(
 
 def switch_candidates_on(order: WorkOrder) -> bool:
     """Every listed effect by itself, and its trace in the residuals."""
-    config, fitted, _ = order.read()
+    config, fitted, _ = order.read(is_fitted=False)
     with executor_or_threads(None) as executor:
         hears = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
         found = candidate_effects(fitted, config, order.effect_folders(), executor, hears, order.option('effects', None))

@@ -108,9 +108,9 @@ def data_request(arguments: argparse.Namespace) -> DataRequest:
     return DataRequest(tuple(arguments.data), tuple(arguments.hold_out), arguments.map, noise, arguments.namespace)
 
 
-def from_curves(fitted: Dataset, *configs: Config) -> list[Config]:
+def from_curves(fitted: Dataset, *configs: Config, is_fitted: bool = True) -> list[Config]:
     """The configurations with starts from the curves of the tests of a wire, whose features are printed."""
-    started = [started_from_curves(fitted, on_leading_bench(config, fitted)) for config in configs]
+    started = [started_from_curves(fitted, on_leading_bench(config, fitted), is_fitted) for config in configs]
     if features := started[0][1]:
         print(*features.as_text(), '', sep='\n', flush=True)
     return [config for config, _ in started]

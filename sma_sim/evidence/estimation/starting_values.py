@@ -94,13 +94,14 @@ def austenite_modulus(features: CurveFeatures) -> float:
     return float(np.clip(np.median(found) if found else 5e10, *MODULI))
 
 
-def started_from_curves(dataset: Dataset, config: Config) -> tuple[Config, CurveFeatures]:
+def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
     """A configuration with the starting values of its tests in place of those that have their defaults.
 
-    Returns the features too; without such tests the configuration is as it was.
+    Returns the features too; without such tests the configuration is as it was. One that is only compared, not fitted,
+    starts from isobaric tests alone, of which no default knows anything.
     """
     features = curve_features(dataset)
-    if not features:
+    if not (features if is_fitted else features.isobaric):
         return config, features
     defaults: Mapping[str, float] = config.structure.structure.default_values
     own = {name: value for name, value in starting_values(features).items() if config.parameters[name] == defaults[name]}
