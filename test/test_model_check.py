@@ -395,7 +395,7 @@ def test_beside_a_structure_with_a_command_for_each_wire():
         one.until(lambda: value(one, 'J [W]') == '8, 0, 2')
         assert value(one, 'command') == 'J_applied' and status(one).level == DiagnosticStatus.OK, status(one)
         one.until(follows)  # a command without a stamp may arrive late: for a while the model is behind
-    last = one.seen['channel_residuals'][-1].data
-    assert list(one.seen['residuals'][-1].name) == list(SPATIAL.channels[:6]) and len(last) == len(SPATIAL.channels)
+    last, names = one.seen['channel_residuals'][-1].data, list(one.seen['residuals'][-1].name)
+    assert names == list(SPATIAL.channels[:6]) and len(last) == len(SPATIAL.channels)
     shown, resistances = last[: -SPATIAL.wires], last[-SPATIAL.wires :]  # which the robot does not publish
     assert np.isfinite(shown).all() and np.isnan(resistances).all() and 'J_applied is published' in log[0]
