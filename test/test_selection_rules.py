@@ -16,6 +16,8 @@ from sma_sim.evidence.symbolic_regression.propose import is_better
     (('slack',), 1.02, 1.02, 1.3, False, True),
     (('slack',), 1.0, 1.01, 1.3, False, False),
     (('slack',), 1.0, 1.2, 1.3, False, True),
+    (('slack',), 1.0, 1.01, 1.3, True, False),  # one cause explains all
+    (('slack', 'gravity'), 1.0, 1.01, 1.3, True, True),
     (('slack',), 4.0, 4.1, 5.0, True, False),  # a quasi-static test: as good as a model of one homogeneous wire can be
 ])  # fmt: skip
 def test_formulas_compete_where_effects_leave_more_than_noise(effects, fitted, predicted, limit, bent, room):

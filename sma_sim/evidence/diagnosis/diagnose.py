@@ -323,12 +323,14 @@ def leaves_room(last: FitResult, limit: float) -> bool:
     """Whether a model leaves so much in the fitted runs that a formula could explain better than its effects, or is bent.
 
     A formula that stands alone has to explain a part of the error that only more than noise can have, in fitted runs too:
-    where these do not determine the parameters, it predicts better by chance.
+    where these do not determine the parameters, it predicts better by chance. One effect that leaves only noise stands
+    though the robot's other parameters are far from the nominal ones.
     """
     if limit > CRITERIA.unexplained and last.error <= limit:
         return False
     much = last.error > CRITERIA.pooled_noise_only and last.prediction_error > CRITERIA.noise_only
-    return last.is_bent or (leaves_something(last) if last.effects else much)
+    is_bent = last.is_bent and len(last.effects) != 1
+    return is_bent or (leaves_something(last) if last.effects else much)
 
 
 def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:
