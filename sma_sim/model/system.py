@@ -47,7 +47,6 @@ from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_s
 
 # What of the flow changes with a state: bits. Those of the next wire follow those of wire 1.
 LENGTHS, SPEEDS, STRESS_1, RATES_1, PER_WIRE_BITS = 1, 2, 8, 16, 2
-NOMINAL_FORCE = 4  # beside lengths and stress: only the force of a wire, on which no effect acts
 WIRE_1 = STRESS_1 | RATES_1
 EVERY_WIRE = (1 << 62) - STRESS_1
 EVERYTHING = LENGTHS | SPEEDS | EVERY_WIRE
@@ -82,8 +81,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
     """
     y, e, dy, obs = state.y, p.effects, found.dy, found.obs
     T_E = ambient_temperature(point.u, p)
-    force_only = changed & NOMINAL_FORCE != 0
-    any_effect = e.port_start[-1] > 0 and not force_only
+    any_effect = e.port_start[-1] > 0
     if changed & LENGTHS:
         kinematics(y, point, p, obs)
     if changed & SPEEDS and p.coordinates > 0:
@@ -94,10 +92,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
         fill_kernel_state(t, y, T_E, p, obs)
     for i in range(p.wires):
         if any_effect or changed & (STRESS_1 << PER_WIRE_BITS * i):
-            phase_and_stress(i, state, p, obs)
-            obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
-    if force_only:
-        return
+            stress_and_force(i, state, p, obs)
     if any_effect:
         fill_kernel_phases(p, obs)
         for i in range(p.wires):
@@ -113,6 +108,20 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
         motion(y, point.u, p, dy, obs)
     if e.port_start[SENSING + 1] > e.port_start[SENSING]:
         sensing_rates(y, p, dy, obs)
+
+
+def update_forces(state: SystemState, point: InputPoint, p: System, obs: Vector, wires: int) -> None:
+    """x_M, stress and force of the wires whose STRESS bit is in `wires`, where no effect acts on them, into `obs`."""
+    kinematics(state.y, point, p, obs)
+    for i in range(p.wires):
+        if wires & (STRESS_1 << PER_WIRE_BITS * i):
+            stress_and_force(i, state, p, obs)
+
+
+def stress_and_force(i: int, state: SystemState, p: System, obs: Vector) -> None:
+    """x_M, stress and the force of wire `i` before the effects on it."""
+    phase_and_stress(i, state, p, obs)
+    obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
 
 
 def ambient_temperature(u: Vector, p: System) -> float:

@@ -14,6 +14,7 @@ from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+STATE_COLUMNS = ('x_M', 'mode', 'T')  # numbered after the sensor channels, wire by wire
 
 
 class SampleColumns(NamedTuple):
@@ -35,42 +36,65 @@ def sample_columns(structure: Structure) -> SampleColumns:
     return SampleColumns(pose, rates, of_wires, sensed, tau, bounds[-1])
 
 
-def channel_indices(channels: Sequence[str] | None, structure: Structure) -> NDArray[np.int64]:
-    """Numbers of sensor channels of a system, none of them for all columns. Raises UserError."""
-    known = structure.channels
+def sampled_numbers(channels: Sequence[str] | None, structure: Structure) -> NDArray[np.int64]:
+    """Numbers of what is sampled: sensor channels; without any all of them, then STATE_COLUMNS of every wire.
+
+    A temperature is among these only where it is imposed: it is no sensor's then. Raises UserError.
+    """
+    known, wires = structure.channels, structure.wires
     for name in channels or ():
         if name not in known:
             raise UserError(
                 f'the model of system {structure.name!r} has no channel {name!r}; expected some of {", ".join(known)}'
             )
-    return np.array([known.index(name) for name in channels or ()], dtype=np.int64)
+    if channels:
+        return np.array([known.index(name) for name in channels], dtype=np.int64)
+    last = len(known) + wires * (len(STATE_COLUMNS) if structure.imposed_temperature >= 0 else STATE_COLUMNS.index('T'))
+    return np.arange(last, dtype=np.int64)
 
 
-def new_samples(count: int, channels: NDArray[np.int64], structure: Structure) -> Matrix:
-    """Room for samples, (count, columns): of these channels, or whole rows where there are none; NaN until written."""
-    return np.full((count, len(channels) or sample_columns(structure).size), np.nan)
+def new_samples(count: int, numbers: NDArray[np.int64], structure: Structure) -> Matrix:
+    """Room for samples, (count, columns): of these numbers, or whole rows where there are none; NaN until written."""
+    return np.full((count, len(numbers) or sample_columns(structure).size), np.nan)
 
 
-def named_columns(structure: Structure, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
-    """Samples, of all columns but resistances or of some channels, by the names of the file contract."""
-    if len(channels):
-        return {structure.channel_columns[channel]: samples[:, k] for k, channel in enumerate(channels)}
-    where = sample_columns(structure)
-    columns = {
-        name: samples[:, where.sensed.start + k]
-        for k, name in enumerate(structure.channel_columns) if name not in structure.resistance_columns
-    }  # fmt: skip
-    imposed = ('T',) if structure.imposed_temperature >= 0 else ()  # no sensor's, but people want to see it
-    for name in (*imposed, 'x_M', 'mode'):
-        at = where.wires.start + WIRE_COLUMNS.index(name)
-        for i, suffix in enumerate(structure.wire_suffixes):
-            columns[f'{name}{suffix}_K' if name == 'T' else f'{name}{suffix}'] = samples[:, at + PER_WIRE * i]
-    return columns
+def named_columns(structure: Structure, samples: Matrix, numbers: NDArray[np.int64]) -> dict[str, Vector]:
+    """Samples of these numbers, or whole rows where there are none, by the names of the file contract.
+
+    Resistances are among them where these numbers are those of some channels alone.
+    """
+    left_out = () if are_channels(numbers, structure) else structure.resistance_columns
+    return {name: samples[:, at] for name, at in places(structure, numbers).items() if name not in left_out}
 
 
-def resistances(structure: Structure, samples: Matrix, channels: NDArray[np.int64]) -> dict[str, Vector]:
-    """Resistance [ohm] of every wire by column, of whole rows; nothing of samples of some channels."""
-    if len(channels):
+def resistances(structure: Structure, samples: Matrix, numbers: NDArray[np.int64]) -> dict[str, Vector]:
+    """Resistance [ohm] of every wire by column; nothing of samples of some channels."""
+    if are_channels(numbers, structure):
         return {}
-    first, columns = sample_columns(structure).sensed.start, structure.channel_columns
-    return {name: samples[:, first + columns.index(name)] for name in structure.resistance_columns}
+    at = places(structure, numbers)
+    return {name: samples[:, at[name]] for name in structure.resistance_columns}
+
+
+def are_channels(numbers: NDArray[np.int64], structure: Structure) -> bool:
+    """Whether these are the numbers of some channels, not of everything, and samples no whole rows."""
+    return len(numbers) > 0 and int(numbers.max()) < len(structure.channels)
+
+
+def places(structure: Structure, numbers: NDArray[np.int64]) -> dict[str, int]:
+    """Where samples of these numbers, or whole rows where there are none, have what, by column of the file contract."""
+    names = numbered_names(structure)
+    if len(numbers):
+        return {names[number]: k for k, number in enumerate(numbers.tolist())}
+    where, channels, wires = sample_columns(structure), len(structure.channels), structure.wires
+    found = {names[k]: where.sensed.start + k for k in range(channels)}
+    for kind, name in enumerate(STATE_COLUMNS):
+        if name != 'T' or structure.imposed_temperature >= 0:
+            first = where.wires.start + WIRE_COLUMNS.index(name)
+            found |= {names[channels + kind * wires + i]: first + PER_WIRE * i for i in range(wires)}
+    return found
+
+
+def numbered_names(structure: Structure) -> tuple[str, ...]:
+    """Columns of the file contract by the numbers of what is sampled."""
+    own = [f'{name}{suffix}' for name in STATE_COLUMNS for suffix in structure.wire_suffixes]
+    return (*structure.channel_columns, *(f'{name}_K' if name.startswith('T') else name for name in own))

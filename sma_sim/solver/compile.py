@@ -30,6 +30,7 @@ from numba.extending import intrinsic
 from sma_sim.model.effects.ports import call_kernel
 from sma_sim.solver.by_reference import by_reference
 from sma_sim.solver.fragments import Entry, fragment
+from sma_sim.solver.records import native_record_at, native_store_record, record_at, store_record
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
@@ -53,6 +54,18 @@ OUT_OF_LINE = (
     'run_segment',
     'integrate',
     'integrate_held',
+    'linearize_node',
+    'unknown_columns',
+    'tangent_step',
+    'restart',
+    'follow_segment',
+    'follow',
+    'interpolate',
+    'add_row',
+    'add_combination',
+    'subtract_product',
+    'solve_for_all',
+    'sample_row',
     'start_states',
     'balance',
     'solve_pose',
@@ -75,6 +88,14 @@ def _native_call(typingctx, address, s, w, p, m, out):  # type: ignore[no-untype
         return context.get_dummy_value()
 
     return types.void(address, s, w, p, m, out), codegen
+
+
+# What plain Python does in its own way.
+INTRINSICS: dict[Callable[..., Any], Any] = {
+    call_kernel: _native_call,
+    record_at: native_record_at,
+    store_record: native_store_record,
+}
 
 
 class InterpretedFunction(NamedTuple):
@@ -164,7 +185,7 @@ def reachable(*roots: Callable[..., Any]) -> set[Callable[..., Any]]:
     pending: list[Any] = list(roots)
     while pending:
         python = pending.pop()
-        if python not in found and python is not call_kernel:
+        if python not in found and python not in INTRINSICS:
             found.add(python)
             named = (python.__globals__.get(name) for name in python.__code__.co_names)
             pending += [f for f in named if isinstance(f, FunctionType) and f.__module__.startswith(OWN)]
@@ -231,8 +252,8 @@ class Compiler:
         return self._fragment(python, inlined=python.__name__ not in OUT_OF_LINE)
 
     def _fragment(self, python: Callable[..., Any], inlined: bool) -> Any:
-        if python is call_kernel:
-            return _native_call
+        if python in INTRINSICS:
+            return INTRINSICS[python]
         if (python, inlined) not in self._fragments:
             self._fragments[python, inlined] = fragment(self._with_compiled_callees(python), inlined)
         return self._fragments[python, inlined]

@@ -11,7 +11,7 @@ from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O
 from sma_sim.model.system import sensed_channel
 from sma_sim.model.transformation import has_offsets
 from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_fraction, violated_edge
-from sma_sim.solver.sampling import needed_for, sample_channels
+from sma_sim.solver.sampling import RESTING_RATE, needed_for, sample_numbers
 from sma_sim.solver.stepper import (
     ORDER,
     Segment,
@@ -35,7 +35,6 @@ REASONS = (
     'stalled: the last steps are so short that the run would not end; a rate switches too fast to be followed here: check '
     'the effects and the parameters, or raise solver.rtol',
 )
-RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 
 # Columns of a sample: coordinates, their rates, PER_WIRE of each wire, what sensors show, generalised forces of the wires.
 WIRE_COLUMNS = ('T', 'x_M', 'F', 'length', 'v', 'sigma', 'dx_M', 'mode', 'J')
@@ -86,14 +85,14 @@ class HeldInput(NamedTuple):
 class Log(NamedTuple):
     """What a run writes: samples at `times` (k,), how many so far (1,), and jumps (j, 3).
 
-    Samples are whole rows (k, size), or (k, c) of the `channels` (c,), numbers of channels, where there are any.
+    Samples are whole rows (k, size), or (k, c) of the `numbers` (c,) in solver.columns, where there are any.
     """
 
     samples: Matrix
     times: Vector
     written: Integers
     jumps: Matrix
-    channels: Integers
+    numbers: Integers
 
 
 LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
@@ -193,14 +192,9 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
     evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
     while t < segment.t_end:
         linearize_flow(t, run.state, segment, p, w, evaluated)
-        status, h = accepted_step(t, min(run.control[C_H], limits.max_step), run, segment, p, w, limits)
+        status, step, theta, t_new = next_step(t, run, segment, p, w, limits)
         if status != COMPLETED:
             return status
-        step = Step(t, h)
-        theta = first_jump(step, run, segment, p, w)
-        t_new = segment.t_end if t + h >= segment.t_end else t + h
-        if theta <= 1.0:
-            t_new = t + theta * h
         sample_step(step, t_new, run, segment, p, w, log)
         if theta < 1.0:
             dense(theta, y, w)
@@ -215,6 +209,19 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
             remember_fraction(run.state, p, w.guard.obs)
             copy_evaluation(w.guard, w.first)
     return COMPLETED
+
+
+def next_step(t: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, Step, float, float]:
+    """Make a step from the linearised state at time t; the reason, the step, its first jump's fraction, its end."""
+    status, h = accepted_step(t, min(run.control[C_H], limits.max_step), run, segment, p, w, limits)
+    step = Step(t, h)
+    if status != COMPLETED:
+        return status, step, NO_JUMP, t
+    theta = first_jump(step, run, segment, p, w)
+    t_new = segment.t_end if t + h >= segment.t_end else t + h
+    if theta <= 1.0:
+        t_new = t + theta * h
+    return status, step, theta, t_new
 
 
 def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, float]:
@@ -274,7 +281,7 @@ def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System,
     if k >= log.times.shape[0] or log.times[k] >= t_new:
         return
     prepare_dense(w)
-    needed = needed_for(log.channels, p)
+    needed = needed_for(log.numbers, p)
     while k < log.times.shape[0] and log.times[k] < t_new:
         dense((log.times[k] - step.t) / step.h, run.state.y, w)
         write_sample(k, with_smooth(w.y_dense, run.state), segment, p, w, log, needed)
@@ -283,9 +290,9 @@ def sample_step(step: Step, t_new: float, run: Run, segment: Segment, p: System,
 
 
 def write_sample(k: int, state: SystemState, segment: Segment, p: System, w: Work, log: Log, needed: int) -> None:
-    """Write sample `k`: of the channels in the log, or a whole row."""
-    if log.channels.shape[0] > 0:
-        sample_channels(log.times[k], state, segment, p, w, log.channels, needed, log.samples[k])
+    """Write sample `k`: of the numbers in the log, or a whole row."""
+    if log.numbers.shape[0] > 0:
+        sample_numbers(log.times[k], state, segment, p, w, log.numbers, needed, log.samples[k])
     else:
         observe(log.times[k], state, segment, p, w, log.samples[k])
 
@@ -313,21 +320,27 @@ def observe(t: float, state: SystemState, segment: Segment, p: System, w: Work, 
         row[sensed + p.channels + j] = -pull
 
 
+def stretch(k: int, stretches: InputStretches) -> Segment:
+    """Stretch `k` of an input."""
+    times, values, slopes = stretches.times, stretches.values, stretches.slopes
+    moving = stretches.time_dependent
+    for j in range(slopes.shape[1]):
+        moving = moving or slopes[k, j] != 0.0
+    return Segment(times[k], times[k + 1], values[k], slopes[k], moving)
+
+
 def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:
     """Run over all stretches of the input; the reason for the end."""
     times, values, slopes = stretches.times, stretches.values, stretches.slopes
     for k in range(times.shape[0] - 1):
-        moving = stretches.time_dependent
-        for j in range(slopes.shape[1]):
-            moving = moving or slopes[k, j] != 0.0
-        segment = Segment(times[k], times[k + 1], values[k], slopes[k], moving)
+        segment = stretch(k, stretches)
         status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
             return status
     last = times.shape[0] - 1
     segment = Segment(times[last], times[last], values[last], slopes[last], False)
     jump_now(times[last], run, segment, p, w, log)
-    k, needed = log.written[0], needed_for(log.channels, p)
+    k, needed = log.written[0], needed_for(log.numbers, p)
     while k < log.times.shape[0] and log.times[k] <= times[last]:
         write_sample(k, run.state, segment, p, w, log, needed)
         k += 1

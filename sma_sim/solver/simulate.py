@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from sma_sim.model.layout import (
     SystemState,
 )
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.solver.columns import channel_indices, named_columns, new_samples, resistances
+from sma_sim.solver.columns import named_columns, new_samples, resistances, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
@@ -55,8 +55,7 @@ class SimulationError(UserError):
     """A run that cannot be started, with the reason in words."""
 
 
-@dataclass(frozen=True)
-class Jump:
+class Jump(NamedTuple):
     """One jump of the hybrid-time log: at (t, j) wire `wire` left mode `source` for `target` through `guard`."""
 
     t: float
@@ -139,7 +138,7 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     Raises SimulationError when there is no equilibrium.
     """
     p = own_scratch(model.compiled)
-    y = np.zeros(len(model.scales))
+    y = np.zeros(len(work.weight))
     u = np.array(first_input, dtype=float)
     u[p.drives : -1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[p.imposed_T] if p.imposed_T >= 0 else u[-1]
@@ -255,9 +254,8 @@ def simulate(
     limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
-    sampled = channel_indices(channels, model.structure)
-    samples = new_samples(len(asked), sampled, model.structure)
-    log = Log(samples, asked, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), sampled)
+    sampled = sampled_numbers(channels, model.structure)
+    log = new_log(model, asked, sampled)
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
@@ -273,13 +271,19 @@ def simulate(
     return trajectory(model, log, run, reason, start_notes)
 
 
+def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
+    """Room for samples of these numbers (solver.columns) at these times (k,) [s], and for jumps."""
+    samples = new_samples(len(times), numbers, model.structure)
+    return Log(samples, times, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), numbers)
+
+
 def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
     """What a run left behind, with names."""
     written = slice(int(log.written[0]))
     return Trajectory(
         time=log.times[written],
-        columns=named_columns(model.structure, log.samples[written], log.channels),
-        resistances=resistances(model.structure, log.samples[written], log.channels),
+        columns=named_columns(model.structure, log.samples[written], log.numbers),
+        resistances=resistances(model.structure, log.samples[written], log.numbers),
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],
@@ -294,7 +298,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
 def named_jumps(jumps: Any, count: int) -> tuple[Jump, ...]:
     """The log of jumps with names; j counts the jumps before it."""
     log = []
-    for j, (t, wire, edge) in enumerate(jumps[:count]):
-        taken = EDGES[int(edge)]
-        log.append(Jump(float(t), j, int(wire) + 1, GUARD_NAMES[taken.guard], taken.source, taken.target))
+    for j, (t, wire, edge) in enumerate(jumps[:count].tolist()):
+        source, target, guard = EDGES[int(edge)]
+        log.append(Jump(t, j, int(wire) + 1, GUARD_NAMES[guard], source, target))
     return tuple(log)

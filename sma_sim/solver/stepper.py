@@ -78,10 +78,15 @@ def linearize_flow(t: float, state: SystemState, segment: Segment, p: System, w:
             inverse = 1.0 / step
             for i in range(n):
                 w.jacobian[i, j] = (f_stage[i] - f[i]) * inverse
+    differentiate_in_time(t, state, segment, p, w)
+
+
+def differentiate_in_time(t: float, state: SystemState, segment: Segment, p: System, w: Work) -> None:
+    """The time derivative of the flow ``w.first``, where it depends on time explicitly."""
     if segment.moving:
         flow_at(t + TIME_STEP, state, segment, p, w, w.stage)
-        for i in range(n):
-            w.f_t[i] = (f_stage[i] - f[i]) / TIME_STEP
+        for i in range(np.uint64(w.f_t.shape[0])):
+            w.f_t[i] = (w.stage.dy[i] - w.first.dy[i]) / TIME_STEP
 
 
 def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System, w: Work) -> float:

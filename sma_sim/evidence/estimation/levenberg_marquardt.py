@@ -145,7 +145,7 @@ def minimize(
     central when a step gains little, because valleys are narrow. `label` names the minimisation in `on_iteration`.
     """
     half = 0.5 * problem.samples
-    central, damping = criteria.central, criteria.damping
+    central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
         linear = linearize(problem, z, context.pool, steps, central)
@@ -218,8 +218,13 @@ def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) 
     return LinearizedRun(run.indices, shown if taken else run.residuals, jacobian)
 
 
-def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector:
-    """Steps of central differences that suit the neighbourhood of z, from one-sided differences."""
+def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | None:
+    """Steps of central differences that suit the neighbourhood of z, from one-sided differences.
+
+    None where tangents take their place.
+    """
+    if problem.has_tangents:
+        return None
     return better_steps(problem, accumulated(normal_parts(problem, z, executor), z)[2], central=True)
 
 

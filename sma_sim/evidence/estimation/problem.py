@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, with_values
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
+from sma_sim.evidence.estimation.run_tangents import DELTA, TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
@@ -102,6 +103,11 @@ class Problem:
         return replace(self, runs=tuple(replace(run, weight=factor * run.weight) for run in self.runs))
 
     @property
+    def has_tangents(self) -> bool:
+        """Whether all runs have tangents, as far as their structures say."""
+        return all(tangents_apply(self.config, run) for run in self.runs)
+
+    @property
     def samples(self) -> int:
         """Measured values that count."""
         return sum(run.samples for run in self.runs)
@@ -162,6 +168,42 @@ def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix
 
 
 def linearize(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> list[LinearizedRun]:
+    """Every run linearised at z: by tangents of its run, where it has none by differences. Raises SimulationError.
+
+    Differences are one-sided or `central`; `steps` (n,) are theirs (None: DEFAULT_STEP). Bounds are kept.
+    """
+    indices, shared = problem.indices(), np.arange(len(problem.shared))
+    submitted = {
+        k: executor.submit(linearized_by_tangents, tangent_task(problem, z, run, indices[k]))
+        for k, run in enumerate(problem.runs) if tangents_apply(problem.config, run)
+    }  # fmt: skip
+    found = {k: future.result() for k, future in submitted.items()}
+    linear = {k: LinearizedRun(indices[k], *run) for k, run in found.items() if run is not None}
+    missing = [k for k in range(len(problem.runs)) if k not in linear]
+    if missing:
+        own = replace(problem, runs=tuple(problem.runs[k] for k in missing))
+        at = np.concatenate([shared, *(indices[k][len(shared) :] for k in missing)])
+        others = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
+        linear |= {k: replace(other, indices=indices[k]) for k, other in zip(missing, others, strict=True)}
+    return [linear[k] for k in range(len(problem.runs))]
+
+
+def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.int64]) -> TangentTask:
+    """What linearises one run at z."""
+    part, (low, high), free = z[indices], problem.limits(), len(problem.free)
+    moved = part + DELTA * np.eye(len(part))
+    own, nuisances = PickledConfig(problem.fitted(part)), [problem.nuisance(run, at) for at in moved]
+    return TangentTask(
+        run, (own, problem.nuisance(run, part)),
+        (*((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
+         *((own, one) for one in nuisances[free:])),
+        free if problem.delay is None else -1, DELAY.scale, tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),
+    )  # fmt: skip
+
+
+def linearize_by_differences(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
 ) -> list[LinearizedRun]:
     """Every run linearised at z by one-sided (or central) differences; bounds are kept. Raises SimulationError.

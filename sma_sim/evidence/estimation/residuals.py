@@ -214,11 +214,14 @@ def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
     return replace(config, parameters={**config.parameters, **initial})
 
 
-def start_of(model: Model, source: Input, start: Sequence[float]) -> Run | None:
-    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says."""
+def start_of(model: Model, source: Input, start: Sequence[float], work: Work | None = None) -> Run | None:
+    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says.
+
+    `work`: scratch memory of a model with the same states.
+    """
     if not len(start):
         return None
-    work = new_work(model)
+    work = work or new_work(model)
     return new_run(model, np.asarray(source.values[0], float), work, within_hysteresis(model, source, start, work))
 
 
@@ -299,10 +302,7 @@ def simulated(
     nuisance = nuisance or Nuisance()
     run = prepared(recording)
     config = run.on_bench(config)
-    times = run.time - nuisance.delay
-    source = held_until(with_switches(run, nuisance.switches), float(times[-1]))
-    early = int(np.searchsorted(times, source.times[0], side='right'))
-    asked = np.concatenate([source.times[:1], times[early:]])
+    source, asked, index = planned_run(run, nuisance)
     model = Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance.start)
     trajectory = simulate(
@@ -310,7 +310,16 @@ def simulated(
     )
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
-    return source, trajectory, np.maximum(np.arange(len(times)) - early + 1, 0)
+    return source, trajectory, index
+
+
+def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArray[np.int64]]:
+    """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows."""
+    times = run.time - nuisance.delay
+    source = held_until(with_switches(run, nuisance.switches), float(times[-1]))
+    early = int(np.searchsorted(times, source.times[0], side='right'))
+    asked = np.concatenate([source.times[:1], times[early:]])
+    return source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
 
 
 def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
@@ -321,11 +330,17 @@ def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None =
         raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
     _, trajectory, index = simulated(config, run, nuisance, run.channels)
     shown = np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])
+    return compared(run, shown, nuisance)
+
+
+def compared(run: FitData, shown: NDArray[np.float64], nuisance: Nuisance | None) -> NDArray[np.float64]:
+    """(model - measured)/noise of what a model shows, (channels, k), with the zeros of the recording."""
     if nuisance and nuisance.unknown_zero and 'strain' in run.channels:
         k = run.channels.index('strain')
+        shown = shown.copy()
         shown[k] += strain_zero(run, shown[k])
     if run.zero_std:
-        shown += baseline(run, shown)
+        shown = shown + baseline(run, shown)
     return (shown - run.measured) * run.weight
 
 

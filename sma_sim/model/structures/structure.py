@@ -9,7 +9,7 @@ import math
 from collections import namedtuple
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -299,14 +299,14 @@ class Structure:
         names = [name.rpartition('.')[2] for name in self.declared]
         return record('Constants', names)(*(float(values[name]) for name in self.declared))
 
-    @property
+    @cached_property
     def commands(self) -> tuple[str, ...]:
         """Names of the heating commands, in the order of the input."""
         if self.antagonistic:
             return tuple(f'J_eq_{k + 1}' for k in range(self.segments)) if self.segment else ('J_eq',)
         return ('J',) if self.wires == 1 else tuple(f'J_{i + 1}' for i in range(self.wires))
 
-    @property
+    @cached_property
     def input_columns(self) -> tuple[str, ...]:
         """Columns of the input in files: drives, heating, ambient temperature."""
         return (*(drive.column for drive in self.drives), *(f'{name}_W' for name in self.commands), 'T_E_K')
@@ -322,7 +322,7 @@ class Structure:
         """Whether a single heating command is all that moves it."""
         return len(self.commands) == 1 and not self.drives
 
-    @property
+    @cached_property
     def imposed_temperature(self) -> int:
         """Number of the drive that imposes the temperature of the wires, -1 where they have a heat balance."""
         names = [drive.name for drive in self.drives]
@@ -352,12 +352,12 @@ class Structure:
         """Columns of the resistances of the wires."""
         return self.channel_columns[-self.wires :]
 
-    @property
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """What sensors can show: the coordinates; force, temperature and electrical resistance of every wire."""
         return tuple(name for name, _ in self._channels)
 
-    @property
+    @cached_property
     def channel_columns(self) -> tuple[str, ...]:
         """Columns of the channels in files."""
         return tuple(column for _, column in self._channels)
@@ -369,7 +369,12 @@ def in_group(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ..
 
 
 def record(name: str, fields: Sequence[str]) -> Any:
-    """A named tuple type whose fields are known only now."""
+    """A named tuple type whose fields are known only now; the same one for the same fields."""
+    return _record(name, tuple(fields))
+
+
+@lru_cache(1024)
+def _record(name: str, fields: tuple[str, ...]) -> Any:
     return namedtuple(name, fields)
 
 

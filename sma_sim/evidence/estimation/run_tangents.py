@@ -1,0 +1,124 @@
+"""One recording linearised by the tangents of its run (solver.tangents) in place of differences of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.estimation.executors import PickledConfig
+from sma_sim.evidence.estimation.residuals import (
+    FitData,
+    Nuisance,
+    compared,
+    most_steps,
+    planned_run,
+    start_of,
+    weighted_residuals,
+)
+from sma_sim.model.config import Config
+from sma_sim.solver.inputs import Input
+from sma_sim.solver.integrate import Run
+from sma_sim.solver.model import Model
+from sma_sim.solver.sensitivities import Neighbour, Sensitivities, has_tangents, simulate_with_tangents
+from sma_sim.solver.simulate import SimulationError, new_run, new_work
+from sma_sim.solver.work import Work
+
+Matrix = NDArray[np.float64]
+DELTA = 1e-6  # by which an unknown is moved, in standard deviations of its prior
+# Of solver.rtol, in the runs that give tangents: these keep 3 digits, where a difference of two such runs would be noise.
+LOOSER = {'hybrid': 10.0, 'mas': 3.0}
+
+
+@dataclass(frozen=True)
+class TangentTask:
+    """One run to linearise: the point, the same with each unknown in turn moved by DELTA, and which unknown is the delay.
+
+    `delay` is -1 where that is known; `delay_scale` [s] is that of its unknown. `still`: unknowns that cannot move.
+    """
+
+    run: FitData
+    point: tuple[PickledConfig, Nuisance]
+    moved: tuple[tuple[PickledConfig, Nuisance], ...]
+    delay: int
+    delay_scale: float
+    still: tuple[int, ...]
+
+
+def tangents_apply(config: Config, run: FitData) -> bool:
+    """Whether a run has tangents: not those of segments in series, nor of tests without time."""
+    structure = run.on_bench(config).structure.structure
+    return structure.segment is None and not structure.is_quasi_static
+
+
+def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float64]] | None:
+    """Weighted residuals (channels, k) and their derivatives (unknowns, channels, k).
+
+    None where there are no derivatives, or where the model cannot be run there.
+    """
+    config, nuisance = task.point[0].config, task.point[1]
+    try:
+        residuals = weighted_residuals(config, task.run, nuisance)
+        found = sensitivities_of(task)
+    except SimulationError:
+        return None
+    if found is None or not found.trajectory.completed:
+        return None
+    index = planned_run(task.run, nuisance)[2]
+    shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in task.run.channels])[:, index]
+    tangents = found.tangents[:, :, index]
+    if task.delay >= 0:
+        tangents[task.delay] = -task.delay_scale * found.slopes[:, index] * (index > 0)
+    tangents[list(task.still)] = 0.0
+    if not (np.isfinite(residuals).all() and np.isfinite(tangents).all()):
+        return None
+    return residuals, derivatives(task.run, nuisance, shown, tangents)
+
+
+def sensitivities_of(task: TangentTask) -> Sensitivities | None:
+    """The run with the tangents of all unknowns."""
+    run, (pickled, nuisance) = task.run, task.point
+    config = loosened(run.on_bench(pickled.config))
+    source, asked, _ = planned_run(run, nuisance)
+    model = Model(config)
+    if not has_tangents(model):
+        return None
+    work = new_work(model)
+    initial_state = run.initial_state or started(model, source, nuisance, work)
+    neighbours = []
+    for other, moved in task.moved:
+        beside = None if other is pickled else Model(loosened(run.on_bench(other.config)))
+        begun, other_source = None, None
+        if run.initial_state is None and (beside is not None or moved.start != nuisance.start):
+            begun = started(beside or model, source, moved, work)
+        if moved.switches != nuisance.switches:
+            other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
+        neighbours.append(Neighbour(beside, begun, other_source))
+    return simulate_with_tangents(
+        model, source, asked, initial_state, run.channels, neighbours, DELTA, most_steps(source, run.step_limited)
+    )
+
+
+def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
+    """Where a run begins."""
+    begun = start_of(model, source, nuisance.start, work)
+    return begun or new_run(model, np.asarray(source.values[0], float), work)
+
+
+def loosened(config: Config) -> Config:
+    """The configuration at the tolerance of runs that give tangents."""
+    rtol = LOOSER[config.model] * config.parameters['solver.rtol']
+    return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
+
+
+def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of weighted residuals from those of what is shown: the baseline of a recording moves with that."""
+    if not (run.zero_std or nuisance.unknown_zero):
+        found: NDArray[np.float64] = tangents * run.weight
+        return found
+    here = compared(run, shown, nuisance)
+    sides: Sequence[Matrix] = [(compared(run, shown + DELTA * one, nuisance) - here) / DELTA for one in tangents]
+    return np.array(sides)

@@ -1,0 +1,166 @@
+"""Runs with the derivatives of their samples in unknowns: the Python interface of `solver.tangents`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.effects.ports import SENSING
+from sma_sim.solver.columns import sampled_numbers
+from sma_sim.solver.compile import is_interpreted, package_compiler
+from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.end_of_run import stop_reason
+from sma_sim.solver.inputs import Input, pieces, requested_times
+from sma_sim.solver.integrate import InputStretches, Limits, Run
+from sma_sim.solver.model import Model, new_findings
+from sma_sim.solver.records import KeptRecords, keep_record, kept_records
+from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
+from sma_sim.solver.stepper import STAGES
+from sma_sim.solver.tangent_nodes import Tangents
+from sma_sim.solver.tangents import follow
+
+Matrix = NDArray[np.float64]
+TOGETHER = 8  # unknowns that vector instructions serve at once: the last ones of a run may be none
+NODES = 3  # of a step, at which it is linearised
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """A run in which one unknown is moved: what differs from the run itself, None for what does not.
+
+    `source` may differ in the times of its rows alone.
+    """
+
+    model: Model | None = None
+    initial_state: Run | None = None
+    source: Input | None = None
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """A run and its derivatives.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The run, with the channels that were asked for.
+    tangents : array (unknowns, channels, k)
+        Derivatives of the samples in the unknowns.
+    slopes : array (channels, k)
+        Derivatives of the samples in time [1/s].
+    """
+
+    trajectory: Trajectory
+    tangents: NDArray[np.float64]
+    slopes: Matrix
+
+
+def padded(count: int) -> int:
+    """Columns for so many unknowns."""
+    return -(-count // TOGETHER) * TOGETHER
+
+
+def direct_states(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each channel (c,) the state that its sensor shows as it is, -1 where it shows something else."""
+    p = model.compiled
+    n, wires, e = p.coordinates, p.wires, p.effects
+    first = {k: k for k in range(n)}
+    if p.imposed_T < 0:  # else temperatures are no channels
+        first |= {n + wires + i: p.first_T + i for i in range(wires)}
+    sensed = e.slot[e.port_start[SENSING] : e.port_start[SENSING + 1]]
+    return np.array([-1 if (sensed[:, c] >= 0).any() else first.get(c, -1) for c in numbers.tolist()], dtype=np.int64)
+
+
+def has_tangents(model: Model) -> bool:
+    """Whether a model's runs can have tangents: those of one segment."""
+    return model.compiled.segments == 1
+
+
+def row_shifts(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Matrix | None:
+    """Derivatives of the times of the stretches of an input (rows, unknowns); None where neighbours have other rows."""
+    times, values, _ = pieces(source)
+    shifts = np.zeros((len(times), padded(len(neighbours))))
+    for j, neighbour in enumerate(neighbours):
+        if neighbour.source is not None:
+            moved, same, _ = pieces(neighbour.source)
+            if same.shape != values.shape or not np.allclose(same, values, rtol=1e-4, atol=1e-9):
+                return None
+            shifts[:, j] = (moved - times) / delta
+    return shifts
+
+
+def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: float) -> tuple[Matrix, Matrix]:
+    """Tangents of the first state (n, P) and of the frozen fractions (wires, P)."""
+    s, r = (np.zeros((len(own), padded(len(neighbours)))) for own in (run.state.y, run.state.mode))
+    for j, neighbour in enumerate(neighbours):
+        if neighbour.initial_state is not None:
+            moved = neighbour.initial_state.state
+            s[:, j] = (moved.y - run.state.y) / delta
+            r[:, j] = (moved.x_frozen - run.state.x_frozen) / delta
+    return s, r
+
+
+def moved_systems(model: Model, neighbours: Sequence[Neighbour]) -> KeptRecords:
+    """The equations of all neighbours behind addresses."""
+    keep = package_compiler().function(keep_record)
+    return kept_records([own_scratch((one.model or model).compiled) for one in neighbours], keep, is_interpreted())
+
+
+def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: Any) -> Tangents:
+    """Room for the tangents of a run; `sizes` are those of channels, unknowns and samples."""
+    c, k = sizes[0], sizes[2]
+    count = padded(sizes[1])
+    n, wires = len(run.state.y), len(run.state.mode)
+    obs = new_findings(model.compiled)
+    return Tangents(
+        shift=np.zeros(count), y=np.zeros((NODES, n)), dy=np.zeros((NODES, n)), obs=np.zeros((NODES, *obs.shape)),
+        shown=np.zeros((NODES, c)), by_state=np.zeros((NODES, n + c, n + wires)), by_unknown=np.zeros((NODES, n + c, count)),
+        slope=np.zeros((n, count)), matrix=np.zeros((n, n + wires)), stage=np.zeros((n, count)),
+        stages=np.zeros((STAGES, n, count)), new=np.zeros((n, count)), dense=np.zeros((2, n, count)),
+        mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires), moved=np.zeros(n), moved_x=np.zeros(wires),
+        samples=np.zeros((k, c, count)), slopes=np.zeros((k, c)), **given,
+    )  # fmt: skip
+
+
+def simulate_with_tangents(
+    model: Model, source: Input, sample_times: Vector | float, initial_state: Run, channels: Sequence[str],
+    neighbours: Sequence[Neighbour], delta: float, max_steps: int = 10_000_000,
+) -> Sensitivities | None:  # fmt: skip
+    """Run a model under an input, with the derivatives of its samples in unknowns.
+
+    Parameters
+    ----------
+    model, source, sample_times, initial_state, channels, max_steps
+        As for `simulate`; the state and the channels must be given.
+    neighbours : sequence of Neighbour
+        For each unknown what changes when it is moved.
+    delta : float
+        By how much each is moved; 1e-6 of its usual size leaves errors of 1e-6.
+
+    Returns
+    -------
+    Sensitivities
+        None where a neighbour's input has other rows, or the input only one, so that there is no derivative.
+    """
+    shifts, (times, values, slopes) = row_shifts(source, neighbours, delta), pieces(source)
+    if shifts is None or len(times) < 2:
+        return None
+    run, asked = copy_of_run(model, initial_state), requested_times(source, sample_times)
+    numbers = sampled_numbers(channels, model.structure)
+    records = moved_systems(model, neighbours)
+    s, r = differences_of_starts(run, neighbours, delta)
+    tangents = new_tangents(
+        model, run, (len(numbers), len(neighbours), len(asked)), numbers=numbers, direct=direct_states(model, numbers),
+        systems=records.addresses, delta=delta, row_shift=shifts, s=s, r=r,
+    )  # fmt: skip
+    log = new_log(model, asked, numbers)
+    limits = Limits(np.inf, max_steps, stall_step(model))
+    stretches, p = InputStretches(times, values, slopes, model.uses_time), own_scratch(model.compiled)
+    status = package_compiler().function(follow)(stretches, run, p, new_work(model), limits, log, tangents)
+    made = trajectory(model, log, run, stop_reason(status, model, run), ())
+    found = tangents.samples[: len(made.time), :, : len(neighbours)]
+    return Sensitivities(made, found.transpose(2, 1, 0), tangents.slopes[: len(made.time)].T)

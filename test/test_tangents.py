@@ -1,0 +1,146 @@
+"""Tangents of runs against differences of runs, extrapolated by Richardson, and against the runs themselves."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from sma_sim import Config, Model, Recording, default_parameters, find_effects, module_input, simulate, wire_input
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter, values_of, with_values
+from sma_sim.evidence.estimation.problem import Problem, linearize, linearize_by_differences
+from sma_sim.evidence.estimation.residuals import fit_data
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
+from sma_sim.solver.simulate import new_run, new_work
+
+RTOL, DELTA = 1e-8, 1e-6
+COMMAND = module_input([0.0, 1.0, 5.0, 9.0, 12.0], [0.0, 12.0, -9.0, 0.0, 0.0])
+STRETCH = wire_input([0.0, 4.0, 8.0, 12.0], [0.02, 0.055, 0.03, 0.045], [0.0, 0.25, 0.0, 0.1])
+TIMES = np.linspace(0.0, 12.0, 241)
+CHANNELS = {'module': ('U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2'), 'wire': ('stress', 'T')}
+NAMES = {
+    'module': ('wire.E_A', 'wire.sigma_MW0', 'wire.lambda', 'wire.l0', 'beam.E'),
+    'wire': ('wire.E_M', 'wire.sigma_T', 'wire.c_V', 'wire.eps_T'),
+}
+EFFECTS = find_effects()
+
+
+def largest_values(effect):
+    return tuple(p.realistic[1] if p.realistic else p.default for p in effect.parameters)
+
+
+def configuration(system, kinetics, names=(), rtol=RTOL):
+    active = tuple(ActiveEffect(EFFECTS[name], largest_values(EFFECTS[name].effect)) for name in names)
+    given = (
+        {'solver.rtol': rtol, 'initial.x_M_1': 0.5, 'initial.x_M_2': 0.6} if system == 'module' else {'solver.rtol': rtol}
+    )
+    return Config(default_parameters() | given, system, kinetics, active)
+
+
+class Family:
+    """The runs of a configuration whose parameters are moved by z, in standard deviations of their priors."""
+
+    def __init__(self, config, names, source):
+        declared, values = declared_parameters(config), values_of(config)
+        self.config, self.source, self.free = config, source, [free_parameter(n, values[n], declared[n]) for n in names]
+
+    def begun(self, z):
+        values = {free.name: free.value(x) for free, x in zip(self.free, z, strict=True)}
+        model = Model(with_values(self.config, values))
+        return model, new_run(model, np.asarray(self.source.values[0], float), new_work(model))
+
+    def samples(self, z):
+        model, run = self.begun(z)
+        shown = simulate(model, self.source, TIMES, initial_state=run, channels=CHANNELS[self.config.system])
+        return np.array(list(shown.columns.values()))
+
+    def tangents(self):
+        units = np.eye(len(self.free))
+        model, run = self.begun(np.zeros(len(units)))
+        beside = [Neighbour(*self.begun(DELTA * unit)) for unit in units]
+        return simulate_with_tangents(model, self.source, TIMES, run, CHANNELS[self.config.system], beside, DELTA)
+
+    def extrapolated(self, j, step):
+        unit = np.eye(len(self.free))[j]
+        wide, close = ((self.samples(h * unit) - self.samples(-h * unit)) / (2.0 * h) for h in (step, 0.5 * step))
+        return (4.0 * close - wide) / 3.0
+
+
+def worst_error(family, step):
+    """The largest RMS error of a tangent over time, relative to the largest RMS of any tangent of that channel."""
+    found = family.tangents()
+    expected = np.array([family.extrapolated(j, step) for j in range(len(family.free))])
+    size = np.sqrt((expected**2).mean(axis=2)).max(axis=0)
+    return float((np.sqrt(((found.tangents - expected) ** 2).mean(axis=2)) / size).max())
+
+
+def family(system, kinetics, effects=()):
+    """With the first parameter of each effect among what is moved."""
+    own = tuple(f'effects.{name}.{EFFECTS[name].effect.parameters[0].name}' for name in effects)
+    source = COMMAND if system == 'module' else STRETCH
+    return Family(configuration(system, kinetics, effects), NAMES[system] + own, source)
+
+
+@pytest.mark.parametrize(('system', 'kinetics'), [('module', 'hybrid'), ('module', 'mas'), ('wire', 'hybrid')])
+def test_tangents_are_the_limit_of_differences(system, kinetics):
+    assert worst_error(family(system, kinetics), 2e-3) < 1e-5
+
+
+def test_tangents_with_extra_states_and_a_sensing_chain():
+    assert worst_error(family('module', 'hybrid', ('beam_creep', 'sensor_lag', 'guide_friction')), 2e-3) < 1e-5
+
+
+# Smaller steps where effects bend more; the differences then have errors of this size themselves.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('system', 'kinetics', 'effects', 'step'),
+    [
+        ('wire', 'mas', (), 2e-3),
+        ('module', 'hybrid', ('gravity', 'natural_convection'), 2e-3),
+        ('module', 'hybrid', ('driver_lag', 'thermal_expansion'), 1e-3),
+        ('module', 'hybrid', ('polycrystal',), 1e-3),
+        ('module', 'hybrid', ('functional_fatigue',), 2e-3),
+        ('module', 'hybrid', ('r_phase', 'ambient_heating'), 2e-3),
+        ('module', 'mas', ('beam_creep', 'sensor_lag'), 2e-3),
+        ('module', 'hybrid', ('stress_dependent_transformation_strain', 'slack'), 2e-3),
+    ],
+)
+def test_tangents_with_effects_on_every_port(system, kinetics, effects, step):
+    assert worst_error(family(system, kinetics, effects), step) < 5e-5
+
+
+def test_a_run_with_tangents_shows_what_the_run_shows():
+    one = Family(configuration('module', 'mas', rtol=1e-5), NAMES['module'], COMMAND)
+    found = one.tangents()
+    assert np.array_equal(np.array(list(found.trajectory.columns.values())), one.samples(np.zeros(len(one.free))))
+
+
+def recorded(sampled):
+    """A recording, of which the command is only sampled, or known exactly."""
+    run = simulate(Model(configuration('module', 'hybrid', rtol=1e-5)), COMMAND, TIMES)
+    channels = {name: run[f'{name}_{unit}'] for name, unit in (('alpha', 'rad'), ('F_1', 'N'), ('T_2', 'K'))}
+    return Recording('run1', 'module', TIMES, channels, COMMAND, exact_commands=not sampled)
+
+
+def problem_of(kinetics):
+    config = configuration('module', kinetics)
+    declared, values = declared_parameters(config), values_of(config)
+    free = tuple(free_parameter(name, values[name], declared[name]) for name in ('wire.E_A', 'wire.lambda'))
+    run = fit_data(recorded(sampled=True), {'alpha': 1e-3, 'F_1': 0.1, 'T_2': 0.5})
+    return Problem(config, (run,), free).at_tolerance(1e-7)
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+def test_unknowns_of_a_recording_have_tangents(kinetics):
+    problem = problem_of(kinetics)
+    z = np.full(len(problem.unknowns), 0.1)
+    kinds = [unknown.name for unknown in problem.unknowns]
+    assert kinds[:3] == ['wire.E_A', 'wire.lambda', 'delay']
+    assert set(kinds[3:]) == {'start', 'switch'}
+    with ThreadPoolExecutor(1) as pool:
+        (found,) = linearize(problem, z, pool)
+        (expected,) = linearize_by_differences(problem, z, pool, np.full(len(z), 1e-3), central=True)
+    assert np.array_equal(found.residuals, expected.residuals)
+    error = np.sqrt(((found.jacobian - expected.jacobian) ** 2).mean(axis=(1, 2)))
+    solver_error = 0.02  # of differences over so small steps
+    assert (error < 3e-3 * np.sqrt((expected.jacobian**2).mean(axis=(1, 2))) + solver_error).all()
