@@ -17,6 +17,7 @@ from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, register_model
 
 types: Any = numba.core.types  # their classes are not declared
+RECORD_WORDS = 1024  # of 8 bytes, more than a system needs
 MOST_BY_VALUE = 8  # numbers and arrays of a named tuple that is passed by value
 ADDRESS = ir.IntType(8).as_pointer()
 
@@ -103,3 +104,29 @@ def by_reference(typingctx, values):  # type: ignore[no-untyped-def]
         return context.make_tuple(builder, passed, items)
 
     return passed(values), codegen
+
+
+@intrinsic
+def native_record_at(typingctx, address, like):  # type: ignore[no-untyped-def]
+    """The reference at an address, of the type of another."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return builder.inttoptr(args[0], ADDRESS)
+
+    return like(address, like), codegen
+
+
+@intrinsic
+def native_store_record(typingctx, like, address):  # type: ignore[no-untyped-def]
+    """Copy what a reference refers to."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        kind = context.get_value_type(like.record)
+        size = context.get_abi_sizeof(kind)
+        assert size <= 8 * RECORD_WORDS
+        target = builder.inttoptr(args[1], ADDRESS)
+        copy: Any = cgutils.raw_memcpy
+        copy(builder, target, args[0], ir.Constant(ir.IntType(64), size), 1)
+        return context.get_dummy_value()
+
+    return types.void(like, address), codegen

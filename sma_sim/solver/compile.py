@@ -28,9 +28,9 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from sma_sim.model.effects.ports import call_kernel
-from sma_sim.solver.by_reference import by_reference
+from sma_sim.solver.by_reference import by_reference, native_record_at, native_store_record
 from sma_sim.solver.fragments import Entry, fragment
-from sma_sim.solver.records import native_record_at, native_store_record, record_at, store_record
+from sma_sim.solver.records import record_at, store_record
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
