@@ -1,4 +1,4 @@
-"""Compiles what the tests run, once for all workers: solver and effects side by side."""
+"""Compiles what the tests run, once for all workers: solver, tangents and effects side by side."""
 
 import subprocess
 import sys
@@ -16,6 +16,13 @@ def solver():
     simulate_fixed_rate(Model(Config()), commands['module'], 100.0, 10.0)
 
 
+def tangents():
+    """What gives fits their derivatives."""
+    from sma_sim.solver.warm_up import compile_tangents
+
+    compile_tangents()
+
+
 def effects():
     """The library."""
     from sma_sim import find_effects
@@ -25,11 +32,11 @@ def effects():
         native_effect(found)
 
 
-PARTS = {'solver': solver, 'effects': effects}
+PARTS = {'solver': solver, 'tangents': tangents, 'effects': effects}
 
 
 def prewarm():
-    """Both parts in processes of their own; what cannot be compiled is for the tests to say."""
+    """All parts in processes of their own; what cannot be compiled is for the tests to say."""
     for process in [subprocess.Popen([sys.executable, __file__, part]) for part in PARTS]:
         process.wait()
 

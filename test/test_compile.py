@@ -129,7 +129,9 @@ def test_sources_of_native_code_keep_their_time(tmp_path):
 
 
 def test_functions_out_of_line_exist():
-    compiled = {python.__name__ for python in reachable(*first_start.SIMULATION, *first_start.FIXED_RATE)}
+    compiled = {
+        python.__name__ for python in reachable(*first_start.SIMULATION, *first_start.FIXED_RATE, *first_start.TANGENTS)
+    }
     assert set(OUT_OF_LINE) <= compiled
 
 

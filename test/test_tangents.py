@@ -10,6 +10,8 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters, fre
 from sma_sim.evidence.estimation.problem import Problem, linearize, linearize_by_differences
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.inputs import Input
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
 
@@ -17,7 +19,7 @@ RTOL, DELTA = 1e-8, 1e-6
 COMMAND = module_input([0.0, 1.0, 5.0, 9.0, 12.0], [0.0, 12.0, -9.0, 0.0, 0.0])
 STRETCH = wire_input([0.0, 4.0, 8.0, 12.0], [0.02, 0.055, 0.03, 0.045], [0.0, 0.25, 0.0, 0.1])
 TIMES = np.linspace(0.0, 12.0, 241)
-CHANNELS = {'module': ('U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2'), 'wire': ('stress', 'T')}
+CHANNELS = {'module': ('U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'R_1'), 'wire': ('stress', 'T', 'R')}
 NAMES = {
     'module': ('wire.E_A', 'wire.sigma_MW0', 'wire.lambda', 'wire.l0', 'beam.E'),
     'wire': ('wire.E_M', 'wire.sigma_T', 'wire.c_V', 'wire.eps_T'),
@@ -128,6 +130,48 @@ def problem_of(kinetics):
     free = tuple(free_parameter(name, values[name], declared[name]) for name in ('wire.E_A', 'wire.lambda'))
     run = fit_data(recorded(sampled=True), {'alpha': 1e-3, 'F_1': 0.1, 'T_2': 0.5})
     return Problem(config, (run,), free).at_tolerance(1e-7)
+
+
+def on_benches(kinetics):
+    """Runs of a wire whose temperature follows from heat and of one whose temperature is imposed, with drifting gauges."""
+    times, strain = np.linspace(0.0, 12.0, 61), 0.01 + 0.04 * np.sin(np.linspace(0.0, 3.0, 61)) ** 2
+    free_T, imposed_T = known_structures()['wire'], known_structures()['wire_at_T']
+    inputs = {
+        'wire': (strain, 0.1 * (strain > 0.03), 298.0 + 0.0 * strain),
+        'wire_at_T': (strain, 320.0 + 0.5 * times, 0.0 * strain, 298.0 + 0.0 * strain),
+    }
+    runs = []
+    for structure in (free_T, imposed_T):
+        held = tuple(k >= len(structure.drives) for k in range(len(structure.input_columns)))
+        source = Input(times, np.column_stack(inputs[structure.name]), tuple(not h for h in held), structure.input_columns)
+        config = Config(default_parameters(structure.name) | {'solver.rtol': 1e-5}, structure.name, kinetics)
+        run = simulate(Model(config), source, times)
+        shown = {'stress': run['stress_Pa'] + 1e6, 'R': run['R_ohm']}
+        runs.append(
+            Recording(
+                f'on {structure.name}', structure.name, times, shown, source, exact_commands=True,
+                zero_std={'stress': 1e6}, drift_std={'stress': 2e6},
+            )
+        )  # fmt: skip
+    return runs
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+def test_every_run_is_linearised_on_its_bench(kinetics):
+    config = configuration('wire', kinetics)
+    declared, values = declared_parameters(config), values_of(config)
+    free = tuple(free_parameter(name, values[name], declared[name]) for name in ('wire.E_A', 'wire.sigma_T'))
+    runs = tuple(fit_data(run, {'stress': 1e6, 'R': 1e-3}) for run in on_benches(kinetics))
+    problem = Problem(config, runs, free).at_tolerance(1e-7)
+    z = np.full(len(problem.unknowns), 0.1)
+    assert problem.has_tangents
+    with ThreadPoolExecutor(2) as pool:
+        found = linearize(problem, z, pool)
+        expected = linearize_by_differences(problem, z, pool, np.full(len(z), 1e-3), central=True)
+    for own, other in zip(found, expected, strict=True):
+        assert np.array_equal(own.residuals, other.residuals)
+        error = np.sqrt(((own.jacobian - other.jacobian) ** 2).mean(axis=(1, 2)))
+        assert (error < 3e-3 * np.sqrt((other.jacobian**2).mean(axis=(1, 2))) + 0.02).all()
 
 
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])

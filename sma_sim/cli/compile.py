@@ -8,7 +8,8 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.solver.compile import cache_folder, content_key, is_interpreted
-from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation
+from sma_sim.solver.first_start import SIMULATION, TANGENTS
+from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation, compile_tangents
 
 
 def add_parser(verbs: Any) -> None:
@@ -20,9 +21,10 @@ def add_parser(verbs: Any) -> None:
 
 
 def run(_: argparse.Namespace) -> int:
-    """Compile for the commands and for the nodes, where it has not been done."""
-    announce_first_compilation()
+    """Compile for simulations, fits and the nodes, where it has not been done."""
+    announce_first_compilation((*SIMULATION, *TANGENTS))
     compile_simulation()
+    compile_tangents()
     compile_fixed_rate()
     if is_interpreted():
         print('Nothing is compiled, because NUMBA_DISABLE_JIT is set.')

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from sma_sim.cli.common.idle_effects import noted
 from sma_sim.model.config import Config, read_config
@@ -53,9 +55,9 @@ def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:
     return folders_from(out, effect_folders_of(arguments.config, arguments.words))
 
 
-def announce_first_compilation() -> None:
+def announce_first_compilation(entries: Sequence[Callable[..., Any]] = first_start.SIMULATION) -> None:
     """Print why the first start takes long."""
-    first_start.announce_compilation(lambda line: print(line, file=sys.stderr, flush=True))
+    first_start.announce_compilation(lambda line: print(line, file=sys.stderr, flush=True), entries)
 
 
 class ProgressLine:

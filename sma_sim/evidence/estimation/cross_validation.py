@@ -17,16 +17,9 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import (
-    FitData,
-    Nuisance,
-    error_over_noise,
-    fit_data,
-    offsets_of,
-    with_start,
-    zero_of,
-)
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, error_over_noise, fit_data, offsets_of, zero_of
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.starts import with_start
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError

@@ -200,7 +200,19 @@ def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.
         (*((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
          *((own, one) for one in nuisances[free:])),
         free if problem.delay is None else -1, DELAY.scale, tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),
+        differences_at_bounds(problem, part),
     )  # fmt: skip
+
+
+def differences_at_bounds(problem: Problem, part: Vector) -> tuple[tuple[int, float, PickledConfig], ...]:
+    """Parameters of effects at their lower bounds, where a tangent may see nothing of an effect that is switched off."""
+    found = []
+    for j, free in enumerate(problem.free):
+        if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP:
+            at = part.copy()
+            at[j] = min(part[j] + DEFAULT_STEP, free.high)
+            found.append((j, float(at[j] - part[j]), PickledConfig(problem.fitted(at))))
+    return tuple(found)
 
 
 def linearize_by_differences(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import nan
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.input_simplification import simplified_input
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, is_resistance
+from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -18,8 +19,7 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
-from sma_sim.solver.work import Work
+from sma_sim.solver.simulate import SimulationError, Trajectory, simulate
 
 Vector = NDArray[np.float64]
 ZERO_STDS = 2.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
@@ -194,35 +194,6 @@ def most_steps(source: Input, step_limited: bool) -> int:
     """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
     most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * len(source.times)
     return most if step_limited else CHOSEN_MODEL_FACTOR * most
-
-
-def within_hysteresis(model: Model, source: Input, start: Sequence[float], work: Work) -> Vector:
-    """x_M (wires,) of a start given as parts of what a resting wire can have, from sigma_A (least) to sigma_M (most)."""
-    first = np.asarray(source.values[0], float)
-    least = new_run(model, first, work, np.full(model.wires, np.nan)).state.x_frozen
-    most = new_run(model, first, work, np.full(model.wires, np.inf)).state.x_frozen
-    return np.clip(least + np.asarray(start, float) * (most - least), 0.0, 1.0)
-
-
-def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
-    """The configuration with the x_M of a start given as parts of the hysteresis."""
-    if not len(start):
-        return config
-    model = Model(config)
-    x = within_hysteresis(model, source, start, new_work(model))
-    initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
-    return replace(config, parameters={**config.parameters, **initial})
-
-
-def start_of(model: Model, source: Input, start: Sequence[float], work: Work | None = None) -> Run | None:
-    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says.
-
-    `work`: scratch memory of a model with the same states.
-    """
-    if not len(start):
-        return None
-    work = work or new_work(model)
-    return new_run(model, np.asarray(source.values[0], float), work, within_hysteresis(model, source, start, work))
 
 
 def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:

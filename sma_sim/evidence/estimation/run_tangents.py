@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.residuals import (
-    FitData,
-    Nuisance,
-    compared,
-    most_steps,
-    planned_run,
-    start_of,
-    weighted_residuals,
-)
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, compared, most_steps, planned_run, weighted_residuals
+from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import Run
@@ -37,7 +30,8 @@ LOOSER = {'hybrid': 10.0, 'mas': 3.0}
 class TangentTask:
     """One run to linearise: the point, the same with each unknown in turn moved by DELTA, and which unknown is the delay.
 
-    `delay` is -1 where that is known; `delay_scale` [s] is that of its unknown. `still`: unknowns that cannot move.
+    `delay` is -1 where that is known; `delay_scale` [s] is that of its unknown. `still`: unknowns that cannot move. `apart`:
+    unknowns whose derivatives are differences of runs, by how much each is moved, and the point there.
     """
 
     run: FitData
@@ -46,6 +40,7 @@ class TangentTask:
     delay: int
     delay_scale: float
     still: tuple[int, ...]
+    apart: tuple[tuple[int, float, PickledConfig], ...] = ()
 
 
 def tangents_apply(config: Config, run: FitData) -> bool:
@@ -63,6 +58,9 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
     try:
         residuals = weighted_residuals(config, task.run, nuisance)
         found = sensitivities_of(task)
+        beside = {
+            j: (weighted_residuals(moved.config, task.run, nuisance) - residuals) / step for j, step, moved in task.apart
+        }
     except SimulationError:
         return None
     if found is None or not found.trajectory.completed:
@@ -75,7 +73,10 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
     tangents[list(task.still)] = 0.0
     if not (np.isfinite(residuals).all() and np.isfinite(tangents).all()):
         return None
-    return residuals, derivatives(task.run, nuisance, shown, tangents)
+    jacobian = np.ascontiguousarray(derivatives(task.run, nuisance, shown, tangents))  # to the same bits from any process
+    for j, column in beside.items():
+        jacobian[j] = column
+    return residuals, jacobian
 
 
 def sensitivities_of(task: TangentTask) -> Sensitivities | None:
