@@ -210,7 +210,7 @@ def differences_at_bounds(problem: Problem, part: Vector) -> tuple[tuple[int, fl
     for j, free in enumerate(problem.free):
         if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP:
             at = part.copy()
-            at[j] = min(part[j] + DEFAULT_STEP, free.high)
+            at[j] = min(part[j] + DEFAULT_STEP, free.high) if part[j] < free.high else free.low  # bounds may be close
             found.append((j, float(at[j] - part[j]), PickledConfig(problem.fitted(at))))
     return tuple(found)
 
