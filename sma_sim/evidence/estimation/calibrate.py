@@ -24,12 +24,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_th
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
-from sma_sim.evidence.estimation.nuisance_effects import (
-    starting_model,
-    under_nuisance_priors,
-    with_nuisance_effects,
-    with_nuisance_names,
-)
+from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
@@ -189,10 +184,8 @@ def calibrate(
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
     config = on_leading_bench(config, dataset)
-    if options.free is None:
-        config = starting_model(dataset, config)
-    elif options.free:  # what is not named stays as it is given; without names the model is compared as it is
-        config = with_nuisance_effects(config, dataset)
+    if options.free != ():  # else the model is to be compared as it is; what is named starts from what was given
+        config = starting_model(dataset, config, options.free is None)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
         fits = fits_by_model(dataset, config, options, context)

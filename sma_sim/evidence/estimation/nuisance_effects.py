@@ -37,12 +37,12 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     return replace(config, effects=(*config.effects, *more))
 
 
-def starting_model(dataset: Dataset, config: Config) -> Config:
-    """Where a fit begins: with the effects of the bench, and with what the curves of isobaric tests show.
+def starting_model(dataset: Dataset, config: Config, is_fitted: bool = True) -> Config:
+    """Where a fit begins: with the effects of the bench, and with what the curves of tests of a wire show.
 
     Raises UserError for effects that the map declares and that there are not.
     """
-    return started_from_curves(dataset, with_nuisance_effects(config, dataset))[0]
+    return started_from_curves(dataset, with_nuisance_effects(config, dataset), is_fitted)[0]
 
 
 def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> None:

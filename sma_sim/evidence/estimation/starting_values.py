@@ -97,8 +97,8 @@ def austenite_modulus(features: CurveFeatures) -> float:
 def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
     """A configuration with the starting values of its tests in place of those that have their defaults.
 
-    Returns the features too; without such tests the configuration is as it was. One that is only compared, not fitted,
-    starts from isobaric tests alone, of which no default knows anything.
+    Returns the features too; without such tests the configuration is as it was. One that is not `is_fitted` as a
+    whole, but compared or fitted in named parameters, starts from isobaric tests alone, of which no default knows anything.
     """
     features = curve_features(dataset)
     if not (features if is_fitted else features.isobaric):
