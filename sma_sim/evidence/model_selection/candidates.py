@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 from sma_sim.evidence.estimation.plausibility import is_form, realistic_range
@@ -48,19 +49,24 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
     structure = config.structure.structure
     acting = (found.on(structure, config.parameters) for found in missing if is_tried(found.effect, structure))
-    candidates = (candidate_of(found) for found in acting)
+    candidates = (candidate_of(found, structure.is_quasi_static) for found in acting)
     return tuple(candidate for candidate in candidates if candidate.families)
 
 
-def candidate_of(found: FoundEffect) -> Candidate:
-    """All probes of one effect."""
+def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
+    """All probes of one effect; `every_shape`: with all combinations of its shapes, where runs cost little."""
     strengths = [p for p in found.effect.parameters if p.neutral is not None]
     shapes = [p for p in found.effect.parameters if p.neutral is None]
     families = [
         tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
-        for shape in shape_grid(shapes)
+        for shape in (every_combination(shapes) if every_shape else shape_grid(shapes))
     ]
     return Candidate(found, tuple(family for family in families if family))
+
+
+def every_combination(shapes: Sequence[Parameter]) -> list[dict[str, float]]:
+    """All combinations of the shapes' values."""
+    return [dict(zip([p.name for p in shapes], values, strict=True)) for values in product(*map(shape_values, shapes))]
 
 
 def shape_grid(shapes: Sequence[Parameter]) -> list[dict[str, float]]:
