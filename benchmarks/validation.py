@@ -40,7 +40,7 @@ python benchmarks/validation.py
 ```
 
 Parts of many cases run a share of them by default; `--scale` runs more. Intervals of shares are 95 % (Wilson). Each section
-names the commit and the day of its numbers: a part that is not run again keeps those that it had.
+names the commit and the day of its numbers: a part that is left out keeps those that it has.
 
 Times depend on the machine and on what else runs on it; ratios from one run do so much less. Error over noise is the RMS
 error divided by the standard deviation of the sensors' noise, so that 1 is the best possible.

@@ -46,20 +46,20 @@ class Family:
         declared, values = declared_parameters(config), values_of(config)
         self.config, self.source, self.free = config, source, [free_parameter(n, values[n], declared[n]) for n in names]
 
-    def begun(self, z):
+    def initial_run(self, z):
         values = {free.name: free.value(x) for free, x in zip(self.free, z, strict=True)}
         model = Model(with_values(self.config, values))
         return model, new_run(model, np.asarray(self.source.values[0], float), new_work(model))
 
     def samples(self, z):
-        model, run = self.begun(z)
+        model, run = self.initial_run(z)
         shown = simulate(model, self.source, TIMES, initial_state=run, channels=CHANNELS[self.config.system])
         return np.array(list(shown.columns.values()))
 
     def tangents(self):
         units = np.eye(len(self.free))
-        model, run = self.begun(np.zeros(len(units)))
-        beside = [Neighbour(*self.begun(DELTA * unit)) for unit in units]
+        model, run = self.initial_run(np.zeros(len(units)))
+        beside = [Neighbour(*self.initial_run(DELTA * unit)) for unit in units]
         return simulate_with_tangents(model, self.source, TIMES, run, CHANNELS[self.config.system], beside, DELTA)
 
     def extrapolated(self, j, step):

@@ -20,8 +20,8 @@ def compile_simulation() -> None:
 def compile_tangents() -> None:
     """Compile, or load, what gives fits their derivatives."""
     model, source = Model(Config()), module_input([0.0, 0.01], [0.0, 0.0])
-    begun = new_run(model, source.values[0], new_work(model))
-    simulate_with_tangents(model, source, 100.0, begun, model.structure.channels, (Neighbour(),), 1e-6)
+    initial_run = new_run(model, source.values[0], new_work(model))
+    simulate_with_tangents(model, source, 100.0, initial_run, model.structure.channels, (Neighbour(),), 1e-6)
 
 
 def compile_fixed_rate() -> None:

@@ -92,12 +92,12 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     neighbours = []
     for other, moved in task.moved:
         beside = None if other is pickled else Model(loosened(run.on_bench(other.config)))
-        begun, other_source = None, None
+        initial_run, other_source = None, None
         if run.initial_state is None and (beside is not None or moved.start != nuisance.start):
-            begun = started(beside or model, source, moved, work)
+            initial_run = started(beside or model, source, moved, work)
         if moved.switches != nuisance.switches:
             other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
-        neighbours.append(Neighbour(beside, begun, other_source))
+        neighbours.append(Neighbour(beside, initial_run, other_source))
     return simulate_with_tangents(
         model, source, asked, initial_state, run.channels, neighbours, DELTA, most_steps(source, run.step_limited)
     )
@@ -105,8 +105,8 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
 
 def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
     """Where a run begins."""
-    begun = start_of(model, source, nuisance.start, work)
-    return begun or new_run(model, np.asarray(source.values[0], float), work)
+    initial_run = start_of(model, source, nuisance.start, work)
+    return initial_run or new_run(model, np.asarray(source.values[0], float), work)
 
 
 def loosened(config: Config) -> Config:
