@@ -18,7 +18,7 @@ from common import report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from systems import make_model, smooth_state
-from test_order import PROBLEMS, fixed_steps, heated_martensite, problem
+from test_order import PROBLEMS, fixed_steps, heated_martensite, model_of, problem
 
 
 def study(error: Callable[[int], float], halvings: int) -> dict[str, float]:
@@ -49,11 +49,11 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All tables."""
     n = arguments.halvings
     stiff = make_model('module', 'mas', solver__rtol=1e-10)
-    steps = {name: steps_of(*problem(name), n) for name in PROBLEMS}
+    steps = {name: steps_of(model_of(name), *problem(name), n) for name in PROBLEMS}
     steps['stiff MAS module'] = steps_of(stiff, smooth_state(stiff, J_eq=10.0, after=4.0), 8, n)
     return {
         'steps': steps,
-        'dense output, one step': {name: dense_of(*problem(name), n) for name in PROBLEMS},
+        'dense output, one step': {name: dense_of(model_of(name), *problem(name), n) for name in PROBLEMS},
         'time of an event [s], h = 0.08 s': study(lambda k: abs(np.subtract(*heated_martensite(0.08 / k))), n),
     }
 

@@ -1,15 +1,18 @@
 """How the tests run together.
 
 What is compiled is compiled once, before workers start. Files are handed out whole, so that what a file's tests share
-is made once: those that compute for long first, those that wait for a node between them.
+is made once: the longest first, those that wait for a node between those that compute.
 
 Of those that speak DDS one that fails gets a second try, which the summary counts: messages of two topics may overtake
 each other, and discovery takes as long as it takes.
 """
 
+import ctypes
+import os
 import signal
 
 import hypothesis
+import numba
 import pytest
 from prewarm import prewarm
 
@@ -17,15 +20,16 @@ from prewarm import prewarm
 hypothesis.settings.register_profile('any machine', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile('any machine')
 
-# Files that take ten seconds and more of a processor, the longest first; those that compute in turns with those that mostly
-# wait: with a worker more than there are processors, one waits while the others compute.
+# Files that take ten seconds and more, the longest first; those that mostly wait in turns with those that compute: with
+# twice as many workers as processors, two of them wait while the others compute.
 FIRST = (
-    'test_next', 'test_docs', 'test_model_check', 'test_equations', 'test_controller', 'test_diagnose', 'test_latent',
-    'test_recorder', 'test_diagnose_stop', 'test_node', 'test_calibrate', 'test_launch', 'test_fit_command', 'test_clock',
-    'test_inseparable', 'test_node_control', 'test_diagnose_data', 'test_challenge', 'test_trajectory', 'test_two_effects',
-    'test_report_html', 'test_stages', 'test_explore_recordings',
-    'test_wrong_use', 'test_compare', 'test_optional_packages', 'test_install',
-    'test_interpreted',
+    'test_model_check', 'test_docs', 'test_structure_nodes', 'test_equations', 'test_stages', 'test_challenge',
+    'test_node_control', 'test_effects_on_structures', 'test_recorder', 'test_latent', 'test_clock', 'test_order',
+    'test_node', 'test_reference', 'test_explore_recordings', 'test_diagnose', 'test_controller', 'test_next',
+    'test_examples', 'test_inseparable', 'test_explore_robot', 'test_diagnose_stop', 'test_report_html', 'test_stack',
+    'test_explore_page', 'test_beyond_the_module', 'test_trajectory', 'test_calibrate', 'test_optional_packages',
+    'test_diagnose_data', 'test_live_feed', 'test_fit_command', 'test_install', 'test_two_effects', 'test_launch',
+    'test_untrusted_data', 'test_stamped', 'test_plot', 'test_bags_of_structures', 'test_plausibility',
 )  # fmt: skip
 
 
@@ -33,6 +37,7 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as for a job in the background, and all that it starts
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption('numprocesses', None):  # and a worker has none itself
+        os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # hundreds of processes start: each would read all sources anew
         prewarm()
 
 
@@ -43,3 +48,33 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if 'ros_client' in vars(item.module):
                 item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Call a function with numba switched off; models that it makes are plain Python too."""
+    from sma_sim.solver import kernels, model, structure_kernels
+
+    kept = []  # the addresses of its functions are in use
+
+    def uncached(native):
+        def build(*found):
+            kept.append(native.__wrapped__(*found))
+            return kept[-1]
+
+        return build
+
+    def numbers_at(pointer, size):
+        """What numba's own `carray` gives as plain Python, which takes most of the time of a run."""
+        return (ctypes.c_double * size).from_address(ctypes.addressof(pointer.contents))
+
+    def run(function, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(numba.config, 'DISABLE_JIT', True)
+            patch.setattr(kernels, 'carray', numbers_at)
+            patch.setattr(structure_kernels, 'carray', numbers_at)
+            patch.setattr(kernels, '_native_effect', uncached(kernels._native_effect))
+            patch.setattr(model, 'native_structure', uncached(structure_kernels.native_structure))
+            return function(*arguments)
+
+    return run

@@ -133,12 +133,12 @@ def rest_state(model, T, u, du, mode, x):
 
 
 def smooth_state(model, J_eq, after):
-    """The module some time after its heating was switched on, when the fast motion is gone."""
-    u = np.array([J_eq, 298.0])
+    """A structure some time after its heating was switched on, when the fast motion is gone."""
+    u = np.append(np.full(len(model.structure.commands), J_eq), 298.0)
     work = new_work(model)
     run = new_run(model, u, work)
-    stretches = InputStretches(np.array([0.0, after]), np.array([u, u]), np.zeros((2, 2)), False)
+    stretches = InputStretches(np.array([0.0, after]), np.array([u, u]), np.zeros((2, len(u))), False)
     log = new_log(sample_columns(model.structure))
     package_compiler().function(integrate)(stretches, run, model.compiled, work, Limits(np.inf, 10_000_000, 0.0), log)
     y, mode, x_frozen = run.state
-    return evaluate(model, y, u, np.zeros(2), mode, x_frozen)
+    return evaluate(model, y, u, np.zeros(len(u)), mode, x_frozen)

@@ -8,12 +8,24 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
+from sma_sim import Input, Model, simulate
 from sma_sim.cli.main import main
 from sma_sim.solver import first_start
-from sma_sim.solver.compile import OUT_OF_LINE, Compiler, content_key, reachable, user_cache, write_source
+from sma_sim.solver.compile import (
+    OUT_OF_LINE,
+    Compiler,
+    content_key,
+    package_compiler,
+    reachable,
+    user_cache,
+    write_source,
+)
+from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.fragments import on_compiled
+from sma_sim.solver.integrate import integrate, integrate_held, observe
 
 ROOT = Path(__file__).resolve().parents[1]
 # A function with large records, one inside the other, that calls another with a constant and with a number.
@@ -150,6 +162,26 @@ def test_a_person_reads_how_long_the_first_start_takes(monkeypatch):
     assert lines[1] == f'compiling the equations: about {0.5 * (total - 10):.0f} s on this machine'
     assert 'done, about' in lines[2] and lines[-1] == f'compiled in {0.5 * total:.0f} s' and not on_compiled
     assert 4 <= len(lines) <= 7
+
+
+def awkward(entries):
+    """The same numbers as whole ones, not beside each other, not to be written to."""
+    made = np.repeat(np.asfortranarray(np.array(entries, dtype=int)), 2, axis=-1)[..., ::2]
+    made.setflags(write=False)
+    return made
+
+
+def test_whole_numbers_and_other_layouts_of_arrays_compile_nothing_more():
+    """Another type of an argument would be half a minute of compiling in the middle of somebody's program."""
+    versions = []
+    for number, array in ((float, np.array), (int, awkward)):
+        source = Input(array([0, 1, 2]), array([[5, 298], [0, 298], [0, 298]]), (False, False))
+        run = simulate(Model(), source, array([0, 1, 2]), max_step=number(1), max_steps=number(1000))
+        fixed = FixedRateRun(Model(), number(1000), array([0, 298]))
+        fixed.step(array([5, 298]), 2)
+        entries = [package_compiler().function(function) for function in (integrate, integrate_held, observe)]
+        versions.append([getattr(entry, 'signatures', []) for entry in entries] + [run['T_1_K'][-1], fixed.sample.tolist()])
+    assert versions[0] == versions[1]
 
 
 def test_compile_leaves_nothing_for_the_first_start(capsys):

@@ -175,6 +175,28 @@ def test_spatial_reduces_to_the_planar_beam():
         assert spatial.lengths(poses[0][0], p) == pytest.approx(planar.lengths(poses[0][1], b), abs=1e-15)
 
 
+def test_a_loaded_spatial_beam_is_the_cantilever_of_textbooks():
+    """Tip deflections F L^3/(3 E I), F L^2/(2 E I), F L/(E A), slopes M L/(E I), M L/(G J); h is the radius."""
+    structure = package_structures()['spatial'].structure
+    values = structure.default_values
+    L, E, h, nu = (values[f'spatial.{name}'] for name in ('L', 'E', 'h', 'nu'))
+    area_moment, A, G = math.pi * h**4 / 4.0, math.pi * h**2, E / (2.0 * (1.0 + nu))
+    pose, rest = record('Pose', structure.coordinate_names), np.zeros(6)
+    by_pose = np.array([structure.forces(pose(*row), pose(*rest), structure.default_constants) for row in 1e-6 * np.eye(6)])
+    flexibility = -np.linalg.inv(by_pose / 1e-6)  # symmetric
+    U_x, U_y, U_z, alpha, beta, gamma = range(6)
+    assert flexibility[U_x, U_x] == pytest.approx(L / (E * A))
+    assert flexibility[gamma, gamma] == pytest.approx(L / (G * 2.0 * area_moment))
+    for across, turned in ((U_y, alpha), (U_z, beta)):
+        assert flexibility[across, across] == pytest.approx(L**3 / (3.0 * E * area_moment))
+        assert abs(flexibility[across, turned]) == pytest.approx(L**2 / (2.0 * E * area_moment))
+        assert flexibility[turned, across] == pytest.approx(flexibility[across, turned])
+        assert flexibility[turned, turned] == pytest.approx(L / (E * area_moment))
+    J_bend, J_twist = structure.default_constants.J_bend, structure.default_constants.J_twist
+    disc = values['spatial.m_H'] * values['spatial.r'] ** 2
+    assert (J_bend, J_twist) == pytest.approx((disc / 4.0, disc / 2.0))
+
+
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_a_spatial_run_is_that_of_the_planar_beam(kind):
     """One bundle idle, the others heated alike: the same motion to 1e-9 m and rad, which the tolerance limits."""

@@ -110,6 +110,25 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
         sensing_rates(y, p, dy, obs)
 
 
+def update_guards(t: float, state: SystemState, point: InputPoint, p: System, found: Evaluation) -> None:
+    """Evaluate what `guard` reads into ``found.obs``, with effects the whole flow."""
+    if p.effects.port_start[-1] > 0:
+        update_flow(t, state, point, p, found, EVERYTHING)
+        return
+    y, obs = state.y, found.obs
+    kinematics(y, point, p, obs)
+    moving = False
+    for i in range(p.wires):
+        stress_and_force(i, state, p, obs)
+        moving = moving or state.mode[i] == TO_MARTENSITE or state.mode[i] == TO_AUSTENITE
+    if moving and p.coordinates > 0:
+        speeds(y, p, obs)
+    for i in range(p.wires):
+        if state.mode[i] == TO_MARTENSITE or state.mode[i] == TO_AUSTENITE:
+            obs[i, O_J] = commanded_heating(i, point.u, p)
+            wire_rates(i, state, point, p, found.dy, obs)
+
+
 def update_forces(state: SystemState, point: InputPoint, p: System, obs: Vector, wires: int) -> None:
     """x_M, stress and force of the wires whose STRESS bit is in `wires`, where no effect acts on them, into `obs`."""
     kinematics(state.y, point, p, obs)

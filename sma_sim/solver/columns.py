@@ -58,21 +58,17 @@ def new_samples(count: int, numbers: NDArray[np.int64], structure: Structure) ->
     return np.full((count, len(numbers) or sample_columns(structure).size), np.nan)
 
 
-def named_columns(structure: Structure, samples: Matrix, numbers: NDArray[np.int64]) -> dict[str, Vector]:
-    """Samples of these numbers, or whole rows where there are none, by the names of the file contract.
+def named_columns(
+    structure: Structure, samples: Matrix, numbers: NDArray[np.int64]
+) -> tuple[dict[str, Vector], dict[str, Vector]]:
+    """Samples of these numbers, or whole rows where there are none, by the names of the file contract; resistances [ohm].
 
-    Resistances are among them where these numbers are those of some channels alone.
+    Where these numbers are those of some channels alone, resistances are among the former, and none among the latter.
     """
-    left_out = () if are_channels(numbers, structure) else structure.resistance_columns
-    return {name: samples[:, at] for name, at in places(structure, numbers).items() if name not in left_out}
-
-
-def resistances(structure: Structure, samples: Matrix, numbers: NDArray[np.int64]) -> dict[str, Vector]:
-    """Resistance [ohm] of every wire by column; nothing of samples of some channels."""
+    columns = {name: samples[:, at] for name, at in places(structure, numbers).items()}
     if are_channels(numbers, structure):
-        return {}
-    at = places(structure, numbers)
-    return {name: samples[:, at[name]] for name in structure.resistance_columns}
+        return columns, {}
+    return columns, {name: columns.pop(name) for name in structure.resistance_columns}
 
 
 def are_channels(numbers: NDArray[np.int64], structure: Structure) -> bool:

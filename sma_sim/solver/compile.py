@@ -30,6 +30,7 @@ from numba.extending import intrinsic
 from sma_sim.model.effects.ports import call_kernel
 from sma_sim.solver.by_reference import by_reference, native_record_at, native_store_record
 from sma_sim.solver.fragments import Entry, fragment
+from sma_sim.solver.native_code_cache import CachedCFunc
 from sma_sim.solver.records import record_at, store_record
 
 _numba: Any = numba  # its types are not declared
@@ -41,6 +42,7 @@ OWN = ('sma_sim.',)
 # Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (
     'update_flow',
+    'update_guards',
     'linearize_flow',
     'linearize_segments',
     'difference',
@@ -263,9 +265,9 @@ class Compiler:
         if is_interpreted():
             return interpreted(python)
         kinds: Any = types
-        signature = kinds.void(*([kinds.CPointer(kinds.float64)] * 5))
+        addresses = 5 * (kinds.CPointer(kinds.float64),)
         twin = self._with_compiled_callees(python, *kernels)
-        return self._cached(lambda: numba.cfunc(signature, cache=True, error_model='numpy')(twin))
+        return self._cached(lambda: CachedCFunc(twin, addresses))
 
     def _cached(self, build: Callable[[], Any]) -> Any:
         # numba reads its cache folder, a setting of the whole process, when it makes a dispatcher, and only then.

@@ -8,7 +8,7 @@ from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, 
 from sma_sim.model.effects.calls import fill_kernel_state, start_states
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, System, SystemState
 from sma_sim.model.system import ambient_temperature, flow
-from sma_sim.solver.linear import factorise, solve_factorised
+from sma_sim.solver.linear import invert, multiply
 from sma_sim.solver.work import Matrix, Vector, Work, copy_into
 
 NEWTON_STEPS, MOST_UPDATES = 50, 200
@@ -27,14 +27,14 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
     """
     y, n, forces = state.y, p.coordinates, p.structure.effects
     last = forces.shape[0] - n  # where a series has the forces on its segments
-    matrix, step = w.matrix[:n, :n], w.y_new[:n]
+    matrix, force, step = w.matrix[:n, :n], w.y_stage[:n], w.y_new[:n]
     keep_wires(w, p)
     steps, updates = 0, 0
     while steps < NEWTON_STEPS and updates < MOST_UPDATES:
         steps += 1
         balance(state, point, p, w, w.first.dy)
         for i in range(n):
-            step[i] = forces[last + i] if alone else w.first.dy[n + i]
+            force[i] = forces[last + i] if alone else w.first.dy[n + i]
         for j in range(n):
             kept = y[j]
             y[j] = kept + w.increment[j]
@@ -43,10 +43,10 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
             y[j] = kept
             for i in range(n):
                 moved = forces[last + i] if alone else w.stage.dy[n + i]
-                matrix[i, j] = (moved - step[i]) / delta
-        if not factorise(matrix, w.pivot):
+                matrix[i, j] = (moved - force[i]) / delta
+        if not invert(matrix, w.pivot, 0):
             return False
-        solve_factorised(matrix, w.pivot, step)
+        multiply(matrix, force, step, 0)
         size = 0.0
         for j in range(n):
             most = LONGEST_STEP * w.increment[j]

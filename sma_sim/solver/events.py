@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES, TO_AUSTENITE, TO_MARTENSITE, frozen_fraction
-from sma_sim.model.layout import O_X, System, SystemState
-from sma_sim.model.system import guard
-from sma_sim.solver.stepper import Segment, Step, dense, flow_at, with_smooth
+from sma_sim.model.layout import O_X, InputPoint, System, SystemState
+from sma_sim.model.system import guard, update_guards
+from sma_sim.solver.stepper import Segment, Step, dense, flow_at, input_at, with_smooth
 from sma_sim.solver.work import Matrix, Work
 
 EDGE_TABLE = np.array(EDGES, dtype=np.int64)
@@ -70,10 +70,12 @@ def guard_at(
 
 
 def evaluate_guards(theta: float, step: Step, state: SystemState, segment: Segment, p: System, w: Work) -> None:
-    """Evaluate the flow at a fraction of the step just made, for the guards in ``w.guard.obs``."""
+    """Evaluate what guards read at a fraction of the step just made, at its end the whole flow, into ``w.guard``."""
     if theta < 1.0:
         dense(theta, state.y, w)
-        flow_at(step.t + theta * step.h, with_smooth(w.y_dense, state), segment, p, w, w.guard)
+        t = step.t + theta * step.h
+        input_at(t, segment, w.u)
+        update_guards(t, with_smooth(w.y_dense, state), InputPoint(w.u, segment.du), p, w.guard)
     else:
         flow_at(step.t + step.h, with_smooth(w.y_new, state), segment, p, w, w.guard)
 

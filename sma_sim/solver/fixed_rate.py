@@ -61,7 +61,7 @@ class FixedRateRun:
     """
 
     def __init__(self, model: Model, rate: float, first_input: Vector, k: int = 0) -> None:
-        self.model, self.rate, self.k = model, rate, k
+        self.model, self.rate, self.k = model, float(rate), int(k)  # of one type: one version is compiled
         self._work = new_work(model)
         self.run = new_run(model, np.asarray(first_input, float), self._work)
         self.notes = notes_on_start(model, self.run)
@@ -113,6 +113,7 @@ class FixedRateRun:
     def advance(self, inputs: NDArray[np.float64], every: int, samples: NDArray[np.float64]) -> int:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
         self.run.count[:N_JUMPS] = 0
+        inputs = np.array(inputs, dtype=float, order='C')
         limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
         if not self._drives or not len(inputs):
             held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)

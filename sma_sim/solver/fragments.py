@@ -17,6 +17,8 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
+from sma_sim.solver.native_code_cache import NativeCodeCache
+
 make_function: Any = numba._dynfunc.make_function
 FRAGMENT, ENTRY = 1, 20  # work that is done when one of them is ready, in arbitrary units: their times are about 1 to 20
 on_compiled: list[Callable[[int], None]] = []  # called with the work that was done
@@ -114,6 +116,10 @@ class Entry(AnnouncingDispatcher):
     """A function that Python calls."""
 
     work = ENTRY
+
+    def enable_caching(self) -> None:
+        """Keep the native code."""
+        self._cache = NativeCodeCache(self.py_func)
 
 
 class Fragment(AnnouncingDispatcher):

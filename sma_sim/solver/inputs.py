@@ -153,14 +153,15 @@ def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float
     """
     times, values = with_zero_crossings(source)
     slopes = np.zeros_like(values)
-    linear = np.array(source.linear)
-    if len(times) > 1:
+    if any(source.linear) and len(times) > 1:
+        linear = np.array(source.linear)
         slopes[:-1, linear] = (np.diff(values[:, linear], axis=0).T / np.diff(times)).T
     keep = np.ones(len(times), dtype=bool)
     if len(times) > 2:
-        still = (slopes[1:-1] == 0).all(axis=1) & (slopes[:-2] == 0).all(axis=1)
-        keep[1:-1] = ~(still & (values[1:-1] == values[:-2]).all(axis=1))
-    return times[keep], values[keep], slopes[keep]
+        still = (slopes == 0).all(axis=1)
+        keep[1:-1] = ~(still[1:-1] & still[:-2] & (values[1:-1] == values[:-2]).all(axis=1))
+    kept = [np.ascontiguousarray(part[keep]) for part in (times, values, slopes)]  # one layout: one version is compiled
+    return kept[0], kept[1], kept[2]
 
 
 def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
@@ -187,7 +188,7 @@ def requested_times(source: Input, samples: Vector | float) -> Vector:
     """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
     if isinstance(samples, float | int):
         return regular_times(source, samples)
-    times = np.asarray(samples, float)
+    times = np.array(samples, dtype=float)
     first, last = source.times[0], source.times[-1]
     if times.ndim != 1 or not (np.diff(times) > 0.0).all() or len(times) and not first <= times[0] <= times[-1] <= last:
         raise UserError(f'sample times must increase from {first:g} s at the earliest to {last:g} s at the latest')

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sma_sim.model.automaton import observed_mode
+from sma_sim.model.automaton import INNER, observed_mode
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
 from sma_sim.model.system import sensed_channel
 from sma_sim.model.transformation import has_offsets
@@ -96,7 +96,11 @@ class Log(NamedTuple):
 
 
 LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
-AFTER_JUMP = 4e-3  # first step tried after a jump or a change of the input [s]
+# First steps tried [s]: after a row of the input; after a jump that changes the rate of a wire's force, as it begins to
+# transform or comes to an end of it; after one that stops it where dx_M/dt passes through zero.
+AFTER_ROW, AFTER_JUMP, AFTER_REVERSAL = 1e-2, 5e-3, 2e-2
+OF_STRETCH = 0.3  # after a row at imposed temperature, of the new stretch: nothing moves there but with the input
+MOST_GROWTH = (5.0, 2.5)  # of a step, after another: hybrid, MAS, where fronts are not announced by jumps
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
@@ -120,7 +124,8 @@ def jump_now(t: float, run: Run, segment: Segment, p: System, w: Work, log: Log)
             record_jump(t, i, edge, run, log.jumps)
             jump(edge, i, run.state, w.first.obs)
             any_jump = True
-            run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
+            first = AFTER_REVERSAL if run.state.mode[i] == INNER else AFTER_JUMP
+            run.control[C_H] = min(run.control[C_H], first)
     return any_jump
 
 
@@ -188,7 +193,8 @@ def first_jump_before(end: float, step: Step, run: Run, segment: Segment, p: Sys
 def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log) -> int:
     """Integrate one stretch of the input; the reason for its end."""
     t, y = segment.t_0, run.state.y
-    run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
+    entry = AFTER_ROW if p.imposed_T < 0 else max(AFTER_ROW, OF_STRETCH * (segment.t_end - segment.t_0))
+    run.control[C_H] = min(run.control[C_H], entry)
     evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
     while t < segment.t_end:
         linearize_flow(t, run.state, segment, p, w, evaluated)
@@ -236,7 +242,7 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
             return STALLED, h
         error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
-        factor = min(2.5, max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
+        factor = min(MOST_GROWTH[int(p.mas)], max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
         if error <= 1.0:
             run.control[C_H] = max(run.control[C_H], step * factor) if step < h else step * factor
             return COMPLETED, step

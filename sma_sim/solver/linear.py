@@ -1,4 +1,4 @@
-"""Linear algebra of a step: dense LU with partial pivoting, in place; elimination in a fixed order for sparse equations."""
+"""Linear algebra of a step: the inverse for dense equations; elimination in a fixed order for sparse ones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ Integers = NDArray[np.int64]
 ONE = np.uint64(1)  # unsigned indices spare the compiler the check for negative ones: a third of the time
 
 
-def factorise(A: Matrix, pivot: NDArray[np.int64]) -> bool:
-    """Replace A (n, n) by its LU factors, pivots inverted; False when it is singular or not finite."""
-    n = np.uint64(A.shape[0])
-    for k in range(n):
+def invert(A: Matrix, pivot: Integers, first: int) -> bool:
+    """Replace the block of A (n, n) from row and column `first` on by its inverse; False when it is singular or not finite.
+
+    What the rows have before column `first` is multiplied by this inverse. Gauss-Jordan with partial pivoting: the loops of
+    products with an inverse are all of one length, which processors foresee; those of triangular solutions are not.
+    """
+    n, begin = np.uint64(A.shape[0]), np.uint64(first)
+    for k in range(begin, n):
         best = k
         for i in range(k + ONE, n):
             if abs(A[i, k]) > abs(A[best, k]):
@@ -28,33 +32,60 @@ def factorise(A: Matrix, pivot: NDArray[np.int64]) -> bool:
             for j in range(n):
                 A[k, j], A[best, j] = A[best, j], A[k, j]
         inverse = 1.0 / A[k, k]
-        A[k, k] = inverse  # a division costs ten products, and every solution would need it
-        for i in range(k + ONE, n):
-            factor = A[i, k] * inverse
-            A[i, k] = factor
-            if factor != 0.0:
-                for j in range(k + ONE, n):
+        A[k, k] = 1.0
+        for j in range(n):
+            A[k, j] *= inverse
+        for i in range(begin, n):
+            factor = A[i, k]
+            if i != k and factor != 0.0:
+                A[i, k] = 0.0
+                for j in range(n):
                     A[i, j] -= factor * A[k, j]
+    for done in range(n - begin):
+        column = n - ONE - done
+        other = np.uint64(pivot[column])
+        if other != column:
+            for i in range(begin, n):
+                A[i, column], A[i, other] = A[i, other], A[i, column]
     return True
 
 
-def solve_factorised(A: Matrix, pivot: NDArray[np.int64], b: NDArray[np.float64]) -> None:
-    """Replace b (n,) by the solution of the system whose factors `factorise` left in A."""
+def multiply(A: Matrix, b: Vector, x: Vector, first: int) -> None:
+    """x = A b (n,), from row `first` on."""
     n = np.uint64(A.shape[0])
-    for k in range(n):
-        other = np.uint64(pivot[k])
-        b[k], b[other] = b[other], b[k]
-    for k in range(n):
-        rest = b[k]
-        for j in range(k):
-            rest -= A[k, j] * b[j]
-        b[k] = rest
-    for done in range(n):
-        row = n - ONE - done
-        rest = b[row]
-        for j in range(row + ONE, n):
-            rest -= A[row, j] * b[j]
-        b[row] = rest * A[row, row]
+    for i in range(np.uint64(first), n):
+        total = 0.0
+        for j in range(n):
+            total += A[i, j] * b[j]
+        x[i] = total
+
+
+def invert_shifted(jacobian: Matrix, shift: float, coordinates: int, A: Matrix, pivot: Integers) -> bool:
+    """Leave in A (n, n) what solves (shift I - J) x = b in `solve_shifted`; False when that is singular or not finite.
+
+    The first states are `coordinates`, the next their rates. A coordinate changes by its rate alone, which eliminates it.
+    """
+    n, m = np.uint64(A.shape[0]), np.uint64(coordinates)
+    inverse = 1.0 / shift
+    for i in range(m, n):
+        for j in range(n):
+            A[i, j] = -jacobian[i, j]
+        A[i, i] += shift
+        for j in range(m):
+            part = jacobian[i, j] * inverse
+            A[i, j] = part
+            A[i, m + j] -= part
+    for j in range(m):
+        A[j, j] = inverse
+    return invert(A, pivot, coordinates)
+
+
+def solve_shifted(A: Matrix, b: Vector, x: Vector, coordinates: int) -> None:
+    """The solution x (n,) of the equations that `invert_shifted` left in A."""
+    multiply(A, b, x, coordinates)
+    m = np.uint64(coordinates)
+    for j in range(m):
+        x[j] = (b[j] + x[m + j]) * A[j, j]
 
 
 class Elimination(NamedTuple):

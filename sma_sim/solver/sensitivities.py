@@ -120,8 +120,9 @@ def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: A
         shift=np.zeros(count), y=np.zeros((NODES, n)), dy=np.zeros((NODES, n)), obs=np.zeros((NODES, *obs.shape)),
         shown=np.zeros((NODES, c)), by_state=np.zeros((NODES, n + c, n + wires)), by_unknown=np.zeros((NODES, n + c, count)),
         slope=np.zeros((n, count)), matrix=np.zeros((n, n + wires)), stage=np.zeros((n, count)),
-        stages=np.zeros((STAGES, n, count)), new=np.zeros((n, count)), dense=np.zeros((2, n, count)),
-        mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires), moved=np.zeros(n), moved_x=np.zeros(wires),
+        stages=np.zeros((STAGES, n, count)), rhs=np.zeros((n, count)), new=np.zeros((n, count)),
+        dense=np.zeros((2, n, count)), mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires),
+        moved=np.zeros(n), moved_x=np.zeros(wires),
         samples=np.zeros((k, c, count)), slopes=np.zeros((k, c)), **given,
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from sma_sim.model.layout import (
     SystemState,
 )
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.solver.columns import named_columns, new_samples, resistances, sampled_numbers
+from sma_sim.solver.columns import named_columns, new_samples, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
@@ -125,8 +125,8 @@ def new_work(model: Model) -> Work:
         jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
         elimination=elimination_of(p, model.structure, n),
         **{name: Evaluation(np.zeros(n), new_findings(p)) for name in ('first', 'stage', 'guard', 'sample')},
-        f_t=np.zeros(n), y_stage=np.zeros(n), u=np.zeros(len(model.structure.input_columns)), stages=np.zeros((6, n)),
-        y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
+        f_t=np.zeros(n), y_stage=np.zeros(n), rhs=np.zeros(n), u=np.zeros(len(model.structure.input_columns)),
+        stages=np.zeros((6, n)), y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
         increment=DIFFERENCE * scales, weight=model.config.parameters['solver.rtol'] * scales,
     )  # fmt: skip
 
@@ -251,7 +251,7 @@ def simulate(
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
     start_notes = () if initial_state else notes_on_start(model, run)
     asked = requested_times(source, sample_times)
-    limits = Limits(max_step, max_steps, min(stall_step(model), 0.1 * max_step))
+    limits = Limits(float(max_step), int(max_steps), min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
     sampled = sampled_numbers(channels, model.structure)
@@ -280,10 +280,11 @@ def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
 def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
     """What a run left behind, with names."""
     written = slice(int(log.written[0]))
+    columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
     return Trajectory(
         time=log.times[written],
-        columns=named_columns(model.structure, log.samples[written], log.numbers),
-        resistances=resistances(model.structure, log.samples[written], log.numbers),
+        columns=columns,
+        resistances=resistances,
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
         reason=reason,
         completed=reason == REASONS[COMPLETED],

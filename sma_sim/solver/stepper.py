@@ -8,10 +8,10 @@ import numpy as np
 
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import EVERYTHING, depends_on, update_flow
-from sma_sim.solver.linear import eliminate, factorise, solve_eliminated, solve_factorised
+from sma_sim.solver.linear import eliminate, invert_shifted, solve_eliminated, solve_shifted
 from sma_sim.solver.rosenbrock import RODAS4P2
 from sma_sim.solver.series import linearize_segments
-from sma_sim.solver.work import Vector, Work, copy_evaluation
+from sma_sim.solver.work import Vector, Work, copy_evaluation, copy_into
 
 A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
 GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
@@ -66,10 +66,12 @@ def linearize_flow(t: float, state: SystemState, segment: Segment, p: System, w:
     if w.elimination.order.shape[0] > 0:
         linearize_segments(state, InputPoint(w.u, segment.du), p, w)
     else:
+        before = EVERYTHING
         for j in range(n):
             changed = depends_on(j, state, p)
-            if changed != EVERYTHING:
+            if changed != before:  # else the same is evaluated again, and nothing else was
                 copy_evaluation(w.first, w.stage)
+            before = changed
             kept = y[j]
             y[j] = kept + w.increment[j]
             step = y[j] - kept
@@ -96,42 +98,37 @@ def rosenbrock_step(step: Step, state: SystemState, segment: Segment, p: System,
     """
     t, h, y = step.t, step.h, state.y
     n = np.uint64(y.shape[0])  # unsigned, as in solver.linear
-    if not factorise_step(1.0 / (h * GAMMA), w):
+    if not prepare_solutions(1.0 / (h * GAMMA), p, w):
         return np.inf
     for stage in range(STAGES):
         if stage == 0:
             for i in range(n):
-                w.stages[0, i] = w.first.dy[i]
+                w.rhs[i] = w.first.dy[i]
         else:
             stage_state(stage, y, w)
             flow_at(t + NODES[stage] * h, with_smooth(w.y_stage, state), segment, p, w, w.stage)
             for i in range(n):
-                w.stages[stage, i] = w.stage.dy[i]
-            for i in range(n):
-                total = 0.0
-                for j in range(stage):
-                    total += C[stage, j] * w.stages[j, i]
-                w.stages[stage, i] += total / h
+                w.rhs[i] = w.stage.dy[i]
+            for j in range(stage):
+                part = C[stage, j] / h
+                for i in range(n):
+                    w.rhs[i] += part * w.stages[j, i]
         if segment.moving:
             for i in range(n):
-                w.stages[stage, i] += h * D[stage] * w.f_t[i]
+                w.rhs[i] += h * D[stage] * w.f_t[i]
         if w.elimination.order.shape[0] > 0:
-            solve_eliminated(w.matrix, w.elimination, w.stages[stage])
+            solve_eliminated(w.matrix, w.elimination, w.rhs)
+            copy_into(w.stages[stage], w.rhs)
         else:
-            solve_factorised(w.matrix, w.pivot, w.stages[stage])
+            solve_shifted(w.matrix, w.rhs, w.stages[stage], p.coordinates)
     return finish_step(w)
 
 
-def factorise_step(shift: float, w: Work) -> bool:
-    """Factorise W = shift I - J into ``w.matrix``; False when it is singular or not finite."""
-    n = np.uint64(w.matrix.shape[0])  # unsigned, as in solver.linear
+def prepare_solutions(shift: float, p: System, w: Work) -> bool:
+    """Leave in ``w.matrix`` what solves equations with shift I - J; False when that is singular or not finite."""
     if w.elimination.order.shape[0] > 0:
         return eliminate(w.jacobian, shift, w.matrix, w.elimination)
-    for i in range(n):
-        for j in range(n):
-            w.matrix[i, j] = -w.jacobian[i, j]
-        w.matrix[i, i] += shift
-    return factorise(w.matrix, w.pivot)
+    return invert_shifted(w.jacobian, shift, p.coordinates, w.matrix, w.pivot)
 
 
 def stage_state(stage: int, y: Vector, w: Work) -> None:
@@ -141,11 +138,10 @@ def stage_state(stage: int, y: Vector, w: Work) -> None:
         for i in range(n):
             w.y_stage[i] += w.stages[stage - 1, i]
         return
-    for i in range(n):
-        total = y[i]
-        for j in range(stage):
-            total += A[stage, j] * w.stages[j, i]
-        w.y_stage[i] = total
+    copy_into(w.y_stage, y)
+    for j in range(stage):
+        for i in range(n):
+            w.y_stage[i] += A[stage, j] * w.stages[j, i]
 
 
 def finish_step(w: Work) -> float:
@@ -164,11 +160,12 @@ def finish_step(w: Work) -> float:
 def prepare_dense(w: Work) -> None:
     """Coefficients of the dense output of the step just made."""
     for m in range(2):
-        for i in range(np.uint64(w.k.shape[1])):
-            total = 0.0
-            for j in range(STAGES - 1):
-                total += H[m, j] * w.stages[j, i]
-            w.k[m, i] = total
+        n = np.uint64(w.k.shape[1])
+        for i in range(n):
+            w.k[m, i] = 0.0
+        for j in range(STAGES - 1):
+            for i in range(n):
+                w.k[m, i] += H[m, j] * w.stages[j, i]
 
 
 def dense(theta: float, y: Vector, w: Work) -> None:

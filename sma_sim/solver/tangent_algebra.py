@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.solver.linear import ONE
-from sma_sim.solver.work import Integers, Matrix, Vector
+from sma_sim.solver.work import Matrix, Vector
 
 
 def add_product(c: float, x: Vector, y: Vector) -> None:
@@ -75,20 +74,14 @@ def subtract_product(by_state: Matrix, s: Matrix, r: Matrix, y: Matrix) -> None:
             add_product(-by_state[i, n + k], r[k], y[i])
 
 
-def solve_for_all(A: Matrix, pivot: Integers, b: Matrix) -> None:
-    """Replace b (n, P) by the solutions of the systems whose factors `solver.linear.factorise` left in A."""
-    n, count = np.uint64(A.shape[0]), np.uint64(b.shape[1])
-    for k in range(n):
-        other = np.uint64(pivot[k])
-        if other != k:
-            for j in range(count):
-                b[k, j], b[other, j] = b[other, j], b[k, j]
-    for k in range(n):
-        for m in range(k):
-            add_product(-A[k, m], b[m], b[k])
-    for done in range(n):
-        row = n - ONE - done
-        for m in range(row + ONE, n):
-            add_product(-A[row, m], b[m], b[row])
+def solve_for_all(A: Matrix, b: Matrix, x: Matrix, coordinates: int) -> None:
+    """The solutions x (n, P) of the equations that `solver.linear.invert_shifted` left in A."""
+    n, m, count = np.uint64(A.shape[0]), np.uint64(coordinates), np.uint64(b.shape[1])
+    for i in range(m, n):
         for j in range(count):
-            b[row, j] *= A[row, row]
+            x[i, j] = 0.0
+        for k in range(n):
+            add_product(A[i, k], b[k], x[i])
+    for i in range(m):
+        for j in range(count):
+            x[i, j] = (b[i, j] + x[m + i, j]) * A[i, i]

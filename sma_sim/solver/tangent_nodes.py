@@ -53,6 +53,7 @@ class Tangents(NamedTuple):
     matrix: Matrix  # (n, n + wires)
     stage: Matrix  # (n, P)
     stages: Arrays  # (6, n, P)
+    rhs: Matrix  # (n, P) of the equations of a stage
     new: Matrix  # (n, P)
     dense: Arrays  # (2, n, P)
     mode: Integers  # (wires,) before a jump

@@ -5,8 +5,8 @@ Along a run y(t) the tangent s of an unknown z solves the linear equation
     ds/dt = f_y s + f_x r + f_z,        s+ = s- + (f- - f+) dt*/dz  at a jump,  dt*/dz = -(g_y s + g_x r + g_z)/(dg/dt)
 
 with r the tangents of the frozen fractions x_M and g the guard that is crossed at t* (Hairer, Norsett, Wanner, Solving ODEs
-I, section I.14; Rozenvasser 1967 for the jumps). Each step of the run is made by the same Rosenbrock method with the matrix
-that was factorised for it. Its derivatives are found at the beginning, the middle and the end of the step and interpolated
+I, section I.14; Rozenvasser 1967 for the jumps). Each step of the run is made by the same Rosenbrock method with the inverse
+that solves its equations. Its derivatives are found at the beginning, the middle and the end of the step and interpolated
 between: those in the states once for all unknowns, those in an unknown by one evaluation of the flow with it moved.
 """
 
@@ -21,7 +21,7 @@ from sma_sim.model.layout import O_DX, O_X, Evaluation, InputPoint, System, Syst
 from sma_sim.model.system import EVERYTHING, guard, sensed_channel, update_flow
 from sma_sim.solver.events import EDGE_TABLE, remember_fraction, violated_edge
 from sma_sim.solver.integrate import (
-    AFTER_JUMP,
+    AFTER_ROW,
     C_H,
     COMPLETED,
     InputStretches,
@@ -46,10 +46,10 @@ from sma_sim.solver.stepper import (
     Step,
     dense,
     differentiate_in_time,
-    factorise_step,
     flow_at,
     input_at,
     prepare_dense,
+    prepare_solutions,
     with_smooth,
 )
 from sma_sim.solver.tangent_algebra import (
@@ -103,7 +103,7 @@ def follow(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limi
 def follow_segment(row: int, run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log, a: Tangents) -> int:
     """Integrate one stretch of the input with tangents; the reason for its end."""
     t, y = segment.t_0, run.state.y
-    run.control[C_H] = min(run.control[C_H], AFTER_JUMP)
+    run.control[C_H] = min(run.control[C_H], AFTER_ROW)
     for j in range(a.shift.shape[0]):
         a.shift[j] = a.row_shift[row, j]
     restart(t, False, run, segment, p, w, log, a)
@@ -190,7 +190,7 @@ def follow_step(made: PartOfStep, state: SystemState, segment: Segment, p: Syste
     h = part * step.h
     prepare_dense(w)
     if part < 1.0:
-        factorise_step(1.0 / (h * GAMMA), w)
+        prepare_solutions(1.0 / (h * GAMMA), p, w)
     for node in (MIDDLE, LAST):
         theta = 0.5 * part * node
         if theta < 1.0:
@@ -201,17 +201,16 @@ def follow_step(made: PartOfStep, state: SystemState, segment: Segment, p: Syste
         at = with_smooth(a.y[node], state)
         linearize_node(node, step.t + theta * step.h, at, segment, p, w, a)
         unknown_columns(node, step.t + theta * step.h, at, segment, p, w, a)
-    tangent_step(h, w, a)
+    tangent_step(h, p.coordinates, w, a)
 
 
-def tangent_step(h: float, w: Work, a: Tangents) -> None:
-    """One step of all tangents by the method of the run, with its factors in ``w.matrix``, into ``a.new``."""
-    n = a.s.shape[0]
+def tangent_step(h: float, coordinates: int, w: Work, a: Tangents) -> None:
+    """One step of all tangents by the method of the run, with its equations in ``w.matrix``, into ``a.new``."""
+    n, rhs = a.s.shape[0], a.rhs
     interpolate(BEGINNING, a.by_state, n, a.matrix)
     interpolate(BEGINNING, a.by_unknown, n, a.slope)
     add_flow(a.matrix, a.s, a.r, a.slope)
     for stage in range(STAGES):
-        rhs = a.stages[stage]
         copy_matrix(a.stage, a.s)
         add_combination(1.0, A, stage, stage, a.stages, a.stage)
         weights = interpolation(NODES[stage])
@@ -221,7 +220,7 @@ def tangent_step(h: float, w: Work, a: Tangents) -> None:
         add_combination(1.0 / h, C, stage, stage, a.stages, rhs)
         for i in range(n):
             add_product(D[stage], a.slope[i], rhs[i])
-        solve_for_all(w.matrix, w.pivot, rhs)
+        solve_for_all(w.matrix, rhs, a.stages[stage], coordinates)
     for i in range(a.s.shape[0]):
         for j in range(a.s.shape[1]):
             a.new[i, j] = a.stage[i, j] + a.stages[STAGES - 1, i, j]

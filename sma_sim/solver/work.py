@@ -28,6 +28,7 @@ class Work(NamedTuple):
     sample: Evaluation  # where a sample is taken
     f_t: Vector  # (n,) partial derivative of the flow in time
     y_stage: Vector
+    rhs: Vector  # (n,) of the equations of a stage
     u: Vector  # input at the time of an evaluation
     stages: Matrix  # (6, n)
     y_new: Vector

@@ -333,12 +333,12 @@ class Structure:
         """Whether both stress and temperature of the wires are imposed, as in an isobaric test, whose time says nothing."""
         return self.imposed_temperature >= 0 and bool(self.coordinates)
 
-    @property
+    @cached_property
     def wire_suffixes(self) -> tuple[str, ...]:
         """What the names of channels and columns of each wire end with: its number, where there are several."""
         return ('',) if self.wires == 1 else tuple(f'_{i}' for i in range(1, self.wires + 1))
 
-    @property
+    @cached_property
     def _channels(self) -> tuple[tuple[str, str], ...]:
         """The channels with their columns; a temperature that is imposed is none."""
         forces = [(f'F{suffix}', f'F{suffix}_N') for suffix in self.wire_suffixes]
