@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_structures import ROCKER, command_of, model_of
+from test_structures import MOVING, ROCKER, command_of, model_of
 
 from sma_sim import Config, Dataset, Model, Recording, UserError, read_config, simulate
 from sma_sim.cli.main import main
@@ -18,16 +18,19 @@ from sma_sim.evidence.experiment_design.design import next_experiment
 from sma_sim.evidence.experiment_design.plan import DesignRequest
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.evidence.latent_input.sensitivities import initialized, input_effect, knot_grid, with_rows_at_knots
-from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.candidates import candidate_of, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import visited_by_wire
+from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.meaning import acts_on
 from sma_sim.solver.inputs import Input
 
-NOISE = {'position': 1e-5, 'angle': 1e-3, 'F': 0.02, 'T': 0.5}
+NOISE = {'position': 1e-5, 'angle': 1e-3, 'F': 0.02, 'F_1': 0.02, 'F_2': 0.02, 'T': 0.5}
 RIPPLE = """
 import math
 from sma_sim import Effect, Parameter
@@ -232,6 +235,29 @@ def test_an_equation_for_a_slider_is_found(tmp_path):
     assert found.verdict == 'unknown_effect' and found.proposal is not None
     formula = found.proposal.formula
     assert formula.location.name == 'force_position' and 'position' in formula.variables
+
+
+@pytest.mark.parametrize(
+    ('name', 'some'),
+    [('slider', ()), ('lever', ('natural_convection@wire_1', 'thermometer_lag@T_2')), ('spatial', ('radiation@wire_3',)),
+     ('stack', ('driver_lag@wire_6',)), ('module', ('beam_creep@rotation', 'ambient_heating@shared'))],
+)  # fmt: skip
+def test_variants_of_effects_on_every_structure(name, some):
+    """Effects in one wire, coordinate or channel of several; a slider with one wire has none of which there are several."""
+    structure = MOVING[name].structure
+    effects = [candidate_of(one.on(structure)) for one in find_effects().values() if acts_on(one.effect, structure)]
+    names = {variant.name for variant in variants_of(effects, structure.channels)}
+    assert set(some) <= names and bool(names) == bool(some)
+    assert all(int(one.rpartition('@wire_')[2]) <= structure.wires for one in names if '@wire_' in one)
+
+
+@pytest.mark.slow
+def test_an_effect_in_one_wire_of_a_lever_is_found():
+    truth = Model(read_config(words=['system=lever', 'model=mas'], effects=['natural_convection@wire_1']))
+    options = FitOptions(free=('lever.k', 'wire.lambda', 'wire.dsigma'), starts=1, intervals=False)
+    request = DiagnosisRequest('mas', (), 0, options, equation=False)
+    found = diagnose(dataset_of(truth, [1, 2, 3], ('angle', 'F_1', 'F_2')), config_of('lever'), request=request)
+    assert found.verdict == 'missing_effect' and found.effects == ('natural_convection@wire_1',)
 
 
 def test_a_users_structure_is_known_by_the_terms():

@@ -10,6 +10,8 @@ from test_structures import MOVING, command_of, evaluated, model_of, states
 
 from sma_sim import Input, UserError, find_effects, read_config, simulate
 from sma_sim.cli.main import main
+from sma_sim.evidence.estimation.injection_points import small_force
+from sma_sim.model.effects.conversion import pull_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_SIGMA, O_STRAIN, O_V, O_X
@@ -226,3 +228,33 @@ def test_effects_of_a_structure_are_listed(capsys):
     assert 'U_z      offset of U_z' in told and 'acts on: ' in told and 'slider' in told
     assert main(['effects', '--system', 'sldier']) == 2
     assert 'did you mean slider' in capsys.readouterr().err
+
+
+def slopes_at_rest(structure, function, constants, at):
+    """Derivatives of a function of the pose in one coordinate, where all are zero."""
+    pose, h = record('Pose', structure.coordinate_names), 1e-3 * structure.coordinates[at].size(constants)
+    ends = [pose(*(side * h * (j == at) for j in range(len(structure.coordinates)))) for side in (1.0, -1.0)]
+    forward, back = (np.array(numbers(function(end))) for end in ends)
+    return (forward - back) / (2.0 * h)
+
+
+@pytest.mark.parametrize('system', sorted(MOVING))
+def test_small_forces_move_a_coordinate_by_a_part_of_its_usual_change(system):
+    """What a bundle pulls with is its section times the slope of its length; a spring yields by force over stiffness."""
+    config = model_of(system).config
+    structure, values = config.structure.structure, config.parameters
+    constants = structure.constants_of(values)
+    section, sprung = values['wire.n'] * np.pi * values['wire.r0'] ** 2, 0
+    rest = record('Pose', structure.coordinate_names)(*np.zeros(len(structure.coordinates)))
+    for at, coordinate in enumerate(structure.coordinates):
+        arm = np.abs(slopes_at_rest(structure, lambda q: structure.lengths(q, constants), constants, at)).max()
+        pull = pull_of(structure, at, values)
+        assert pull == pytest.approx(section * arm if arm > 1e-9 else section, rel=1e-4), coordinate.name
+        stiffness = -slopes_at_rest(structure, lambda q: structure.forces(q, rest, constants), constants, at)[at]
+        force = small_force(config, at)
+        if stiffness > 0.0:
+            sprung += 1
+            assert 1e-3 < force / stiffness / coordinate.size(constants) < 0.5
+        else:
+            assert 1e-3 * pull < force / 1e8 < 0.5 * pull  # of the usual stress of a wire, 100 MPa
+    assert sprung or system in ('lever', 'slider', 'rocker')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from systems import active
 
-from sma_sim import Config, Dataset, Input, Recording, module_input
+from sma_sim import Config, Dataset, Input, Recording, module_input, wire_input
 from sma_sim.evidence.estimation import executors, homogeneity
 from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
@@ -137,6 +137,35 @@ def test_transformation_stress_of_a_run_is_taken_at_its_temperature(monkeypatch)
     assert stress.sigma_MW == pytest.approx(np.array([1.2e8, 1.1e8, 1.3e8]) - 10.0 * 2.13e6)
     assert homogeneity.cochran_p([(1.0, 0.0, 2.0), (1.0, 0.5, 1.5)]) == pytest.approx(1.0)
     assert homogeneity.cochran_p([(0.0, -1.0, 1.0), (9.0, 8.0, 10.0)]) < 1e-6
+
+
+def test_runs_on_one_straight_line_agree_whatever_their_temperatures(monkeypatch):
+    """Each run on its own gives the same sigma_MW0; a heated run is left out, and one alone says nothing."""
+
+    def isotherm(name, T_E, J=0.0):
+        source = wire_input([0.0, 1.0], [0.0, 0.01], [J, J], [T_E, T_E])
+        return Recording(name, 'wire', np.arange(2.0), {'stress': np.zeros(2)}, source)
+
+    def fit(dataset, *_):
+        """What the runs say; `odd` lies 5 MPa above the others, three times its interval."""
+        middle = 1.25e8 if dataset.recordings[0].name == 'odd' else 1.2e8
+        known = [
+            Interval(name, middle, 0.01, middle - 1e6, middle + 1e6, True, True, 'Pa') for name in homogeneity.STRESS_NAMES
+        ]
+        return type('Result', (), {'uncertainty': type('U', (), {'intervals': known})})
+
+    monkeypatch.setattr(homogeneity, 'calibrate', fit)
+    runs = (isotherm('warm', 330.0), isotherm('cold', 300.0), isotherm('heated', 340.0, 1.0))
+    wire = Config(system='wire')
+    found = homogeneity.homogeneity_test(wire, Dataset(runs, {'stress': 1e5}))
+    assert found is not None and [run.name for run in found.runs] == ['cold', 'warm']
+    assert found.p_line == pytest.approx(1.0) and found.p_width == pytest.approx(1.0)
+    assert 'rises by 2.13 MPa/K from 300 to 330 K' in found.sentences[1] and 'fits all runs' in found.sentences[1]
+    held_out = Dataset((isotherm('odd', 315.0),), {'stress': 1e5})
+    found = homogeneity.homogeneity_test(wire, Dataset(runs, {'stress': 1e5}), held_out)
+    assert found is not None and [run.held_out for run in found.runs] == [False, True, False]
+    assert found.p_line < 1e-6 and 'does not fit all runs' in found.sentences[0]
+    assert homogeneity.homogeneity_test(wire, Dataset(runs[1:], {'stress': 1e5})) is None
 
 
 def test_hubers_function_is_smooth_at_its_corner_and_weighs_what_is_beyond():

@@ -127,3 +127,11 @@ def test_a_room_that_was_warmer_once_is_found(warmer, odd):
     assert (worst.outlier.run if worst else None) == odd
     said = [line for line in remarks_on(found) if line.startswith('The recordings')]
     assert said == [agreement_sentence(found.by_run)] and ('disagree' in said[0]) == (odd is not None)
+
+
+def test_spread_of_two_estimates_is_their_difference_over_its_standard_deviation():
+    """Cochran's Q of two is (a - b)^2 / var(a - b), whatever their correlation; of one it is nothing."""
+    for common in (0.0, 0.5):
+        covariance = np.array([[1.0, common], [common, 3.0]])
+        assert cochran(np.array([1.0, 4.0]), covariance) == pytest.approx(9.0 / (4.0 - 2.0 * common))
+    assert cochran(np.array([1.0]), np.eye(1)) == 0.0

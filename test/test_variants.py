@@ -111,6 +111,13 @@ def test_a_variant_must_predict_and_fit_better_than_every_effect(prediction, cos
     assert best_acceptable([variant, replace(plain, plausible=False)]) is variant
 
 
+@pytest.mark.parametrize(('cost', 'taken'), [(80.0, True), (95.0, False)])
+def test_where_runs_left_out_are_not_determined_the_odds_in_all_fitted_runs_decide(cost, taken):
+    right = replace(candidate('natural_convection', 2.3), fit=fit(1.0, 2.3, ('natural_convection',), cost))
+    imitation = replace(candidate('radiation', 1.1), fit=fit(1.05, 1.1, ('radiation',), 100.0))
+    assert best_acceptable([right, imitation]) is (right if taken else imitation)
+
+
 @pytest.mark.parametrize(('cost', 'taken'), [(50.0, True), (95.0, False)])
 def test_another_exponent_is_a_variant(cost, taken):
     """An effect whose exponent is not the realistic one: it must fit better than every effect that is as it is listed."""

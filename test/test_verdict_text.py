@@ -131,7 +131,8 @@ def test_effects_that_an_equation_replaces_are_named(monkeypatch):
     monkeypatch.setattr(verdict_text, 'proposed_text', lambda diagnosis: iter(()))
     stages = (stage((), 10.0, 'nominal'), stage(('gravity',), 1.1, 'added'), stage(('proposed',), 1.0, 'formula'))
     found = diagnosis('unknown_effect', candidate('gravity'), errors=(10.0, 1.1))
-    said = ' '.join(remarks(replace(found, proposal=SimpleNamespace(), effects=(), taken_back=('gravity',), stages=stages)))
+    proposal = SimpleNamespace(effect='proposed')
+    said = ' '.join(remarks(replace(found, proposal=proposal, effects=(), taken_back=('gravity',), stages=stages)))
     assert 'Taken back: gravity. The equation explains by itself' in said and 'Dropped' not in said
     assert 'Known effects leave' not in said and 'The fitted runs are explained' not in said
 

@@ -78,13 +78,13 @@ class CandidateEffects:
 
 def candidate_effects(
     fitted: Dataset, config: Config, folders: Sequence[Path], executor: Executor,
-    hears: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None,
+    callbacks: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None,
 ) -> CandidateEffects:  # fmt: skip
     """Switch listed effects on, one at a time, and see what becomes of the errors: `names` of effects, or all.
 
-    `hears`: the first is told what is being done, the second every effect as it is known. Raises UserError.
+    `callbacks`: the first gets what is being done, the second every effect as it is known. Raises UserError.
     """
-    on_progress, on_candidate = hears
+    on_progress, on_candidate = callbacks
     options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
     found = calibrate(fitted, config, options, executor)
     problem, z = problem_at(fitted, config, found)

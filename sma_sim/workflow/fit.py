@@ -161,6 +161,7 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'zero': fit.zero,
         'zeros': fit.zeros,
         'drifts': fit.drifts,
+        'ambient': fit.ambient,
     }
 
 

@@ -97,6 +97,10 @@ class Recording:
         By channel whose zero is not known, by how much it differs from recording to recording (SI).
     drift_std : mapping
         By channel whose zero drifts, by how much it does so from the first to the last sample (SI).
+    ambient_std : float
+        By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
+    lost_side : int
+        The sign of a command that heats nothing in this recording, 0 where all wires are heated.
     """
 
     name: str
@@ -109,6 +113,8 @@ class Recording:
     known_changes: tuple[float, ...] = ()
     zero_std: Mapping[str, float] = field(default_factory=dict)
     drift_std: Mapping[str, float] = field(default_factory=dict)
+    ambient_std: float = 0.0
+    lost_side: int = 0
 
 
 @dataclass(frozen=True)

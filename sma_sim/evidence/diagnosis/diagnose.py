@@ -26,6 +26,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, is_bent
@@ -73,6 +74,8 @@ class Diagnosis:
         How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
     taken_back : tuple of str
         Effects that were accepted, but hardly help to predict the held-out runs, or that the proposed equation replaces.
+    differences : tuple of RecordingDifference
+        What each recording has its own, which is no physics of the robot.
     similar : SimilarEffect or None
         The listed effect whose signature is most like that of the proposed equation.
     implausible : tuple of ImplausibleParameter
@@ -103,6 +106,7 @@ class Diagnosis:
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
     similar: SimilarEffect | None = None
+    differences: tuple[RecordingDifference, ...] = ()
     limit: float = CRITERIA.unexplained
     together: Diagnosis | None = None
 
@@ -139,6 +143,11 @@ class Diagnosis:
         steps = (*self.selection_steps, *self.elimination_steps)
         last = {step.accepted.name: step for step in steps if step.accepted is not None}
         return tuple(last[name] for name in self.effects if name in last)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """The effects that the search has found, a proposed one among them."""
+        return (*self.effects, *((self.proposal.effect,) if self.proposal else ()))
 
     @property
     def search_ended(self) -> bool:
@@ -232,6 +241,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     implausible = () if context.stop.is_set() else implausible_in(nominal, context)
     nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
     steps = select_forward(nominal, context)
+    nominal = steps[0].base if steps else nominal  # with what differs between the recordings
     path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)
     ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
@@ -250,7 +260,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0, proposal=end.proposal,
         pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
-        similar=similar, implausible=implausible,
+        similar=similar, implausible=implausible, differences=data.differences(end.last, context),
         by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations), data.limit),
     )  # fmt: skip
 
@@ -301,8 +311,9 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
     stages[-1] = final_stage(data, kind, last, context)
     if kind == 'taken_back':
         return Conclusion(verdict_after_removal(stages[-1], data.limit), last, tuple(stages), None, None)
-    if data.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        pooled = pooled_refit(data.training, data.held_out, last, stages[-1].predicted, request.options, context)
+    known = data.under(last, context)
+    if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
+        pooled = pooled_refit(known.training, known.held_out, last, stages[-1].predicted, request.options, context)
     return Conclusion(verdict_of(stages[-1], pooled, data.limit), last, tuple(stages), pooled, None)
 
 
@@ -323,14 +334,17 @@ def leaves_room(last: FitResult, limit: float) -> bool:
     """Whether a model leaves so much in the fitted runs that a formula could explain better than its effects, or is bent.
 
     A formula that stands alone has to explain a part of the error that only more than noise can have, in fitted runs too:
-    where these do not determine the parameters, it predicts better by chance. One effect that leaves only noise stands
-    though the robot's other parameters are far from the nominal ones.
+    where these do not determine the parameters, it predicts better by chance. One effect that leaves only noise there
+    stands, however it predicts and however far other parameters are from the nominal ones: nothing fits better by odds that
+    are no chance. Several may imitate one formula.
     """
     if limit > CRITERIA.unexplained and last.error <= limit:
         return False
-    much = last.error > CRITERIA.pooled_noise_only and last.prediction_error > CRITERIA.noise_only
-    is_bent = last.is_bent and len(last.effects) != 1
-    return is_bent or (leaves_something(last) if last.effects else much)
+    if len(last.effects) > 1:
+        return last.is_bent or leaves_something(last)
+    if last.effects:
+        return last.error > CRITERIA.other_kinetics_above
+    return last.is_bent or (last.error > CRITERIA.pooled_noise_only and last.prediction_error > CRITERIA.noise_only)
 
 
 def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:
@@ -338,8 +352,7 @@ def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, 
     if data.held_out is None:
         return {}
     errors = {
-        candidate.name: pooled_error(data.predicted_by(candidate.fit.config, candidate.fit.delay, context))[0]
-        for candidate in first.candidate_fits
+        candidate.name: pooled_error(data.predicted_by(candidate.fit, context))[0] for candidate in first.candidate_fits
     }
     return {name: error / nominal.held_out for name, error in errors.items()}
 

@@ -18,6 +18,7 @@ from sma_sim.evidence.estimation.calibrate import (
 )
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.model.config import Config
@@ -32,14 +33,13 @@ class ModelStage:
 
     `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, `replaced` by another beside those
     that came later, `dropped` because these made it superfluous, `taken_back` because it hardly helps to predict the
-    held-out runs; a `formula` was added for what no known effect explains. `final`: continued on all samples.
+    held-out runs; a `formula` was added for what no known effect explains.
     """
 
     kind: StageKind
     effects: tuple[str, ...]
     calibration: Calibration
     predicted: tuple[RunFit, ...]
-    final: bool
 
     @property
     def model(self) -> str:
@@ -105,21 +105,57 @@ class StageData:
                    for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip
         return unexplained_above(span / self.training.noise_std['strain'])
 
-    def predicted_by(self, config: Config, delay: float, context: SearchContext) -> tuple[RunFit, ...]:
+    def predicted_by(self, fit: FitResult, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs under a model."""
-        return evaluate_held_out(config, self.held_out, delay, context.pool) if self.held_out else ()
+        return self.under(fit, context).predicted(fit, context)
+
+    def predicted(self, fit: FitResult | Calibration, context: SearchContext) -> tuple[RunFit, ...]:
+        """The held-out runs, as they are here, under a model."""
+        return evaluate_held_out(fit.config, self.held_out, fit.delay, context.pool, fit.error) if self.held_out else ()
+
+    def under(self, fit: FitResult, context: SearchContext) -> StageData:
+        """The same with what differs between the recordings in a model; of held-out runs that is what predicts them best."""
+        differences, held_out = fit.problem.differences, self.held_out
+        if not differences:
+            return self
+        held_out = None if held_out is None else with_differences(held_out, differences)
+        for side in {difference.lost_side for difference in differences} - {0}:
+            held_out = None if held_out is None else with_lost_power(held_out, side, fit, context)
+        return replace(self, training=with_differences(self.training, differences), held_out=held_out)
+
+    def differences(self, fit: FitResult, context: SearchContext) -> tuple[RecordingDifference, ...]:
+        """What differs between the recordings in a model, the held-out ones among them."""
+        data = self.under(fit, context)
+        recordings = [*data.training.recordings, *(data.held_out.recordings if data.held_out else ())]
+        sides = {one.name: one.lost_side for one in recordings if one.lost_side}
+        return tuple(
+            replace(difference, recordings=tuple(name for name, side in sides.items() if side == difference.lost_side))
+            for difference in fit.problem.differences
+        )
+
+
+def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: SearchContext) -> Dataset:
+    """Held-out runs, without the power of commands of one sign where a model predicts them better so."""
+    without = replace(dataset, recordings=tuple(replace(one, lost_side=side) for one in dataset.recordings))
+    errors = [
+        [run.error for run in evaluate_held_out(fit.config, runs, fit.delay, context.pool)] for runs in (dataset, without)
+    ]  # fmt: skip
+    pairs = zip(dataset.recordings, without.recordings, *errors, strict=True)
+    return replace(dataset, recordings=tuple(lost if less < error else one for one, lost, error, less in pairs))
 
 
 def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
     """A model as it was fitted in the search; its errors are those of all samples."""
+    data = data.under(fit, context)
     whole = replace(fit, problem=full_problem(data.training, fit, data.options))
     found = calibration_of(whole, context)
-    return ModelStage(kind, fit.effects, found, data.predicted_by(fit.config, fit.delay, context), final=False)
+    return ModelStage(kind, fit.effects, found, data.predicted(fit, context))
 
 
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
     """A model fitted on all samples, with intervals."""
     context.on_progress('the last fit, on all samples')
+    data = data.under(fit, context)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
-    return ModelStage(kind, fit.effects, found, data.predicted_by(found.config, found.delay, context), final=True)
+    return ModelStage(kind, fit.effects, found, data.predicted(found, context))

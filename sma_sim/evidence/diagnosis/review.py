@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.stage_change import StageChange, stage_change
+from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.parameters import DEFAULTS
@@ -31,6 +32,8 @@ class DiagnosisReview:
 
 def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None) -> DiagnosisReview:
     """Evaluate a diagnosis on the recordings that it was made with. Raises SimulationError."""
+    training = with_differences(training, diagnosis.differences)
+    held_out = held_out and with_differences(held_out, diagnosis.differences)
     changes = {
         step.accepted.name: stage_change(*change, training, held_out)
         for step in diagnosis.selection_steps

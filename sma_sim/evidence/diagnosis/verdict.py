@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
 from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.evidence.model_selection.candidates import other_form
@@ -43,7 +44,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'intervals': intervals_of(diagnosis),
         'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
         'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
-        'nuisances': nuisance_data(diagnosis.calibration, diagnosis.effects),
+        'nuisances': nuisance_data(diagnosis.calibration, diagnosis.findings),
+        'differences': differences(diagnosis),
         'by_recording': by_run_data(diagnosis.calibration.by_run),
         'by_held_out_run': by_held_out_run(diagnosis),
         'training': diagnosis.training,
@@ -61,6 +63,20 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
 def plain_names(names: Sequence[str]) -> tuple[str, ...]:
     """Names of effects without their scopes."""
     return tuple(name.partition(SEPARATOR)[0] for name in names)
+
+
+def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """What differs between the recordings, and by how much in each: SI units, or whether power is lost."""
+    return [{'what': one.words, 'by_recording': dict(amounts(one, diagnosis))} for one in diagnosis.differences]
+
+
+def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool]]:
+    """By recording, how much of a difference it has."""
+    for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
+        if difference.channel:
+            yield run.name, run.zeros.get(difference.channel, 0.0)
+        else:
+            yield run.name, run.ambient if difference.ambient else run.name in difference.recordings
 
 
 def by_held_out_run(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:

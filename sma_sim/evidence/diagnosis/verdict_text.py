@@ -10,6 +10,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
+from sma_sim.evidence.diagnosis.verdict import amounts
 from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
@@ -19,6 +20,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.parameters import Parameter
 
 NOTHING_MISSING = 'Nothing is missing that these data could show.'
+NOTHING_MISSING_BUT = 'Nothing is missing in the model. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
@@ -82,7 +84,10 @@ def headline(diagnosis: Diagnosis) -> str:
         return unknown_words(diagnosis, phrases)
     if phrases:
         return f'{lacks}{missing_words(diagnosis, phrases)}.'
-    return NOTHING_FOUND if diagnosis.calibration.implausible else NOTHING_MISSING
+    if diagnosis.calibration.implausible:
+        return NOTHING_FOUND
+    differing_in = joined_words([one.words for one in diagnosis.differences])
+    return NOTHING_MISSING_BUT.format(what=differing_in) if differing_in else NOTHING_MISSING
 
 
 def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
@@ -128,9 +133,10 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from firmness_lines(diagnosis)
     for candidate in accepted_fits(diagnosis):
         yield from parameter_lines(candidate, diagnosis)
+    yield from difference_lines(diagnosis)
     yield from removed_lines(diagnosis)
     yield from implausible_lines(diagnosis)
-    yield from nuisance_sentences(diagnosis.calibration, diagnosis.effects)
+    yield from nuisance_sentences(diagnosis.calibration, diagnosis.findings)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
@@ -144,6 +150,18 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """What each recording has its own, which is no physics of the robot."""
+    for difference in diagnosis.differences:
+        values = dict(amounts(difference, diagnosis))
+        if difference.lost_side:
+            shown = f'lost in {joined_words([name for name, is_lost in values.items() if is_lost])}'
+        else:
+            unit = 'K above that of the input' if difference.ambient else 'SI'
+            shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [{unit}]'
+        yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
 
 
 def together_lines(diagnosis: Diagnosis) -> Iterator[str]:

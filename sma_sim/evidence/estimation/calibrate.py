@@ -244,7 +244,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
 def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
     """The problem of a fit on all samples, the parameters free within the same bounds."""
     whole = problem_for(dataset, fit.problem.config, options, 1, step_limited=False)
-    return replace(whole, free=fit.problem.free, nominal_effects=fit.problem.nominal_effects)
+    problem = fit.problem
+    return replace(whole, free=problem.free, nominal_effects=problem.nominal_effects, differences=problem.differences)
 
 
 def multistart_search(

@@ -17,7 +17,15 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, error_over_noise, fit_data, offsets_of, zero_of
+from sma_sim.evidence.estimation.residuals import (
+    FitData,
+    Nuisance,
+    error_over_noise,
+    fit_data,
+    offsets_of,
+    planned_run,
+    zero_of,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starts import with_start
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
@@ -27,7 +35,7 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 MAX_FOLDS = 5
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
-GOOD_FIT = 1.1  # error over noise with which no further guess is tried
+GOOD_FIT = 1.1  # error over that of the fitted runs, or over noise, with which no further guess is tried
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,8 @@ class RunFit:
     `switches`: parts of the sampling interval by which sampled commands came before their rows; `channel_errors`: RMSE
     over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much;
     `zeros`: the same of other channels, by channel (SI); `drifts`: by how much these zeros drift within the run.
-    `quasi_static`: a test whose time says nothing.
+    `quasi_static`: a test whose time says nothing. `ambient`: by how much its ambient temperature was above that of its
+    input, `ambient_std`: the prior of that [K].
     """
 
     name: str
@@ -51,18 +60,22 @@ class RunFit:
     zeros: Mapping[str, float] = field(default_factory=dict)
     drifts: Mapping[str, float] = field(default_factory=dict)
     quasi_static: bool = False
+    ambient: float = 0.0
+    ambient_std: float = 0.0
 
 
 def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
     """What was estimated of each run beside the parameters, by its name."""
     return {
-        fit.name: Nuisance(0.0 if fit.quasi_static else delay, fit.start, fit.switches, fit.quasi_static) for fit in fits
+        fit.name: Nuisance(0.0 if fit.quasi_static else delay, fit.start, fit.switches, fit.quasi_static, fit.ambient)
+        for fit in fits
     }
 
 
 def own_unknowns(fit: RunFit) -> list[float]:
-    """The coordinates of a run's starts and switching instants, in the order of Problem.own."""
-    return [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches)]
+    """The coordinates of a run's starts, switching instants and ambient temperature, in the order of Problem.own."""
+    ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
+    return [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
 
 
 def mean_error(channel_errors: Mapping[str, float]) -> float:
@@ -90,7 +103,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         nuisance = problem.nuisance(run, z[indices])
         errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
         initial = (
-            with_start(run.on_bench(config), run.source, nuisance.start).parameters
+            with_start(run.on_bench(config), planned_run(run, nuisance)[0], nuisance.start).parameters
             if found is not None
             else config.parameters
         )
@@ -99,16 +112,19 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
         fits.append(RunFit(
             run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, zeros, drifts,
-            quasi_static=nuisance.unknown_zero,
+            quasi_static=nuisance.unknown_zero, ambient=nuisance.ambient, ambient_std=run.ambient_std,
         ))  # fmt: skip
     return tuple(fits)
 
 
-def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext) -> tuple[RunFit, ...]:
+def predict_runs(
+    config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext, fitted_error: float = 1.0
+) -> tuple[RunFit, ...]:  # fmt: skip
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
     From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
-    errors of a run that cannot be made are infinite.
+    errors of a run that cannot be made are infinite. `fitted_error`: of the runs to which the model was fitted; one that is
+    predicted as well needs no other start.
     """
 
     def predicted(run: FitData) -> RunFit:
@@ -122,7 +138,7 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
                 z = minimize(problem, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])
-            if found[-1].error <= GOOD_FIT:
+            if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0):
                 break
         return min(found, key=lambda fit: fit.error)
 
@@ -131,7 +147,7 @@ def predict_runs(config: Config, runs: tuple[FitData, ...], delay: float, contex
 
 
 def evaluate_held_out(
-    config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None
+    config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None, fitted_error: float = 1.0
 ) -> tuple[RunFit, ...]:
     """Predict recordings that were not fitted; only their initial states are estimated.
 
@@ -145,6 +161,8 @@ def evaluate_held_out(
         Delay of the measurement [s], from the fit.
     executor : Executor, optional
         Where the simulations run; without it, threads on all cores.
+    fitted_error : float
+        Error over noise of the runs to which the model was fitted: a run predicted as well needs no other start.
 
     Returns
     -------
@@ -169,7 +187,7 @@ def evaluate_held_out(
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with executor_or_threads(executor) as pool:
-        return predict_runs(config, runs, delay, SearchContext(pool, Event()))
+        return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
 
 
 def folds(count: int) -> list[list[int]]:
@@ -218,7 +236,8 @@ def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict
         start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
         refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
-        return [(run.name, run.error) for run in predict_runs(refitted.config, out, refitted.delay, context)]
+        fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error)
+        return [(run.name, run.error) for run in fits]
 
     with ThreadPoolExecutor(MAX_FOLDS) as threads:
         return dict(pair for part in threads.map(errors_of, folds(len(problem.runs))) for pair in part)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, with_values
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
 from sma_sim.evidence.estimation.run_tangents import DELTA, TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.config import Config
@@ -20,11 +21,13 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
+AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard deviations of its prior
 MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
+AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
@@ -35,7 +38,8 @@ class Problem:
 
     `nominal_effects`: names of effects that the model has from the start of a search, which are no findings.
 
-    The unknowns z (n,): free parameters, delay, then per run its starts (one per wire) and switching fractions.
+    The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where that
+    is not known, its ambient temperature. `differences`: what was found to differ between the recordings.
     """
 
     config: Config
@@ -44,6 +48,7 @@ class Problem:
     robust: bool = False
     delay: float | None = None
     nominal_effects: tuple[str, ...] = ()
+    differences: tuple[RecordingDifference, ...] = ()
 
     def wires(self, run: FitData) -> int:
         """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""
@@ -57,7 +62,7 @@ class Problem:
 
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
-        return (START,) * self.wires(run) + (SWITCH,) * run.groups
+        return (START,) * self.wires(run) + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
 
     @property
     def unknowns(self) -> tuple[FreeParameter, ...]:
@@ -91,8 +96,10 @@ class Problem:
         at, wires = len(self.shared), self.wires(run)
         quasi_static = run.on_bench(self.config).structure.structure.is_quasi_static
         start = tuple(START.value(float(x)) for x in part[at : at + wires])
-        switches = tuple(SWITCH.value(float(x)) for x in part[at + wires :])
-        return Nuisance(0.0 if quasi_static else self.delay_at(part), start, switches, quasi_static)
+        last = at + wires + run.groups
+        switches = tuple(SWITCH.value(float(x)) for x in part[at + wires : last])
+        ambient = run.ambient_std * float(part[last:].sum())
+        return Nuisance(0.0 if quasi_static else self.delay_at(part), start, switches, quasi_static, ambient)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
@@ -200,18 +207,30 @@ def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.
         (*((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
          *((own, one) for one in nuisances[free:])),
         free if problem.delay is None else -1, DELAY.scale, tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),
-        differences_at_bounds(problem, part),
+        differences_apart(problem, part, run),
     )  # fmt: skip
 
 
-def differences_at_bounds(problem: Problem, part: Vector) -> tuple[tuple[int, float, PickledConfig], ...]:
-    """Parameters of effects at their lower bounds, where a tangent may see nothing of an effect that is switched off."""
+def differences_apart(
+    problem: Problem, part: Vector, run: FitData
+) -> tuple[tuple[int, float, PickledConfig, Nuisance], ...]:
+    """Unknowns without tangents, and how far each is moved to where.
+
+    They are the ambient temperature, which is an input, and parameters of effects at their lower bounds, where a tangent may
+    see nothing of an effect that is switched off.
+    """
+    steps = {
+        j: min(part[j] + DEFAULT_STEP, free.high) if part[j] < free.high else free.low  # bounds may be close
+        for j, free in enumerate(problem.free)
+        if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP
+    }
+    if run.ambient_std > 0.0:
+        steps[len(part) - 1] = part[-1] + (AMBIENT_STEP if part[-1] < 0.0 else -AMBIENT_STEP)
     found = []
-    for j, free in enumerate(problem.free):
-        if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP:
-            at = part.copy()
-            at[j] = min(part[j] + DEFAULT_STEP, free.high) if part[j] < free.high else free.low  # bounds may be close
-            found.append((j, float(at[j] - part[j]), PickledConfig(problem.fitted(at))))
+    for j, there in steps.items():
+        at = part.copy()
+        at[j] = there
+        found.append((j, float(at[j] - part[j]), PickledConfig(problem.fitted(at)), problem.nuisance(run, at)))
     return tuple(found)
 
 

@@ -42,6 +42,8 @@ class FitData:
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
+    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `lost_side`: the sign of a
+    command that heats nothing.
     `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
     stress [Pa] of an isobaric test, NaN of others.
     """
@@ -59,6 +61,8 @@ class FitData:
     initial_state: Run | None = None
     zero_std: tuple[float, ...] = ()
     drift_std: tuple[float, ...] = ()
+    ambient_std: float = 0.0
+    lost_side: int = 0
     bench: str = ''
     level: float = nan
 
@@ -92,12 +96,15 @@ class Nuisance:
         By (group of) sampled change of the command: the part of its sampling interval by which it preceded its row.
     unknown_zero : bool
         Whether the zero of the strain gauge is unknown: it is then where the residuals have no mean, within ZERO_LIMIT.
+    ambient : float
+        By how much the ambient temperature was above that of the source [K].
     """
 
     delay: float = 0.0
     start: tuple[float, ...] = ()
     switches: tuple[float, ...] = ()
     unknown_zero: bool = False
+    ambient: float = 0.0
 
 
 def fit_data(
@@ -128,7 +135,8 @@ def fit_data(
         source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
         zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
-        drift_std=stds_of(recording.drift_std, recording.zero_std, channels),
+        drift_std=stds_of(recording.drift_std, recording.zero_std, channels), ambient_std=recording.ambient_std,
+        lost_side=recording.lost_side,
         bench=recording.system if structure.options else '',
         level=float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan,
     )  # fmt: skip
@@ -181,6 +189,16 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
         values[:, k] = np.interp(times, source.times, source.values[:, k])
     values[:, command_column(source)] = level[np.searchsorted(moved, times, side='right')]
     return without_repeats(Input(times, values, source.linear, source.names))
+
+
+def as_it_acted(source: Input, lost_side: int, ambient: float) -> Input:
+    """The input with the power of the wires that were heated, and `ambient` [K] above its ambient temperature."""
+    if not lost_side and not ambient:
+        return source
+    values, command = source.values.copy(), command_column(source)
+    values[:, command] = np.where(np.sign(values[:, command]) == lost_side, 0.0, values[:, command])
+    values[:, -1] += ambient
+    return Input(source.times, values, source.linear, source.names)
 
 
 def held_until(source: Input, last: float) -> Input:
@@ -287,7 +305,9 @@ def simulated(
 def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArray[np.int64]]:
     """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows."""
     times = run.time - nuisance.delay
-    source = held_until(with_switches(run, nuisance.switches), float(times[-1]))
+    source = held_until(
+        as_it_acted(with_switches(run, nuisance.switches), run.lost_side, nuisance.ambient), float(times[-1])
+    )
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     return source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)

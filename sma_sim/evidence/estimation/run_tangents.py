@@ -40,7 +40,7 @@ class TangentTask:
     delay: int
     delay_scale: float
     still: tuple[int, ...]
-    apart: tuple[tuple[int, float, PickledConfig], ...] = ()
+    apart: tuple[tuple[int, float, PickledConfig, Nuisance], ...] = ()
 
 
 def tangents_apply(config: Config, run: FitData) -> bool:
@@ -59,7 +59,7 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         residuals = weighted_residuals(config, task.run, nuisance)
         found = sensitivities_of(task)
         beside = {
-            j: (weighted_residuals(moved.config, task.run, nuisance) - residuals) / step for j, step, moved in task.apart
+            j: (weighted_residuals(moved.config, task.run, there) - residuals) / step for j, step, moved, there in task.apart
         }
     except SimulationError:
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from math import inf, isnan, log
+from math import inf, isnan, log, nan
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
 from sma_sim.evidence.estimation.plausibility import implausible_in
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.temperature_uncertainty import error_beyond_temperature
 from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
@@ -30,7 +31,8 @@ class CandidateFit:
     whichever is larger; `explained`: fraction of the fitted squares; `family_p` of the screening; `std`: standard errors by
     full name (SI); `straightens`: the base is bent, and the fit is not, though it fits better by odds that are no chance;
     `indistinguishable`: other candidates that explain as well; `least_reduction`: the least `error_reduction` with which it
-    is accepted.
+    is accepted; `beyond_temperature`: the part of the base's error that it takes away from what no uncertainty of the
+    specimen's temperature explains (NaN where that is no question).
     """
 
     found: FoundEffect
@@ -45,6 +47,7 @@ class CandidateFit:
     straightens: bool = False
     indistinguishable: tuple[str, ...] = ()
     least_reduction: float = CRITERIA.min_error_reduction
+    beyond_temperature: float = nan
 
     @property
     def name(self) -> str:
@@ -81,8 +84,9 @@ class CandidateFit:
 
     @property
     def predicts_better(self) -> bool:
-        """Whether runs left out are predicted better by enough, and by more than chance."""
-        return self.error_reduction >= self.least_reduction and self.significant
+        """Whether runs left out are predicted better by enough, by more than chance and than an uncertain temperature."""
+        blurred = self.beyond_temperature < CRITERIA.adequate_reduction
+        return self.error_reduction >= self.least_reduction and self.significant and not blurred
 
     @property
     def significant(self) -> bool:
@@ -120,6 +124,7 @@ def candidate_fit(
         found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
         1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
         straightens(base, fit, context), least_reduction=least_reduction(base),
+        beyond_temperature=gain_beyond_temperature(base, fit),
     )  # fmt: skip
 
 
@@ -131,6 +136,17 @@ def least_reduction(base: FitResult) -> float:
     span = base.problem.span
     adequate = not isnan(span) and base.error <= unexplained_above(span)
     return CRITERIA.adequate_reduction if adequate else CRITERIA.min_error_reduction
+
+
+def gain_beyond_temperature(base: FitResult, fit: FitResult) -> float:
+    """The part of a base's error that a fit takes away from what no uncertainty of the specimen's temperature explains.
+
+    NaN but in isobaric tests, and where more is left of these than a homogeneous wire may: then that is no question.
+    """
+    before = error_beyond_temperature(base)
+    if isnan(before) or before > unexplained_above(base.problem.span):
+        return nan
+    return (before - error_beyond_temperature(fit)) / max(base.error, 1.0)
 
 
 def straightens(base: FitResult, fit: FitResult, context: SearchContext) -> bool:
@@ -210,11 +226,11 @@ def simplicity(candidate: CandidateFit) -> tuple[bool, int, float]:
 def is_dominated(candidate: CandidateFit, best: CandidateFit) -> bool:
     """Whether the best leaves less in the fitted runs: much less, or less without predicting those left out much worse.
 
-    Where a candidate predicts none of those left out, that it does so less badly than the best says nothing: they do not
-    determine the parameters, and the odds of the two in the fitted runs decide.
+    Where one of the two predicts none of those left out, that the other does so less badly says nothing: the runs that are
+    left do not determine the parameters, and the odds of the two in all fitted runs decide.
     """
     more = candidate.fit.error / best.fit.error
-    if candidate.fit.prediction_error > CRITERIA.unexplained:
+    if max(candidate.fit.prediction_error, best.fit.prediction_error) > CRITERIA.unexplained:
         return more > CRITERIA.noise_only or candidate.fit.cost - best.fit.cost > CRITERIA.decisive_log_odds
     predicts_better = candidate.fit.prediction_error < (1.0 - CRITERIA.min_error_reduction) * best.fit.prediction_error
     return more > CRITERIA.noise_only or (more > 1.0 + CRITERIA.same_error and not predicts_better)

@@ -22,6 +22,7 @@ from sma_sim.evidence.model_selection.candidate_fit import (
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
 from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
+from sma_sim.evidence.model_selection.differing_recordings import differing_fit
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
@@ -36,6 +37,7 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
     base, steps = nominal, list[SelectionStep]()
     while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
         step = selection_step(base, context)
+        steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
         full = len(steps) + 2 > CRITERIA.max_effects
         steps += [step] if step.accepted is not None or full else pair_steps(step, context)
         accepted = steps[-1].accepted
@@ -46,11 +48,16 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         context.on_progress(f'accepted {accepted.name}: error over noise {errors}')
         report_model('accepted', base, context)
         steps[-1] = replace(steps[-1], after=base)
+        if not (leaves_something(base) or base.is_bent):
+            return (*steps, SelectionStep(base, (), (), None))
     return tuple(steps)
 
 
 def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
-    """Screen all candidates, refit the best, and see whether one is to be accepted."""
+    """Screen all candidates, refit the best, and see whether one is to be accepted.
+
+    Where what differs between the recordings explains them, that joins the base.
+    """
     candidates = candidates_for(base.problem.config, context.folders)
     context.on_progress(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
@@ -58,8 +65,13 @@ def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
         return SelectionStep(base, screened, (), None, stopped=True)
     promising = most_promising(screened)
     step = SelectionStep(base, screened, (), None)
+    if base.effects and base.error <= 1.0:  # less than noise: nothing in the fitted runs asks for another effect
+        return step
     if promising and promising[0].gain >= least_gain(base):
         step = step_with(base, screened, promising, context)
+    differing = differing_fit(base, base if step.accepted is None else step.accepted.fit, context)
+    if differing is not None:
+        return selection_step(differing, context)
     return with_further_candidates(step, candidates, context)
 
 
@@ -129,7 +141,7 @@ def further_step(first: SelectionStep, candidates: Sequence[Candidate], context:
     if first.stopped or context.stop.is_set() or not (leaves_something(last) or last.is_bent):
         return first
     variants: tuple[Candidate, ...] = ()
-    if context.variants and base.problem.config.system == 'module':
+    if context.variants:
         variants = variants_of(candidates, {name for run in base.problem.runs for name in run.channels})
     start, trials = base if accepted is None else without_accepted(accepted, context), list[ScreeningResult]()
     if not math.isfinite(start.cost):
@@ -211,7 +223,7 @@ def in_better_kinetics(base: FitResult, fits: Sequence[CandidateFit], context: S
     for candidate in fits:
         fit = other if candidate is chosen else candidate.fit
         if candidate is not chosen and not candidate.not_cross_validated:
-            fit = better_kinetics(candidate.fit, context, other.cost)
+            fit = better_kinetics(candidate.fit, context, (1.0 + CRITERIA.same_error) * other.cost)
         unchanged = fit is candidate.fit
         found.append(candidate if unchanged else candidate_fit(base, candidate.found, fit, candidate.family_p, context))
     return found

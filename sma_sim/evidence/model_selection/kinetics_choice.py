@@ -21,8 +21,12 @@ Vector = NDArray[np.float64]
 
 
 def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf) -> FitResult:
-    """The same effects with the other kinetics, if they predict better; given up where the cost cannot reach `target`."""
-    if fit.error < CRITERIA.other_kinetics_above or context.stop.is_set():
+    """The same effects with the other kinetics, if they predict better; given up where the cost cannot reach `target`.
+
+    Without a target they are not tried for a fit that leaves only noise; a rival of one that has them may predict badly with
+    its own though it fits.
+    """
+    if context.stop.is_set() or (fit.error < CRITERIA.other_kinetics_above and target == inf):
         return fit
     problem, z = with_other_kinetics(fit)
     other = refit(problem, z, context, FROM_PRIORS, target)

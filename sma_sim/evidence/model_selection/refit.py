@@ -16,12 +16,12 @@ from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, w
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, WEAKLY_DAMPED, StopCriteria
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import at_prior_means, sketched, with_candidate
+from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched, with_candidate
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -68,7 +68,8 @@ def best_refits(
 
     The best by their sketches are refitted from where those end, and given up if they cannot come down to the best so far.
     As long as none leaves only noise, those near the best are also refitted from the middle of all priors with weak
-    damping. Of many runs only a subset is fitted at first; `most` candidates are then refitted to all.
+    damping; of one wire, whose runs cost little, all sketches near it are, with the effects at their defaults. Of many runs
+    only a subset is fitted at first; `most` candidates are then refitted to all.
     """
     subset = run_subset(base.problem)
     if len(subset.runs) < len(base.problem.runs):
@@ -76,22 +77,25 @@ def best_refits(
         return on_all_runs(base, candidates, best_refits(few, candidates, context, below=below), most, context)
     sketches = [fits[0] if fits else None for fits in sketched(base, candidates, context)]
     limit = below * cost_at(base.problem, base.z, context.pool)
-    ahead = [k for k, fit in sorted_by_cost(sketches) if fit.cost <= limit][: CRITERIA.refitted_candidates]
+    ahead = [(k, fit) for k, fit in sorted_by_cost(sketches) if fit.cost <= limit][: CRITERIA.refitted_candidates]
+    led = dict(ahead)
     first = CRITERIA.first_refits
     middle = [with_candidate(at_prior_means(base), screened) for screened in candidates]
     best: list[FitResult | None] = [None] * len(candidates)
-    for criteria, which in (
-        (ADDED_EFFECT, ahead[:first]),
-        (ADDED_EFFECT, ahead[first:]),
-        (WEAKLY_DAMPED, ahead[: CRITERIA.retried_refits]),
-    ):
+    cheap = base.problem.config.structure.structure.wires == 1
+    again, near = (FROM_PRIORS, list(enumerate(sketches))) if cheap else (WEAKLY_DAMPED, ahead[: CRITERIA.retried_refits])
+    for criteria, which in ((ADDED_EFFECT, ahead[:first]), (ADDED_EFFECT, ahead[first:]), (again, near)):
         target = least_plausible_cost(best, candidates)
-        again = criteria is WEAKLY_DAMPED
-        jobs, chosen = [], [k for k in which if not again or may_decide(best[k], target)]
-        for k in chosen:
-            sketch = sketches[k]
-            problem, z = middle[k] if again or sketch is None else (sketch.problem, sketch.z)
-            jobs.append(partial(refit, problem, z, context, criteria, target))
+        retried = criteria is again
+        chosen = [
+            k for k, sketch in which
+            if sketch is not None and (may_decide(best[k] or sketch, target) if retried else is_near(sketch, target))
+        ]  # fmt: skip
+        starts = [middle[k] if retried else (led[k].problem, led[k].z) for k in chosen]
+        jobs = [
+            partial(refit, problem, at_defaults(problem) if criteria is FROM_PRIORS else z, context, criteria, target)
+            for problem, z in starts
+        ]
         for k, found in zip(chosen, run_in_threads(jobs, context.stop), strict=True):
             best[k] = min((fit for fit in (best[k], found) if fit), key=lambda fit: fit.cost, default=None)
     return best
@@ -125,4 +129,9 @@ def least_plausible_cost(fits: Sequence[FitResult | None], candidates: Sequence[
 def may_decide(fit: FitResult | None, target: float) -> bool:
     """Whether another minimisation may decide between a candidate and the best, which does not explain all."""
     explained = fit is not None and target <= 0.5 * CRITERIA.other_kinetics_above**2 * fit.problem.samples
-    return fit is not None and not explained and fit.cost <= CRITERIA.retry_cost_ratio * target
+    return fit is not None and not explained and is_near(fit, target)
+
+
+def is_near(fit: FitResult, target: float) -> bool:
+    """Whether a fit is not too far behind for another to decide."""
+    return fit.cost <= CRITERIA.retry_cost_ratio * target

@@ -8,14 +8,14 @@ found by flipping the signs of whole blocks of r (wild bootstrap over blocks; Ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
@@ -164,16 +164,25 @@ def explained(responses: Sequence[ProjectedResponse], signs: Matrix) -> tuple[fl
     """Gain and amounts (>= 0) of the responses together, and the gains (draws,) under flipped signs."""
     gram = np.array([[first.response @ second.response for second in responses] for first in responses])
     scale = 1.0 / np.sqrt(np.diag(gram))
-    root = np.linalg.cholesky(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))).T
+    gram = gram * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    blocks = scale[:, None] * np.array([response.block_scores for response in responses])
+    targets = -np.vstack([blocks.sum(axis=1), signs @ blocks.T])
+    gains, amounts = np.zeros(len(targets)), np.zeros(targets.shape)
+    for active in one_side_each([response.probe.parameter for response in responses]):
+        found = np.linalg.solve(gram[np.ix_(active, active)], targets[:, active].T).T
+        gained = np.where((found > 0.0).all(axis=1), np.sum(found * targets[:, active], axis=1), 0.0)
+        better = gained > gains
+        gains[better], amounts[better] = gained[better], 0.0
+        amounts[np.ix_(better, active)] = found[better]
+    return float(gains[0]), scale * amounts[0], gains[1:]
 
-    def best(scores: Vector) -> tuple[float, Vector]:
-        target = np.linalg.solve(root.T, -scale * scores)
-        amounts, rest = nnls(root, target)
-        return float(target @ target - rest**2), scale * amounts
 
-    blocks = np.array([response.block_scores for response in responses])
-    gain, amounts = best(blocks.sum(axis=1))
-    return gain, amounts, np.array([best(scores)[0] for scores in signs @ blocks.T])
+def one_side_each(parameters: Sequence[str]) -> Iterator[NDArray[np.int64]]:
+    """Sets of probes that may act together, the best of which has positive amounts: of each parameter one, up or down."""
+    sides = [[-1, *(k for k, other in enumerate(parameters) if other == name)] for name in dict.fromkeys(parameters)]
+    for chosen in product(*sides):
+        if any(k >= 0 for k in chosen):
+            yield np.array([k for k in chosen if k >= 0])
 
 
 def values_at(responses: Sequence[ProjectedResponse], amounts: Vector) -> dict[str, float]:

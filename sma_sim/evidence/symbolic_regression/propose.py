@@ -117,10 +117,10 @@ def propose(path: Sequence[FitResult], context: SearchContext) -> Proposal | Non
     Proposal or None
         The formula as an effect, with the model refitted and the others that were considered; None where the effects of the
         last fit are to be preferred (`is_better`), or the search was stopped. It stands instead of the known effects, unless
-        beside them it leaves clearly less.
+        these leave more than noise and beside them it leaves clearly less.
     """
     first, best, found = path[0], path[-1], None
-    beside = [path[-1]] if len(path) > 1 and path[-1].error > CRITERIA.pooled_noise_only else []
+    beside = [path[-1]] if len(path) > 1 and path[-1].error > CRITERIA.noise_only else []
     for base in (first, *beside):
         if context.stop.is_set() or (found is not None and best.error <= CRITERIA.noise_only):
             break

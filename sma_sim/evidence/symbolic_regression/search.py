@@ -71,9 +71,11 @@ def with_exchanged_term(base: FitResult, lead: AugmentedFit, context: SearchCont
     """
     context.on_progress(f'{lead.name}: error over noise {lead.fitted.error:.2f}; fitting other terms in its place')
     tempering = overdispersion(lead.fitted.problem, lead.fitted.z, context.pool)
-    start, hook = without_terms(base, lead), lead.terms[0].location.hook
-    terms = best_by_location(terms_at(start, tempering, context, (hook,)))
-    return sketched_formulas(start, terms[: TERM_SEARCH_CRITERIA.max_exchanged], context)
+    start, at = without_terms(base, lead), lead.terms[0].location
+    terms = terms_at(start, tempering, context, (at.hook,))
+    others = best_by_location([term for term in terms if term.location != at])
+    chosen = [term for term in terms if term.location == at or term in others]  # neighbours of the lead are not limited
+    return sketched_formulas(start, chosen[: TERM_SEARCH_CRITERIA.max_exchanged], context)
 
 
 def with_second_term(best: AugmentedFit, context: SearchContext) -> list[AugmentedFit]:

@@ -98,15 +98,15 @@ def interface_of(structure: Structure) -> Interface:
 def interface_from(text: str, where: str) -> Interface:
     """The interface that a bag tells. Raises UserError."""
     try:
-        told = json.loads(text)
-        names = (told['joints'], told['drives'], told['channels'])
-        wires, commands = told['wires'], tuple(told['commands'])
+        entries = json.loads(text)
+        names = (entries['joints'], entries['drives'], entries['channels'])
+        wires, commands = entries['wires'], tuple(entries['commands'])
         good = isinstance(wires, int) and 1 <= wires <= MOST_WIRES and all(isinstance(word, str) for word in commands)
         good = good and len(commands) in (wires, wires / 2)
         good = good and all(isinstance(word, str) for mapping in names for pair in mapping.items() for word in pair)
         if not good:
             raise ValueError
-        return Interface(str(told['system']), names[0], commands, wires, names[1], names[2])
+        return Interface(str(entries['system']), names[0], commands, wires, names[1], names[2])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise UserError(f'{where}: what is recorded there of its topics cannot be read') from error
 

@@ -1,0 +1,54 @@
+"""What may differ between the recordings of a campaign: unknowns of each recording, never physics of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.evidence.estimation.residuals import FitData
+
+AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
+ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by hand, a larger zero is seen before recording
+
+
+@dataclass(frozen=True)
+class RecordingDifference:
+    """Something that each recording has its own: the zero of a `channel`, whose prior is `std` (SI); the `ambient`
+    temperature; or a wire that gets no power, by the sign of its commands (`lost_side`), in some `recordings`.
+
+    `words` name it.
+    """  # fmt: skip
+
+    words: str
+    channel: str = ''
+    std: float = 0.0
+    ambient: bool = False
+    lost_side: int = 0
+    recordings: tuple[str, ...] = ()
+
+    def in_run(self, run: FitData) -> FitData:
+        """A run with it."""
+        if self.channel:
+            known = run.zero_std or (0.0,) * len(run.channels)
+            zeros = tuple(self.std if name == self.channel else std for name, std in zip(run.channels, known, strict=True))
+            return replace(run, zero_std=zeros, drift_std=run.drift_std or (0.0,) * len(zeros))
+        if self.ambient:
+            return replace(run, ambient_std=AMBIENT_STD)
+        return replace(run, lost_side=self.lost_side) if run.name in self.recordings else run
+
+    def in_recording(self, recording: Recording) -> Recording:
+        """A recording with it."""
+        if self.channel:
+            return replace(recording, zero_std={**recording.zero_std, self.channel: self.std})
+        if self.ambient:
+            return replace(recording, ambient_std=AMBIENT_STD)
+        return replace(recording, lost_side=self.lost_side) if recording.name in self.recordings else recording
+
+
+def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:
+    """A dataset with what differs between its recordings."""
+    recordings: Sequence[Recording] = dataset.recordings
+    for difference in differences:
+        recordings = [difference.in_recording(recording) for recording in recordings]
+    return replace(dataset, recordings=tuple(recordings))

@@ -1,0 +1,162 @@
+"""What differs between the recordings of a campaign, tried where effects leave more than noise.
+
+A zero of a sensor, the ambient temperature, or a wire without power: each recording has its own. It is taken only where it
+leaves no more than noise, which no effect of the robot does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.estimation.cross_validation import cross_validated
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, WEAKLY_DAMPED, StopCriteria
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.score_tests import Projection
+from sma_sim.evidence.model_selection.sketches import at_prior_means
+from sma_sim.solver.effect_table import channel_scales
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A difference, by how much it would lower the squares at some point of the model without it, and which part that is."""
+
+    difference: RecordingDifference
+    gain: float
+    part: float
+
+
+def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> FitResult | None:
+    """The base with what differs between its recordings; None where a rival with an effect more leaves no more.
+
+    It must leave only noise, explain what the base leaves, and fit better than the rival by odds that are no chance.
+    """
+    problem = base.problem
+    quasi_static = any(problem.wires(run) == 0 for run in problem.runs)
+    if len(problem.runs) < 2 or quasi_static or rival.prediction_error <= CRITERIA.noise_only or context.stop.is_set():
+        return None
+    context.on_progress('what may differ between the recordings')
+    starts = ((base.z, ADDED_EFFECT), (at_prior_means(base).z, WEAKLY_DAMPED))
+    found = promises(problem, base.z, context)
+    found += [one for one in promises(problem, starts[1][0], context) if one.difference.lost_side]
+    found = [one for one in found if one.gain >= 2.0 * CRITERIA.decisive_log_odds]
+    tried = [one.difference for one in sorted(found, key=lambda one: -one.part)][: CRITERIA.first_refits]
+    jobs = [partial(fit_with, problem, z, one, criteria, context) for one in tried for z, criteria in starts]
+    fits = [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
+    best = min(fits, key=lambda fit: fit.cost, default=None)
+    if best is None or best.error > CRITERIA.noise_only or best.cost > rival.cost - CRITERIA.decisive_log_odds:
+        return None
+    best = cross_validated(best, context)
+    if context.stop.is_set() or best.prediction_error > (1.0 - CRITERIA.min_error_reduction) * rival.prediction_error:
+        return None
+    context.on_progress(f'{best.problem.differences[-1].words} differs: error over noise {best.error:.2f}')
+    return best
+
+
+def fit_with(
+    problem: Problem, z: Vector, difference: RecordingDifference, criteria: StopCriteria, context: SearchContext
+) -> FitResult | None:
+    """The fit with a difference from z; None where the model cannot be run there."""
+    try:
+        return minimize(*with_difference(problem, z, difference), criteria, context)
+    except SimulationError:
+        return None
+
+
+def with_difference(problem: Problem, z: Vector, difference: RecordingDifference) -> tuple[Problem, Vector]:
+    """The problem whose recordings differ in one thing more, and z with its unknowns at the middle of their priors."""
+    runs = tuple(difference.in_run(run) for run in problem.runs)
+    differing = replace(problem, runs=runs, differences=(*problem.differences, difference))
+    parts, shared = [z[: len(problem.shared)]], len(problem.shared)
+    for own, run in zip(problem.indices(), runs, strict=True):
+        parts.append(np.append(z[own[shared:]], np.zeros(len(differing.own(run)) - (len(own) - shared))))
+    return differing, np.concatenate(parts)
+
+
+def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promise]:
+    """What each difference would take away at z, to first order; none where the model cannot be run there."""
+    try:
+        linear = linearize(problem, z, context.pool)
+    except SimulationError:
+        return []
+    squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linear)
+    project = Projection(linear, len(z))
+    known = {difference.words for difference in problem.differences}
+    found = [
+        Promise(difference, gained := gain(responses, linear, project), gained / squares)
+        for difference, responses in responses_at(problem, z, linear, context) if difference.words not in known
+    ]  # fmt: skip
+    for side in (1, -1):
+        lost = lost_side(problem, z, linear, side, context)
+        found += [lost] if lost is not None and lost.difference.words not in known else []
+    return found
+
+
+def responses_at(
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], context: SearchContext
+) -> list[tuple[RecordingDifference, list[NDArray[np.float64]]]]:
+    """By difference, the change of each run's residuals (channels, k) by one standard deviation of its prior."""
+    structure = problem.config.structure.structure
+    sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
+    found = []
+    for name in CHANNEL_COLUMNS:
+        if any(name in run.channels for run in problem.runs):
+            zero = RecordingDifference(f'the zero of {name}', channel=name, std=ZERO_PART * sizes[name])
+            rows = [np.array([[channel == name] for channel in run.channels]) for run in problem.runs]
+            found.append((zero, [row * zero.std * run.weight for row, run in zip(rows, problem.runs, strict=True)]))
+    differing, start = with_difference(problem, z, AMBIENT)
+    if not problem.differences:
+        for own in differing.indices():
+            start[own[-1]] = AMBIENT_STEP
+        moved = residuals_at(differing, start, context.pool)
+        pairs = zip(moved, linear, strict=True)
+        changes = [(there - run.residuals) / AMBIENT_STEP for there, run in pairs if there is not None]
+        found += [(AMBIENT, changes)] if len(changes) == len(linear) else []
+    return found
+
+
+def gain(responses: Sequence[NDArray[np.float64]], linear: Sequence[LinearizedRun], project: Projection) -> float:
+    """By how much the squares decrease if each run has its own amount of its response, under a standard normal prior."""
+    sizes = [run.residuals.size for run in linear]
+    residuals = np.concatenate([run.residuals.ravel() for run in linear])
+    columns = np.zeros((len(responses), len(residuals)))
+    for column, response, end, size in zip(columns, responses, np.cumsum(sizes), sizes, strict=True):
+        column[end - size : end] = response.ravel()
+    columns = np.array([project(column) for column in columns])
+    score = columns @ residuals
+    return float(score @ np.linalg.solve(columns @ columns.T + np.eye(len(columns)), score))
+
+
+def lost_side(
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], side: int, context: SearchContext
+) -> Promise | None:
+    """The runs that are explained better if commands of one sign heat nothing; None where these are none, or all."""
+    everywhere = replace(problem, runs=tuple(replace(run, lost_side=side) for run in problem.runs))
+    shown = residuals_at(everywhere, z, context.pool)
+    before = [float(np.vdot(run.residuals, run.residuals)) for run in linear]
+    after = [np.inf if residuals is None else float(np.vdot(residuals, residuals)) for residuals in shown]
+    gains = {
+        run.name: a - b for run, a, b in zip(problem.runs, before, after, strict=True)
+        if not run.lost_side and b < (1.0 - CRITERIA.strong_error_reduction) * a
+    }  # fmt: skip
+    if not 0 < len(gains) < len(problem.runs):
+        return None
+    words = f'the power of the wires that {"positive" if side > 0 else "negative"} commands heat'
+    lost = RecordingDifference(words, lost_side=side, recordings=tuple(gains))
+    gained = sum(gains.values())
+    return Promise(lost, gained, gained / sum(before))

@@ -1,0 +1,116 @@
+"""What differs between the recordings of a campaign: found, named, and never physics of the robot."""
+
+from dataclasses import replace
+from threading import Event
+
+import numpy as np
+import pytest
+
+import sma_sim
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.review import reviewed
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
+from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at
+from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, with_differences
+from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNKNOWN_ROOM
+from sma_sim.evidence.model_selection.differing_recordings import promises
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.solver.inputs import Input
+
+NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
+COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
+OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), model='hybrid', starts=1, intervals=False)
+REQUEST = DiagnosisRequest(model='hybrid', options=OPTIONS, equation=False, variants=False)
+
+
+def recorded(k, T_E=298.0, lost=0, alpha=0.0):
+    """A recording whose file says 298 K and its whole command, with what was different in truth."""
+    first, second = COMMANDS[k]
+    said = sma_sim.module_input([0.0, 2.0, 8.0, 14.0, 20.0], [0.0, first, 0.0, second, 0.0])
+    true = said.values.copy()
+    true[:, 0] = np.where(np.sign(true[:, 0]) == lost, 0.0, true[:, 0])
+    true[:, 1] = T_E
+    run = sma_sim.simulate(sma_sim.Model(), Input(said.times, true, said.linear), 10.0)
+    random = np.random.default_rng(k)
+    columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
+    noisy = {name: run[column] + NOISE[name] * random.standard_normal(len(run.time)) for name, column in columns.items()}
+    noisy['alpha'] += alpha
+    return sma_sim.Recording(f'run{k + 1}', 'module', run.time, noisy, said)
+
+
+def diagnosed(*recordings):
+    dataset = sma_sim.Dataset(recordings, NOISE)
+    return dataset, diagnose(dataset, sma_sim.Config(), request=REQUEST)
+
+
+def test_a_room_that_is_warmer_acts_like_an_input_that_says_so():
+    run = fit_data(recorded(0), NOISE)
+    warm = replace(run, source=replace(run.source, values=run.source.values + [0.0, 4.0]))
+    expected = predict(sma_sim.Config(), warm, Nuisance(start=(0.4, 0.5)))
+    shown = predict(sma_sim.Config(), run, Nuisance(start=(0.4, 0.5), ambient=4.0))
+    assert all((shown[name] == expected[name]).all() for name in expected)
+
+
+@pytest.mark.parametrize('side', [1, -1])
+def test_power_that_is_lost(side):
+    run = replace(fit_data(recorded(0), NOISE), lost_side=side)
+    command = planned_run(run, Nuisance())[0].values[:, 0]
+    assert (np.sign(command) != side).all() and (np.sign(command) == -side).any()
+
+
+def test_the_derivative_in_the_room_is_that_of_the_residuals():
+    dataset = with_differences(sma_sim.Dataset((recorded(0), recorded(1)), NOISE), (UNKNOWN_ROOM,))
+    problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5)
+    z = start_point(problem)
+    assert [problem.unknowns[k] for k in (problem.indices()[0][-1], problem.indices()[1][-1])] == [AMBIENT, AMBIENT]
+    with executor_or_threads(None) as pool:
+        linear, side = linearize(problem, z, pool), z.copy()
+        side[problem.indices()[0][-1]] = 0.05
+        moved, here = residuals_at(problem, side, pool), residuals_at(problem, z, pool)
+    expected = (moved[0] - here[0]) / 0.05
+    assert np.abs(linear[0].jacobian[-1] - expected).max() <= 0.05 * np.abs(expected).max() and (moved[1] == here[1]).all()
+    assert problem.nuisance(problem.runs[0], side[problem.indices()[0]]).ambient == pytest.approx(0.05 * AMBIENT_STD)
+
+
+def test_what_is_promised_at_the_nominal_parameters():
+    """At the true parameters, the difference that there is takes away most to first order, and no other as much."""
+    dataset = sma_sim.Dataset((recorded(0), recorded(1, T_E=303.0), recorded(2)), NOISE)
+    problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5)
+    z = start_point(problem)
+    with executor_or_threads(None) as pool:
+        found = {one.difference.words: one.part for one in promises(problem, z, SearchContext(pool, Event()))}
+    room = found.pop('the ambient temperature')
+    assert room > 0.5 and room > max(found.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('recordings', 'words', 'expected'),
+    [
+        ((recorded(0), recorded(1, alpha=0.01), recorded(2)), 'the zero of alpha', {'run1': 0.0, 'run2': 0.01, 'run3': 0.0}),
+        ((recorded(0), recorded(1, T_E=303.0), recorded(2)), 'the ambient temperature', {'run1': 0, 'run2': 5, 'run3': 0}),
+        (
+            (recorded(0), recorded(1), recorded(2, lost=-1), recorded(3, lost=-1)),
+            'the power of the wires that negative commands heat',
+            {'run1': False, 'run2': False, 'run3': True, 'run4': True},
+        ),
+    ],
+)
+def test_differences_are_named_and_nothing_is_missing(recordings, words, expected):
+    dataset, found = diagnosed(*recordings)
+    data, text = as_data(found), list(as_text(found))
+    assert data['verdict'] == 'none' and data['effects'] == []
+    (difference,) = data['differences']
+    assert difference['what'] == words and words in text[0]
+    tolerance = 0.5 if words == 'the ambient temperature' else 1e-3
+    assert difference['by_recording'] == pytest.approx(expected, abs=tolerance)
+    assert data['error'][-1]['held_out'] < 1.1
+    held_out = replace(dataset, recordings=dataset.recordings[-1:])
+    review = reviewed(found, replace(dataset, recordings=dataset.recordings[:-1]), held_out)
+    assert max(review.remaining.comparison.runs[-1].measured) and review.diagnosis is found
