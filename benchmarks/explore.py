@@ -1,9 +1,10 @@
 """The page of `sma-sim explore` in a real browser: from a slider's move to the drawn curves, the first page, memory.
 
-python benchmarks/explore.py [--moves 300] [--repeats 1000] [--idle 0] [--json FILE]
+python benchmarks/explore.py [--moves 300] [--repeats 1000] [--minutes 0] [--json FILE]
 
 Three recordings of 100 s with five channels of 5,000 samples each, made by the simulator, are beside the model. It needs
-chromium, chromedriver and selenium (the `test` extra).
+chromium, chromedriver and selenium (the `test` extra). With --minutes 60 the page then stays open for an hour, in
+which one slider moves every ten seconds.
 """
 
 from __future__ import annotations
@@ -145,13 +146,25 @@ def measured_session(browser: Any, pid: int, arguments: argparse.Namespace) -> d
         )
     before = memory_of(pid), heap(browser)
     moved(browser, arguments.repeats)
-    time.sleep(arguments.idle)
     after = memory_of(pid), heap(browser)
     rows[f'memory over {arguments.repeats} moves'] = {
         'program_before_MB': before[0], 'program_after_MB': after[0], 'page_before_MB': before[1], 'page_after_MB': after[1],
     }  # fmt: skip
+    if arguments.minutes:
+        rows['memory while it is open'] = memory_while_open(browser, pid, arguments.minutes)
+    return rows
+
+
+def memory_while_open(browser: Any, pid: int, minutes: int) -> dict[str, dict[str, float]]:
+    """Memory of program and page every five minutes, while a slider moves every ten seconds."""
+    rows, begin = {}, time.monotonic()
+    for minute in range(0, minutes + 1, 5):
+        while time.monotonic() < begin + 60.0 * minute:
+            moved(browser, 1)
+            time.sleep(10.0)
+        rows[f'after {minute} minutes'] = {'program_MB': memory_of(pid), 'page_MB': heap(browser)}
     return rows
 
 
 if __name__ == '__main__':
-    report('explore in a browser', measure, moves=300, repeats=1000, idle=0)
+    report('explore in a browser', measure, moves=300, repeats=1000, minutes=0)

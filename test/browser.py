@@ -1,5 +1,6 @@
 """A headless browser for the tests of pages; the tests skip where there is none."""
 
+import contextlib
 import shutil
 
 import pytest
@@ -28,3 +29,14 @@ def open_browser(width=1400, height=900, phone=False, further=()):
         metrics = {'width': width, 'height': height, 'pixelRatio': 2.0, 'touch': True}
         options.add_experimental_option('mobileEmulation', {'deviceMetrics': metrics})
     return webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+
+
+@contextlib.contextmanager
+def silent_browser(width=1500, height=950):
+    """A browser in whose console nothing stands at the end: no error, no warning."""
+    one = open_browser(width, height)
+    try:
+        yield one
+        assert one.get_log('browser') == []
+    finally:
+        one.quit()

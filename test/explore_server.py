@@ -66,6 +66,12 @@ def verb(server, verb_name, /, **body):
     return ask(server, f'/api/{verb_name}', body=json.dumps(body).encode())
 
 
+def refused(server, verb_name, /, **body):
+    """Why a request is refused; empty where it is not."""
+    status, content = verb(server, verb_name, **body)
+    return json.loads(content).get('refused', '') if status == 200 and content[:1] == b'{' else ''
+
+
 def opened(browser, server):
     browser.get(server.address)
     until(browser, READY)

@@ -4,11 +4,20 @@ import json
 
 import numpy as np
 import pytest
-from browser import open_browser
-from corrupted import TEXT
-from explore_server import ask, serving, slide, until, verb
-from measured_runs import truth, write_module_runs
-from test_stages import BROKEN, PATIENCE
+from browser import silent_browser
+from explore_server import ask, refused, serving, slide, until, verb
+from explore_steps import (
+    ERRORS,
+    READY,
+    STEP,
+    begin,
+    ended,
+    gravity_case,
+    offered,
+    opened,
+    take,
+)
+from test_stages import PATIENCE
 
 from sma_sim import Model, simulate
 from sma_sim.cli.main import main
@@ -18,8 +27,6 @@ from sma_sim.model.config import Config, read_config
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.workflow.data_request import DataRequest
 
-READY = 'return window.smaExplore !== undefined && smaExplore.ready'
-STEP = 'smaExplore.state.steps.stages.find((one) => one.stage === arguments[0])'
 CURVES = """
 const chart = smaExplore.recordings.charts.get(`${arguments[0]}|${arguments[1]}`);
 return chart.curves.map((one) => [Array.from(one.x), Array.from(one.y)]);
@@ -27,21 +34,17 @@ return chart.curves.map((one) => [Array.from(one.x), Array.from(one.y)]);
 CHOOSE = (
     'const one = document.getElementById(arguments[0]); one.value = arguments[1]; one.dispatchEvent(new Event("change"));'
 )
-ERRORS = 'return [...document.querySelectorAll("#errors td span")].map((one) => Number(one.title))'
 
 
 @pytest.fixture(scope='module')
 def case(tmp_path_factory):
-    """A robot with the paper's values that lacks gravity: three short runs."""
-    return write_module_runs(tmp_path_factory.mktemp('case'), truth(model='mas', effects=['gravity']), seconds=12.0)
+    return gravity_case(tmp_path_factory)
 
 
 @pytest.fixture(scope='module')
 def browser():
-    one = open_browser(1500, 950)
-    yield one
-    assert [entry for entry in one.get_log('browser') if ' 400 ' not in entry['message']] == []
-    one.quit()
+    with silent_browser() as one:
+        yield one
 
 
 @pytest.fixture(scope='module')
@@ -52,38 +55,10 @@ def server(case, tmp_path_factory):
         yield one
 
 
-def opened(browser, server):
-    browser.get(server.address)
-    until(browser, READY)
-
-
-def begin(browser, stage):
-    """Press the button of a step, which is offered."""
-    until(browser, f'return document.querySelector("[data-begin={stage}]")?.disabled === false')
-    browser.execute_script(f'document.querySelector("[data-begin={stage}]").click()')
-
-
-def ended(browser, stage, state='done'):
-    """Wait until a step has ended."""
-    until(browser, f'return {STEP}.job?.state === arguments[1] && smaExplore.state.steps.running === null', stage, state,
-          seconds=PATIENCE)  # fmt: skip
-
-
-def take(browser, stage):
-    begin(browser, stage)
-    ended(browser, stage)
-
-
-def offered(browser):
-    """The steps whose button can be pressed."""
-    buttons = '[...document.querySelectorAll("[data-begin]")].filter((one) => !one.disabled)'
-    return browser.execute_script(f'return {buttons}.map((one) => one.dataset.begin)')
-
-
 def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_compute(browser, server, tmp_path):
     opened(browser, server)
     assert offered(browser) == ['check']
-    assert verb(server, 'start', stage='diagnose')[0] == 400 and verb(server, 'accept')[0] == 400
+    assert refused(server, 'start', stage='diagnose') and refused(server, 'accept')
     take(browser, 'check')
     until(browser, 'return document.querySelectorAll("#detail tbody tr").length === 3')
     assert offered(browser) == ['check', 'compare']
@@ -104,6 +79,34 @@ def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_com
         assert (curves['time'][at] == x).all() and (curves[f'{what}.F_1'][at] == y).all() and len(x) > 200
 
 
+@pytest.mark.parametrize('size', [(390, 844), (1366, 768), (3840, 2160)])
+def test_results_and_curves_fit_the_screen(browser, server, size):
+    """From a phone to 4K: nothing is cut off at the side, sliders and curves are seen together."""
+    metrics = {'width': size[0], 'height': size[1], 'deviceScaleFactor': 1, 'mobile': size[0] < 500}
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
+    try:
+        for stage in ('check', 'compare'):
+            browser.execute_script('smaExplore.stages.choose(arguments[0])', stage)
+            until(browser, 'return document.querySelector("#detail h2") !== null')
+            assert browser.execute_script('return document.documentElement.scrollWidth <= innerWidth')
+        for tab in ('parameters', 'effects', 'history'):
+            browser.execute_script('document.getElementById(`tab-${arguments[0]}`).click(); scrollTo(0, 0)', tab)
+            wide = (
+                '[...document.querySelectorAll("aside, #curves, header")].filter((one) => one.scrollWidth > one.clientWidth)'
+            )
+            assert browser.execute_script(f'return {wide}.map((one) => one.outerHTML.slice(0, 80))') == []
+            seen = 'const {top, bottom, height} = document.querySelector(arguments[0]).getBoundingClientRect();'
+            for part in ('aside', '#curves'):
+                top, bottom, height, screen = browser.execute_script(
+                    f'{seen} return [top, bottom, height, innerHeight]', part
+                )
+                assert top >= 0 and height > 200 and min(bottom, screen) - top > 200, (part, size)
+                assert bottom <= screen + 1 or (part == '#curves' and size[0] > 960), 'a wide page scrolls as a whole'
+        browser.execute_script('document.getElementById("tab-steps").click()')
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
 def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     """What a slider shows is a preview, and says so; an effect that is tried makes no version, one that is kept does."""
     browser.find_element('id', 'tab-effects').click()
@@ -118,6 +121,8 @@ def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     until(browser, 'return smaExplore.state.steps.candidates?.state === "done"', seconds=PATIENCE)
     explained = region(browser)
     assert 'mode of wire 1' in explained and 'gravity' in explained and 'direction of motion' in explained
+    by_keys = region_by_keys(browser)
+    assert 'run1, U_y, 6' in by_keys and 'mode of wire 1' in by_keys and 'gravity' in by_keys
     browser.execute_script('smaExplore.stages.choose("candidates")')
     until(browser, 'return document.querySelectorAll("#detail tbody button").length === 4')
     browser.execute_script('document.querySelector("#detail tbody button").click()')
@@ -134,11 +139,41 @@ def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     until(browser, 'return smaExplore.state.history.current === 1')
 
 
-def region(browser):
-    """What the page says of a part of a residual that was clicked on."""
+def region_by_keys(browser):
+    """What the page says of a part of a residual that was marked by keys alone; then back to the curve."""
+    keys = pytest.importorskip('selenium.webdriver').Keys
+    canvas = residual(browser)
+    for _ in range(200):
+        if browser.switch_to.active_element == canvas:
+            break
+        browser.switch_to.active_element.send_keys(keys.TAB)
+    canvas.send_keys(keys.HOME, *5 * [keys.PAGE_UP], keys.SHIFT, *5 * [keys.ARROW_RIGHT])
+    assert browser.execute_script('return arguments[0].ariaValueText', canvas).startswith('6.6')
+    canvas.send_keys(keys.NULL, keys.ENTER)
+    until(browser, 'return document.activeElement.id === "region"')
+    words = browser.find_element('id', 'region').text
+    assert browser.execute_script('return smaExplore.recordings.marked.range.map((one) => Number(one.toFixed(2)))') == [
+        6.0,
+        6.6,
+    ]
+    while browser.switch_to.active_element.text != 'Close':
+        browser.switch_to.active_element.send_keys(keys.TAB)
+    browser.switch_to.active_element.send_keys(keys.ENTER)
+    assert browser.switch_to.active_element == canvas and not browser.find_element('id', 'region').is_displayed()
+    browser.execute_script(CHOOSE, 'drawn', 'curves')
+    return words
+
+
+def residual(browser):
+    """A chart of residuals over noise."""
     browser.execute_script(CHOOSE, 'drawn', 'residuals')
     until(browser, 'return [...smaExplore.recordings.charts.values()].every((chart) => chart.shade)')
-    canvas = browser.execute_script('return smaExplore.recordings.charts.get("run1|U_y").canvas')
+    return browser.execute_script('return smaExplore.recordings.charts.get("run1|U_y").canvas')
+
+
+def region(browser):
+    """What the page says of a part of a residual that was clicked on."""
+    canvas = residual(browser)
     for kind in ('pointerdown', 'pointerup'):
         browser.execute_script(
             'arguments[0].dispatchEvent(new PointerEvent(arguments[1], '
@@ -165,7 +200,7 @@ def test_reload_and_a_second_tab_amid_a_diagnosis_that_is_stopped(browser, serve
     opened(browser, server)
     until(browser, 'return document.querySelector("[data-stop=diagnose]") !== null')
     until(browser, 'return smaExplore.stages.events.length > 0', seconds=PATIENCE)
-    assert verb(server, 'recordings', hold_out=['run3'])[0] == 400  # not while it runs
+    assert refused(server, 'recordings', hold_out=['run3'])  # not while it runs
     browser.execute_script('document.querySelector("[data-stop=diagnose]").click()')
     ended(browser, 'diagnose', 'stopped')
     browser.close()
@@ -198,26 +233,6 @@ def test_calibrate_accept_export_and_what_is_exported(browser, server, tmp_path)
     assert status == 200 and read_config(tmp_path / 'parameters.yaml').parameters['beam.E'] == value
 
 
-def test_files_are_chosen_on_the_page_held_out_and_kept(browser, case, tmp_path):
-    files = '\n'.join(str(case / f'run{k}.csv') for k in (1, 2, 3))
-    with serving(tmp_path / 'session', words=('model=mas',)) as server:
-        opened(browser, server)
-        assert browser.execute_script('return smaExplore.view') == 'model'
-        browser.find_element('id', 'view-data').click()
-        browser.find_element('id', 'recordings-files').send_keys(files)
-        until(browser, 'return smaExplore.state.steps.data !== null')
-        take(browser, 'check')
-        until(browser, 'return document.querySelectorAll("#detail tbody input").length === 3')
-        browser.execute_script('[...document.querySelectorAll("#detail tbody input")][2].click()')
-        until(browser, 'return smaExplore.state.steps.data.hold_out.length === 1')
-        session = server.application.session
-        assert session.data.hold_out == ('run3',) and all(path.parent.name == '0001' for path in session.data.data)
-        assert offered(browser) == ['check']  # what is held out is part of what is checked
-        assert (session.data.data[0]).read_text() == (case / 'run1.csv').read_text()
-    with serving(tmp_path / 'session') as again:
-        assert again.application.session.data.hold_out == ('run3',)
-
-
 def write_structure_run(folder, system):
     """A run of a structure as it would be measured, under the command that the page begins with."""
     config = Config(system=system)
@@ -245,15 +260,6 @@ def test_every_structure_beside_recordings_has_the_errors_of_the_command(system,
         assert shown['error']['train'] == engine.latest('compare').result()['comparisons'][0]['error']['train']
 
 
-@pytest.mark.parametrize(
-    'name', ['../evil.csv', '/etc/x.csv', '.hidden.csv', 'a/b.csv', 'run.py', 'x' * 200 + '.csv', 'a\0.csv']
-)
-def test_names_of_files_lead_nowhere_else(server, name):
-    before = ask(server)[1]
-    status, content = verb(server, 'recordings', files=[{'name': name, 'text': TEXT}])
-    assert status == 400 and len(json.loads(content)['error']) > 10 and ask(server)[1] == before
-
-
 WRONG = [
     ('start', {'stage': 'shell'}), ('start', {'stage': 'check', 'options': []}),
     ('start', {'stage': 'check', 'options': {'x': 1}}), ('start', {'stage': 'calibrate', 'options': {'starts': 0}}),
@@ -261,7 +267,7 @@ WRONG = [
     ('overlay', {'beside': 99}), ('overlay', {'window': [2, 1]}), ('overlay', {'curves': ['x']}),
     ('accept', {'number': 99}),
     ('part', {'run': 'run1', 'channel': 'alpha', 't0': 0}), ('part', {'run': 'x', 'channel': 'alpha', 't0': 0, 't1': 1}),
-    ('recordings', {'files': []}), ('recordings', {'files': ['x']}), ('recordings', {'hold_out': ['nothing']}),
+    ('recordings', {'batch': 99}), ('recordings', {'batch': '1'}), ('recordings', {'hold_out': ['nothing']}),
     ('recordings', {'hold_out': 'run1'}), ('recordings', {'recorded': True}), ('record', {'on': True}), ('record', {}),
     ('live_start', {'namespace': '-p x:=1'}), ('live_start', {'domain': 1.5}), ('live_start', {'domain': 999}),
 ]  # fmt: skip
@@ -270,8 +276,8 @@ WRONG = [
 def test_wrong_requests_change_nothing_and_say_why(server):
     for name, body in WRONG:
         before = ask(server)[1]
-        status, content = verb(server, name, **body)
-        assert status == 400 and len(json.loads(content)['error']) > 10 and 'Traceback' not in content.decode(), (name, body)
+        words = refused(server, name, **body)
+        assert len(words) > 10 and 'Traceback' not in words, (name, body)
         assert ask(server)[1] == before, (name, body)
 
 
@@ -282,47 +288,3 @@ def test_wrong_requests_change_nothing_and_say_why(server):
 )  # fmt: skip
 def test_no_other_file_is_downloaded(server, path):
     assert ask(server, f'/download/{path}', 'GET')[0] in (400, 404)
-
-
-@pytest.mark.parametrize('kinds', [('no command', 'binary'), pytest.param(tuple(BROKEN), marks=pytest.mark.slow)])
-def test_broken_recordings_are_said_on_the_page(browser, tmp_path, kinds):
-    """The kinds that the steps are tested with, all the way to the words that a newcomer reads: refused, or repaired."""
-    with serving(tmp_path / 'session') as server:
-        opened(browser, server)
-        browser.find_element('id', 'view-data').click()
-        for kind in kinds:
-            content, path = BROKEN[kind], tmp_path / f'{kind.replace(" ", "_")}.csv'
-            path.write_bytes(content if isinstance(content, bytes) else content.encode())
-            before = browser.execute_script('return smaExplore.state.changes')
-            browser.find_element('id', 'recordings-files').send_keys(str(path))
-            until(browser, 'return smaExplore.state.changes > arguments[0]', before)
-            begin(browser, 'check')
-            until(browser, f'return ["done", "failed"].includes({STEP}.job?.state)', 'check', seconds=PATIENCE)
-            if server.application.data.engine.latest('check').state == 'failed':
-                until(browser, 'return document.querySelector("[data-stage=check] .problem") !== null')
-                words = browser.find_element('css selector', '[data-stage=check] .problem').text
-                assert path.name in words and 'fault' not in words and offered(browser) == ['check'], kind
-            else:
-                until(browser, 'return document.querySelector("#detail li") !== null')
-
-
-@pytest.mark.slow
-def test_from_three_files_to_the_improved_model_by_the_page_alone(browser, case, tmp_path):
-    """What is missing is found, accepted, compared and exported, and the model predicts to the noise."""
-    files = '\n'.join(str(case / f'run{k}.csv') for k in (1, 2, 3))
-    with serving(tmp_path / 'session') as server:
-        opened(browser, server)
-        browser.find_element('id', 'view-data').click()
-        browser.find_element('id', 'recordings-files').send_keys(files)
-        for stage in ('check', 'compare', 'diagnose'):
-            take(browser, stage)
-        until(browser, 'return document.querySelector("#detail .verdict") !== null')
-        assert 'gravity' in browser.find_element('css selector', '#detail .verdict').text
-        begin(browser, 'accept')
-        until(browser, 'return smaExplore.state.history.current === 2')
-        take(browser, 'compare')
-        assert browser.execute_script(ERRORS)[-1] < 1.1
-        begin(browser, 'export')
-        until(browser, 'return document.querySelectorAll("#detail a[download]").length === 6')
-        exported = server.application.session.folder / 'export' / '0002' / 'parameters.yaml'
-        assert 'gravity' in [one.found.effect.name for one in read_config(exported).effects]

@@ -16,8 +16,11 @@ from sma_sim import UserError, read_config
 from sma_sim.cli.main import main
 from sma_sim.explore import session as session_module
 from sma_sim.explore.history import History, Version, history_from
+from sma_sim.explore.jobs import new_job
 from sma_sim.explore.lock import FolderBusyError
 from sma_sim.explore.session import ConflictError, Start, open_session
+from sma_sim.explore.stages import Engine
+from sma_sim.explore.worker import write_state
 from sma_sim.model.config import flat_parameters
 from sma_sim.workflow.data_request import DataRequest
 
@@ -186,17 +189,58 @@ def test_a_disk_that_fills_up(folder, monkeypatch, last):
         assert session.config().parameters['beam.E'] == 2.3e9
 
 
+def own_effect(folder, name='own', further=''):
+    """A folder with an effect, which is named as `effects.paths` of a command line."""
+    (folder / name).mkdir()
+    (folder / name / 'cooler.py').write_text(OWN_EFFECT + further)
+    return f'effects.paths={folder / name}'
+
+
 def test_effects_of_the_users_own(tmp_path):
-    (tmp_path / 'own').mkdir()
-    (tmp_path / 'own' / 'cooler.py').write_text(OWN_EFFECT)
+    named = own_effect(tmp_path)
     (tmp_path / 'robot.yaml').write_text('effects: {paths: [own], active: [cooler]}\n')
     with open_session(tmp_path / 's', Start(tmp_path / 'robot.yaml')) as session:
         session.change({'effects.cooler.q': 0.2})
         session.change({'beam.E': 2.2e9})
     shutil.move(tmp_path / 's', tmp_path / 'moved')
-    with open_session(tmp_path / 'moved') as session:
+    with open_session(tmp_path / 'moved', Start(words=(named,))) as session:
         (active,) = session.config().effects
         assert active.found.effect.name == 'cooler' and active.values == (0.2,)
+        assert session.current.number == 3, 'folders that are named again are no other model'
+
+
+def test_effects_of_the_users_own_join_a_session_that_exists(tmp_path):
+    open_session(tmp_path / 's', Start(words=('beam.E=2.2e9',))).close()
+    with open_session(tmp_path / 's', Start(words=(own_effect(tmp_path),))) as session:
+        assert session.current.number == 2 and session.config().parameters['beam.E'] == 2.2e9
+        assert session.change(effects=['cooler']).words == 'cooler on'
+
+
+@pytest.mark.parametrize('place', ['outside', 'inside', 'a version gone to', 'a model that is accepted', 'a structure'])
+def test_python_files_that_only_a_session_names_are_not_run(tmp_path, place):
+    """A session may be somebody else's: what its files name is not imported, and the message says how it would be."""
+    folder, ran = tmp_path / 's', tmp_path / 'ran'
+    with open_session(folder) as session:
+        session.change({'beam.E': 2.2e9})
+    named = own_effect(folder if place == 'inside' else tmp_path, further=f'open({str(ran)!r}, "w")')
+    where, group = named.partition('=')[2], 'structures' if place == 'a structure' else 'effects'
+    job = new_job(folder, 'calibrate', 2, {}, '')
+    files = {
+        'a version gone to': folder / 'versions' / '0001.yaml',
+        'a model that is accepted': job.folder / 'parameters.yaml',
+    }
+    file = files.get(place, folder / 'versions' / '0002.yaml')
+    write_state(job, 'done', 'done')
+    file.write_text(f'{group}: {{paths: ["{where}"]}}\n')
+    words = f'only data name its folder.*--set {group}.paths={where}'
+    with pytest.raises(UserError, match=words), open_session(folder) as session:
+        assert place in files
+        Engine(session).accept(job.number) if 'accepted' in place else session.undo()
+    assert not ran.exists()
+    if place != 'a structure':
+        with open_session(folder, Start(words=(named,))) as session:
+            Engine(session).accept(job.number) if 'accepted' in place else session.go_to(int(file.stem))
+            assert session.change(effects=['cooler']).number > 2 and ran.exists()
 
 
 @pytest.mark.parametrize(

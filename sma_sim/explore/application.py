@@ -76,11 +76,13 @@ class Application:
         """All that the page shows beside curves."""
         changes = self._changes  # read first: what follows is at least as new
         config = self.session.config()
+        structure = config.structure.structure
         return {
             'changes': changes, 'steps': self.data.state(), 'history': self.session.as_data(),
             'controls': controls_of(config, self._known),
-            'command': self._command.as_data(), 'columns': list(columns_of(config.structure.structure)),
-            'channels': {name: display_of(name) for name in config.structure.structure.channels},
+            'command': self._command.as_data(), 'columns': list(columns_of(structure)),
+            'channels': {name: display_of(name) for name in structure.channels},
+            'recorded_columns': [*structure.input_columns[:-1], *structure.channel_columns],
             'modes': {number: {'name': MODE_NAMES[number], 'colour': MODE_COLOURS[number]} for number in MODE_NAMES},
         }  # fmt: skip
 

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
-from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
-from sma_sim.explore.jobs import FILES, new_folder
+from sma_sim.explore.jobs import FILES
 from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
 from sma_sim.explore.session import Session
 from sma_sim.explore.stages import Engine
+from sma_sim.explore.uploads import RECORDINGS, Uploads
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest
 
-RECORDINGS = 'recordings'  # folder in the session: what was given to the page, and what it has recorded
 BAG = 'robot'  # what the name of such a bag begins with
 CURVE_KINDS = ('measured', 'model', 'residual')
-FILE_NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_. -]{0,100}\.csv')
-MOST_FILES, MOST_TEXT = 50, 20_000_000
+MOST_HELD_OUT = 200
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
     'compare': ('comparisons', 'noise_std'), 'check': ('runs', 'noise_std', 'notes', 'system'),
     'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
@@ -49,10 +46,11 @@ class DataVerbs:
     ) -> None:
         self.engine = engine
         self._session, self._config_in, self._changed = session, config_in, changed
-        self._overlay = Overlay(engine)
+        self._overlay, self._uploads = Overlay(engine), Uploads(session.folder)
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
             'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'settle': self.settle,
             'part': self.part, 'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
+            'upload': self._uploads.take,
         }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
@@ -138,19 +136,19 @@ class DataVerbs:
     def recordings(self, body: Body) -> Reply:
         """Other recordings, or others held out (`hold_out`: names).
 
-        `files`: name and text of CSV files, which are kept in the session. `recorded`: the bags of the session.
+        `batch`: files that were sent (`Uploads`). `recorded`: the bags of the session.
         """
         if self.engine.running() is not None:
             raise UserError('recordings: a step is running on those that are there: wait for it, or stop it')
         request = self._session.data
-        if body.get('files') is not None:
-            request = DataRequest((*(self.kept(body['files'])),))
+        if (batch := body.get('batch')) is not None:
+            request = self._uploads.request(whole(batch, 'batch'))
         if body.get('recorded') is True:
             request = DataRequest(tuple(recorded_bags(self._session.folder)))
         if request is None or not request.data:
             raise UserError('recordings: expected files')
         held_out = body.get('hold_out', [])
-        if not isinstance(held_out, list) or len(held_out) > MOST_FILES:
+        if not isinstance(held_out, list) or len(held_out) > MOST_HELD_OUT:
             raise UserError('hold_out: expected a list of names')
         names = tuple(text(name, 'hold_out') for name in held_out)
         if names:
@@ -161,26 +159,6 @@ class DataVerbs:
             replace(request, hold_out=names).split(dataset)  # some are to be left to fit
         self._session.set_data(replace(request, hold_out=names))
         return self._changed()
-
-    def kept(self, files: Any) -> list[Path]:
-        """Files of the page as files of the session. Raises UserError for names that could lead elsewhere."""
-        if not isinstance(files, list) or not 1 <= len(files) <= MOST_FILES:
-            raise UserError(f'files: expected one to {MOST_FILES} files')
-        named = {}
-        for entry in files:
-            if not isinstance(entry, dict):
-                raise UserError('files: expected a name and a text each')
-            name = text(entry.get('name'), 'name')
-            if not FILE_NAME.fullmatch(name) or name in named:
-                raise UserError(
-                    f'{name}: expected CSV files with different names of letters, digits, spaces, dots, _ and -; rename it. '
-                    'Bags are named on the command line: sma-sim explore BAG'
-                )
-            named[name] = text(entry.get('text'), name, MOST_TEXT)
-        _, folder = new_folder(self._session.folder / RECORDINGS)
-        for name, content in named.items():
-            write_whole(folder / name, lambda file, content=content: file.write(content))
-        return [folder / name for name in named]
 
     def download(self, name: str, words: Mapping[str, str]) -> tuple[str, bytes, str]:
         """A file of a step (``job``) or of an export (``export``): type, bytes, and a name for it. Raises UserError."""

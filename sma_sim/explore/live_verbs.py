@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from sma_sim.explore.data_verbs import BAG, RECORDINGS, recorded_bags
+from sma_sim.explore.data_verbs import BAG, recorded_bags
 from sma_sim.explore.jobs import new_folder
 from sma_sim.explore.live import LiveFeed
 from sma_sim.explore.request_values import Body, Reply, text, whole
 from sma_sim.explore.session import Session
+from sma_sim.explore.uploads import RECORDINGS
 from sma_sim.model.errors import UserError
 
 

@@ -157,7 +157,8 @@ class Handler(BaseHTTPRequestHandler):
             self.close_connection = True
             self.send(refusal.status, 'text/plain; charset=utf-8', str(refusal).encode())
         except UserError as error:
-            self.send(400, JSON, json.dumps({'error': str(error)}).encode())
+            # what a user asked for and cannot have is an answer, not a fault of the connection
+            self.send(200 if self.command == 'POST' else 400, JSON, json.dumps({'refused': str(error)}).encode())
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True
 

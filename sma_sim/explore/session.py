@@ -22,9 +22,9 @@ from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.differences import Difference, Value, difference_words, differences
 from sma_sim.explore.history import History, Version, history_from
 from sma_sim.explore.lock import OWNER, FolderLock
-from sma_sim.model.config import Config, checked, read_config
+from sma_sim.model.config import Config, checked, only_named_in_data, read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.given import Given, effect_folders_of, given_values
+from sma_sim.model.given import Given, effect_folders_of, given_values, named_folders, structure_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.workflow.data_request import DataRequest, data_request_from
 
@@ -32,6 +32,7 @@ HISTORY, SETTINGS, VERSIONS = 'history.json', 'session.yaml', 'versions'
 HEAD = '# A session of sma-sim explore. Delete the folder to forget it; versions/*.yaml are parameter files for --config.\n'
 OWN_FILES = (SETTINGS, VERSIONS, OWNER)  # of a session that was cut off before its first version
 FROM_SESSION = 'in this session'
+CODE = {'effects.paths': 'an effect of its own', 'structures.paths': 'a structure of its own'}  # folders of Python files
 
 
 class ConflictError(UserError):
@@ -55,21 +56,28 @@ class Start:
         """The folders of the user's effects, as absolute paths."""
         return [os.path.abspath(folder) for folder in effect_folders_of(self.config, self.words)]
 
+    def trusted(self) -> frozenset[Path]:
+        """The folders of Python files that the user has named: no others are imported."""
+        named = [*effect_folders_of(self.config, self.words), *structure_folders_of(self.config, self.words)]
+        return frozenset(folder.resolve() for folder in named)
+
     @property
     def names_a_model(self) -> bool:
-        """Whether the command line says anything of the model."""
-        return bool(self.config or self.words or self.effects)
+        """Whether the command line says anything of the model, beyond where the user's own effects and structures are."""
+        words = [word for word in self.words if word.partition('=')[0].strip() not in CODE]
+        return bool(self.config or words or self.effects)
 
 
 @dataclass
 class Session:
     """An open session; made by `open_session`. All methods may be called from any thread.
 
-    `data`: the recordings, None without any.
+    `data`: the recordings, None without any. `trusted`: the folders of Python files that its versions may name.
     """
 
     folder: Path
     data: DataRequest | None
+    trusted: frozenset[Path]
     _lock: FolderLock
     _history: History = field(default_factory=History)
     _thread_lock: RLock = field(default_factory=RLock)
@@ -121,19 +129,18 @@ class Session:
 
     def config(self, number: int | None = None) -> Config:
         """The configuration of a version, by default of the current one. Raises UserError."""
-        return config_in(*self.stamped_file(number))
+        return self.read(self.file(number))
 
-    def stamped_file(self, number: int | None = None) -> tuple[Path, int]:
-        """The parameter file of a version and the time of its last change [ns]. Raises UserError."""
-        path = self.file(number)
-        return path, path.stat().st_mtime_ns if path.exists() else 0
+    def read(self, path: Path) -> Config:
+        """The configuration in a parameter file of the session. Raises UserError, also where it names folders of code."""
+        return config_in(*stamped(path), self.trusted)
 
     def preview(self, values: Mapping[str, Value] | None = None, effects: Sequence[str] | None = None) -> Config:
         """The current configuration with other values by full name, and with these effects active (None: as they are).
 
         Nothing is written. Raises UserError for what is unknown or out of bounds.
         """
-        given = dict(given_in(*self.stamped_file()))
+        given = dict(given_in(*stamped(self.file()), self.trusted))
         if effects is not None:
             given['effects.active'] = Given(list(effects), FROM_SESSION)
         return checked(given | {name: Given(value, FROM_SESSION) for name, value in (values or {}).items()})
@@ -244,16 +251,30 @@ class Session:
         self._history = history
 
 
-@cache
-def given_in(path: Path, _: int) -> Mapping[str, Given]:
-    """What a file says, read once as long as the file is the same."""
-    return given_values(path, ())
+def stamped(path: Path) -> tuple[Path, int]:
+    """A file and the time of its last change [ns]."""
+    return path, path.stat().st_mtime_ns if path.exists() else 0
 
 
 @cache
-def config_in(path: Path, _: int) -> Config:
+def given_in(path: Path, _: int, trusted: frozenset[Path]) -> Mapping[str, Given]:
+    """What a file says, read once as long as the file is the same.
+
+    Raises UserError where it names a folder of Python files that the user has not named: a session may be somebody else's.
+    """
+    given = given_values(path, ())
+    for name, what in CODE.items():
+        folders = named_folders(name, given.get(name, Given([], '')))
+        if not {folder.resolve() for folder in folders} <= trusted:
+            words = [str(folder.resolve()) for folder in folders]
+            raise UserError(only_named_in_data(what, name, Given(words, f'the session, in {path}')))
+    return given
+
+
+@cache
+def config_in(path: Path, time: int, trusted: frozenset[Path]) -> Config:
     """The configuration in a file, read once as long as the file is the same."""
-    return read_config(path)
+    return checked(given_in(path, time, trusted))
 
 
 def open_session(folder: Path, start: Start | None = None) -> Session:
@@ -265,7 +286,8 @@ def open_session(folder: Path, start: Start | None = None) -> Session:
         The session's folder.
     start : Start, optional
         What the command line gave: what a new session begins with. In a session that exists, a model that is given becomes
-        a new version, and data that are given replace those it had.
+        a new version, and data that are given replace those it had. Folders of Python files are imported only if they
+        are named here (``effects.paths``, ``structures.paths``), whatever the session's files name.
 
     Returns
     -------
@@ -275,7 +297,8 @@ def open_session(folder: Path, start: Start | None = None) -> Session:
     Raises
     ------
     UserError
-        For a folder that another process has open, that holds other things, or whose files are broken.
+        For a folder that another process has open, that holds other things, or whose files are broken, and for a session
+        that needs folders of Python files which `start` does not name.
 
     Examples
     --------
@@ -295,7 +318,7 @@ def open_session(folder: Path, start: Start | None = None) -> Session:
     try:
         if (folder / HISTORY).exists():
             return reopened(folder, start, data, lock)
-        session = Session(folder, data, lock)
+        session = Session(folder, data, start.trusted(), lock)
         write_settings(folder, data)
         session.add(parameter_file(config, start.folders()), 'the model that the session began with', None)
         return session
@@ -323,13 +346,15 @@ def make_folder(folder: Path) -> None:
 
 def reopened(folder: Path, start: Start, data: DataRequest | None, lock: FolderLock) -> Session:
     """A session that was left, with what the command line gives this time."""
-    known = read_settings(folder)
-    session = Session(folder, data or known, lock, read_history(folder))
+    known, folders = read_settings(folder), [Path(one) for one in start.folders()]
+    session = Session(folder, data or known, start.trusted(), lock, read_history(folder))
     session.config()
     if data is not None and data != known:
         write_settings(folder, data)
     if start.names_a_model:
-        session.adopt(start.read(), 'given on the command line', [Path(one) for one in start.folders()])
+        session.adopt(start.read(), 'given on the command line', folders)
+    elif folders:
+        session.adopt(session.config(), 'folders of effects given on the command line', folders)
     return session
 
 

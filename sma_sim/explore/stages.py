@@ -16,7 +16,7 @@ from sma_sim.explore.history import Version
 from sma_sim.explore.jobs import PARAMETERS, Job, job_in, jobs_in, new_job, start_process
 from sma_sim.explore.session import Session
 from sma_sim.explore.traces import part_of_residual
-from sma_sim.model.config import MODELS, read_config
+from sma_sim.model.config import MODELS
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.workflow.data_request import fingerprint
@@ -165,7 +165,7 @@ class Engine:
             return self.session.go_to(known[-1].number)
         what = {'calibrate': 'calibrated', 'diagnose': 'diagnosed'}.get(job.stage, job.stage)
         words = f'{what} from version {job.version} (step {job.number})'
-        return self.session.adopt(read_config(path), words, effect_folders_of(path, ()), job.number)
+        return self.session.adopt(self.session.read(path), words, effect_folders_of(path, ()), job.number)
 
     def part_of_residual(self, where: tuple[str, str], times: tuple[float, float]) -> dict[str, Any]:
         """What is known of the residual of (run, channel) between two times [s] (`sma_sim.explore.traces`).

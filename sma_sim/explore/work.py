@@ -177,8 +177,8 @@ def switch_candidates_on(order: WorkOrder) -> bool:
     """Every listed effect by itself, and its trace in the residuals."""
     config, fitted, _ = order.read(is_fitted=False)
     with executor_or_threads(None) as executor:
-        hears = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
-        found = candidate_effects(fitted, config, order.effect_folders(), executor, hears, order.option('effects', None))
+        callbacks = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
+        found = candidate_effects(fitted, config, order.effect_folders(), executor, callbacks, order.option('effects', None))
     write_json(order.output(RESULT), found.as_data())
     curves: dict[str, Any] = {f'{run}|time': times for run, times in found.times.items()}
     for effect in found.effects:

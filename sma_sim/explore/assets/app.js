@@ -134,7 +134,8 @@ function showCurves({ content: { shown, beside }, numbers }) {
     draw(`loop ${loop.id}`, 'loop', { label: loop.y, xLabel: loop.x, curves: [...curvesOf(other?.curves, numbers, true), ...curvesOf(loop.curves, numbers, false)] });
   }
   for (const [id, chart] of page.charts) if (!used.has(id)) { chart.box.remove(); page.charts.delete(id); }
-  if (!page.ready) setTime(0.24 * page.end); // a pose that is not the one at rest
+  if (!page.time && !page.posed) setTime(0.24 * page.end); // a pose that is not the one at rest
+  page.posed = true;
   for (const chart of page.charts.values()) chart.draw();
   const words = [`${shown.end.toPrecision(4)} s, ${Number(shown.rate.toPrecision(3))} samples/s.`];
   if (!shown.completed) words.push(`The run ended early: ${shown.reason}.`);
@@ -256,6 +257,7 @@ for (const name of ['model', 'data', 'robot']) part(`view-${name}`).addEventList
 
 // Tabs of the controls.
 function openTab(id) {
+  document.body.dataset.tab = id;
   for (const tab of document.querySelectorAll('[role="tab"]')) {
     const chosen = tab.id === `tab-${id}`;
     tab.setAttribute('aria-selected', String(chosen));
@@ -301,10 +303,13 @@ part('undo').addEventListener('click', () => perform('undo'));
 part('redo').addEventListener('click', () => perform('redo'));
 part('model').addEventListener('change', () => perform('change', { values: { model: part('model').value }, expected: page.state.history.current }));
 document.addEventListener('keydown', (event) => {
+  if (event.key === '?' && !event.target.matches('input, select, textarea')) part('help').showModal();
   if (!(event.ctrlKey || event.metaKey) || event.target.matches('input[type="text"], input[type="number"]')) return;
   const verb = event.key.toLowerCase() === 'z' ? (event.shiftKey ? 'redo' : 'undo') : event.key.toLowerCase() === 'y' ? 'redo' : '';
   if (verb && !part(verb).disabled) { event.preventDefault(); perform(verb); }
 });
+part('help-open').addEventListener('click', () => part('help').showModal());
+part('help-close').addEventListener('click', () => part('help').close());
 function redraw() {
   for (const chart of page.charts.values()) chart.draw();
   drawing.draw(page.time);
@@ -312,6 +317,8 @@ function redraw() {
   stages.redraw();
 }
 new ResizeObserver(redraw).observe(part('curves'));
+const header = document.querySelector('header'); // what sticks below it has to know its height
+new ResizeObserver(() => document.documentElement.style.setProperty('--header', `${header.offsetHeight}px`)).observe(header);
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);
 
 // Other tabs: what they change is shown here too. A hidden tab does not listen: a browser opens few connections to one server.

@@ -2,6 +2,8 @@
 
 const LEFT = 3.9, RIGHT = 1.3, TOP = 1.5, BOTTOM = 1.5; // margins in em
 
+const STEPS = { ArrowRight: 0.01, ArrowLeft: -0.01, PageUp: 0.1, PageDown: -0.1, Home: -1, End: 1 }; // of what is shown, by key
+
 /** Ticks at 1, 2 or 5 times a power of ten, about `wanted` of them. */
 export function ticks(low, high, wanted) {
   const rough = (high - low) / Math.max(wanted, 1);
@@ -44,7 +46,7 @@ export class Chart {
     this.box.append(this.canvas);
     parent.append(this.box);
     this.context = this.canvas.getContext('2d');
-    if (handlers.point) this.listen(handlers);
+    if (handlers.point) { this.listen(handlers); this.listenToKeys(handlers); }
   }
 
   /** Widths of the plot in pixels of the screen: what the server decimates to. */
@@ -72,6 +74,46 @@ export class Chart {
       start = null;
     });
     this.canvas.addEventListener('dblclick', whole);
+  }
+
+  /** Keys do what the pointer does: arrows move along the curve, with Shift they mark a part, Enter takes it, Escape shows the whole. */
+  listenToKeys({ point, zoom, whole, pick = null }) {
+    const { canvas } = this;
+    canvas.tabIndex = 0;
+    canvas.setAttribute('role', 'slider');
+    let begin = null;
+    canvas.addEventListener('focus', () => this.say());
+    canvas.addEventListener('blur', () => { if (begin !== null) { begin = null; this.draw(); } });
+    canvas.addEventListener('keydown', (event) => {
+      const step = STEPS[event.key], now = this.within(this.cursor ?? (this.x[0] + this.x[1]) / 2);
+      if (event.ctrlKey || event.metaKey || event.altKey || (step === undefined && !['Enter', 'Escape'].includes(event.key))) return;
+      event.preventDefault();
+      if (step !== undefined) {
+        const next = this.within(now + step * (this.x[1] - this.x[0]));
+        begin = event.shiftKey ? begin ?? now : null;
+        point(next);
+        this.draw(begin === null ? null : [begin, next]);
+        this.say();
+        return;
+      }
+      const marked = begin === null ? null : [begin, now].sort((a, b) => a - b);
+      begin = null;
+      if (event.key === 'Escape') whole();
+      else if (marked && marked[1] > marked[0]) zoom(marked, true);
+      else pick?.(now, true);
+    });
+  }
+
+  within(time) { return Math.min(Math.max(time, this.x[0]), this.x[1]); }
+
+  /** What the curves are at the cursor, for those who do not see it. */
+  say() {
+    const now = this.within(this.cursor ?? this.x[0]), { canvas } = this;
+    const words = this.curves.map((curve) => `${curve.label || curve.name || ''}${valueAt(curve, now)}`.trim()).filter(Boolean);
+    canvas.setAttribute('aria-valuemin', String(this.x[0]));
+    canvas.setAttribute('aria-valuemax', String(this.x[1]));
+    canvas.setAttribute('aria-valuenow', String(now));
+    canvas.setAttribute('aria-valuetext', [`${now.toPrecision(4)} s`, ...words].join(', '));
   }
 
   /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x, or null for all; `shade`: a band of y; `mark`: a part of x. */
@@ -131,7 +173,7 @@ export class Chart {
     context.lineWidth = 1;
     context.textBaseline = 'middle';
     if (!this.bands.length) {
-      const marks = ticks(...this.y, area.height / (1.9 * em));
+      const wanted = area.height / (1.9 * em), few = ticks(...this.y, wanted), marks = few.values.length > 1 ? few : ticks(...this.y, 2 * wanted);
       context.textAlign = 'right';
       for (const value of marks.values) {
         context.strokeStyle = line;
@@ -150,10 +192,11 @@ export class Chart {
     context.textAlign = 'center';
     context.textBaseline = 'top';
     context.fillStyle = soft;
-    for (const value of marks.values) {
-      const text = value.toFixed(marks.digits).replace('-', '\u2212');
-      context.fillText(text, px(value), area.top + area.height + 0.3 * em);
-    }
+    marks.values.forEach((value, k) => {
+      const unit = this.kind !== 'loop' && k === marks.values.length - 1 ? ' s' : '';
+      const text = value.toFixed(marks.digits).replace('-', '\u2212') + unit, half = context.measureText(text).width / 2;
+      context.fillText(text, Math.min(px(value), this.canvas.clientWidth - half), area.top + area.height + 0.3 * em);
+    });
     if (this.kind === 'loop') {
       context.fillStyle = ink;
       context.fillText(this.xLabel, area.left + area.width / 2, area.top + area.height + 1.5 * em);
@@ -165,7 +208,7 @@ export class Chart {
   line(curve, px, py) {
     const { context } = this, { x, y, factor, offset, held } = curve;
     context.strokeStyle = curve.colour || styleOf('--ink');
-    context.lineWidth = curve.beside || curve.thin ? 1.2 : 1.7;
+    context.lineWidth = (curve.beside || curve.thin ? 1.2 : 1.7) * Math.max(1, this.em / 13);
     context.setLineDash(curve.beside ? [5, 4] : []);
     context.beginPath();
     let before = 0;
@@ -212,9 +255,12 @@ export class Chart {
     const named = this.curves.filter((curve) => curve.label && !curve.beside && (this.kind === 'time' || this.curves.length > 1));
     let right = area.left + area.width;
     context.textAlign = 'right';
-    const free = context.measureText(this.label).width + 1.5 * em, many = named.length > 3; // the label of the axis stands there
+    const free = context.measureText(this.label).width + 1.5 * em; // the label of the axis stands there
+    const words = (curve, brief) => (brief ? curve.label.replace(/^\D+ (?=\d+$)/, '') : curve.label) + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
+    const needed = named.reduce((sum, curve) => sum + context.measureText(words(curve, false)).width + 2.4 * em, 0);
+    const brief = named.length > 3 || needed > right - free;
     for (const curve of [...named].reverse()) {
-      const text = (many ? curve.label.replace(/^\D+ (?=\d+$)/, '') : curve.label) + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
+      const text = words(curve, brief);
       if (right - context.measureText(text).width < free + 1.5 * em) break;
       context.fillStyle = styleOf('--ink');
       context.fillText(text, right, base);

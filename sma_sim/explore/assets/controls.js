@@ -15,7 +15,13 @@ export function shifted(number, power) {
   return Number(`${digits}e${Number(exponent) + power}`);
 }
 
-const text = (parameter, value) => (value === null ? '' : String(Number(shifted(value, -parameter.power).toPrecision(6))));
+/** A number with at most six digits, short enough for its box. */
+function brief(number) {
+  const found = Number(number.toPrecision(6));
+  return found !== 0 && Math.abs(found) < 1e-4 ? found.toExponential() : String(found);
+}
+
+const text = (parameter, value) => (value === null ? '' : brief(shifted(value, -parameter.power)));
 
 /** One parameter: `preview(name, value)` while its slider moves, `commit(name, value)` once it is let go. */
 export function parameterControl(parameter, preview, commit) {

@@ -6,8 +6,8 @@ import { element } from './controls.js';
 const styleOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** A canvas of a figure, with its description for those who do not see it. */
-export function figure(id) {
-  return element('figure', { className: 'growing' }, Object.assign(element('canvas', { id }), { role: 'img' }));
+export function figure(id, caption) {
+  return element('figure', { className: 'growing' }, Object.assign(element('canvas', { id }), { role: 'img' }), element('figcaption', { textContent: caption }));
 }
 
 function prepared(canvas, label) {
@@ -68,7 +68,7 @@ export function drawErrors(canvas, models) {
   const { context, em, area } = space;
   const errors = known.flatMap((one) => [one.error, one.left_out].filter((error) => error > 0));
   const range = [Math.min(0.8, ...errors) * 0.9, Math.max(1.5, ...errors) * 1.6];
-  const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted; dots: candidates; line: the model so far; squares: runs left out in turn');
+  const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted');
   const px = (k) => area.left + area.width * (k + 0.7) / (known.length + 0.8);
   context.strokeStyle = styleOf('--good');
   context.setLineDash([6, 4]);
@@ -111,7 +111,11 @@ function mark({ context, em, area }, one, x, py) {
   const half = context.measureText(words).width / 2;
   context.textAlign = 'center';
   context.textBaseline = 'bottom';
-  context.fillText(words, Math.min(Math.max(x, area.left + half + 2), area.left + area.width - half - 2), Math.max(y - 0.6 * em, area.top + em));
+  context.lineWidth = 0.35 * em;
+  context.strokeStyle = styleOf('--ground');
+  const where = [Math.min(Math.max(x, area.left + half + 2), area.left + area.width - half - 2), Math.max(y - 0.6 * em, area.top + em)];
+  context.strokeText(words, ...where);
+  context.fillText(words, ...where);
 }
 
 /** The cost of a calibration by iteration, one line for each starting point. */

@@ -83,11 +83,11 @@ export class RecordingsView {
   chart(id, run, channel) {
     if (!this.charts.has(id)) {
       const at = (time) => { for (const [other, chart] of this.charts) if (other.startsWith(`${run.name}|`)) { chart.cursor = time; chart.draw(); } };
-      const explain = (range) => this.explain(run.name, channel.name, range);
+      const explain = (range, byKey) => this.explain({ run: run.name, channel: channel.name, range }, byKey);
       const near = (time) => { const span = NEAR * (this.charts.get(id).x[1] - this.charts.get(id).x[0]); return [time - span, time + span]; };
       this.charts.set(id, new Chart(part('grid'), 'time', {
-        point: at, zoom: (range) => (this.residuals ? explain(range) : this.zoom(range)), whole: () => this.zoom(null),
-        pick: (time) => (this.residuals ? explain(near(time)) : at(time)),
+        point: at, zoom: (range, byKey) => (this.residuals ? explain(range, byKey) : this.zoom(range)), whole: () => this.zoom(null),
+        pick: (time, byKey) => (this.residuals ? explain(near(time), byKey) : at(time)),
       }));
     }
     return this.charts.get(id);
@@ -127,29 +127,37 @@ export class RecordingsView {
     const rows = [...runs.map((run) => row(run.name + (run.held_out ? ' (held out)' : ''), run.errors, run.error)),
       row(held ? 'fitted runs' : 'all runs', parts.train, error.train), ...(held ? [row('held-out runs', parts.held_out, error.held_out)] : [])];
     part('errors').replaceChildren(table(['error over noise', ...names, 'all'], rows, 'Error over noise: 1 is as large as the noise'));
-    part('basis').textContent = content.exact ? 'The numbers of sma-sim compare. Black or white: measured; coloured: model.'
+    part('basis').textContent = content.exact ? 'The numbers of sma-sim compare.'
       : 'Preview: delay and start of each run are those of the model before; they are estimated anew once nothing moves.';
+    part('basis').append(this.residuals ? ' Grey: \u00b12. Click on a part of a residual to see what happens there; by keys: Tab to a chart, arrows, Enter.' : ' Black or white: measured; coloured: model. Drag across a curve to look closer.');
     part('basis').classList.toggle('preview', !content.exact);
-    part('grid-title').textContent = this.residuals ? 'Residual (measured \u2212 model) over noise; grey: \u00b12. Click on a part of it to see what happens there' : 'Measured and model. Drag across a curve to look closer';
+    part('grid-title').textContent = this.residuals ? 'Residual (measured \u2212 model) over noise' : 'Measured and model';
   }
 
-  async explain(run, channel, [t0, t1]) {
-    this.marked = { run, channel, range: [t0, t1] };
+  /** Say what happens in a part of a residual; who came there by keys is led to the answer, and back. */
+  async explain(marked, byKey = false) {
+    this.marked = marked;
+    const { run, channel, range: [t0, t1] } = marked;
     const found = await this.actions.attempt('part', () => ask('part', { run, channel, t0, t1 }));
     if (!found) return;
     this.region(found);
+    if (byKey) part('region').focus();
   }
 
   region(found) {
-    const range = [found.t0, found.t1];
-    for (const [id, chart] of this.charts) { chart.mark = id === `${found.run}|${found.channel}` ? range : null; chart.draw(); }
+    const range = [found.t0, found.t1], id = `${found.run}|${found.channel}`;
+    this.mark(id, range);
     showRegion(part('region'), found, {
       switchOn: () => this.actions.startCandidates(), closer: () => this.zoom(range),
-      close: () => { this.marked = null; part('region').hidden = true; for (const chart of this.charts.values()) { chart.mark = null; chart.draw(); } },
+      close: () => { this.marked = null; part('region').hidden = true; this.mark(id, null); this.charts.get(id)?.canvas.focus({ preventScroll: true }); },
     });
     part('region').scrollIntoView({ block: 'nearest' });
   }
 
+  mark(id, range) {
+    for (const [other, chart] of this.charts) { chart.mark = other === id ? range : null; chart.draw(); }
+  }
+
   /** Explain the marked part again, as when effects were switched on meanwhile. */
-  again() { if (this.marked && !part('region').hidden) this.explain(this.marked.run, this.marked.channel, this.marked.range); }
+  again() { if (this.marked && !part('region').hidden) this.explain(this.marked); }
 }

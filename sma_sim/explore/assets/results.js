@@ -34,7 +34,7 @@ export function showResult(parent, stage, found, actions) {
   const { job, result } = found, words = `step ${job.number}, version ${job.version}, ${job.state}`;
   const parts = [element('h2', {}, `${HEADINGS[job.stage] ?? job.stage} `, element('span', { className: 'note', textContent: words }))];
   const grows = ['calibrate', 'diagnose'].includes(job.stage);
-  const drawn = grows ? figure('growing') : null;
+  const drawn = grows ? figure('growing', CAPTIONS[job.stage]) : null;
   if (drawn) parts.push(drawn);
   if (job.state === 'running') parts.push(element('p', { className: 'words', textContent: job.words }));
   if (['failed', 'killed'].includes(job.state)) parts.push(element('p', { className: 'problem', textContent: job.words }));
@@ -50,6 +50,11 @@ export function redrawFigure(parent, stage, events) {
   if (stage === 'diagnose') drawErrors(canvas, events.filter((one) => one.kind === 'model'));
   else drawCost(canvas, events.filter((one) => one.kind === 'iteration'));
 }
+
+const CAPTIONS = {
+  calibrate: 'The cost falls while parameters are fitted; a line for each starting point.',
+  diagnose: 'Line: the model so far. Dots: candidates. Squares: the same in runs left out in turn. Dashed: as good as the sensors can tell.',
+};
 
 const HEADINGS = {
   check: 'What was read', compare: 'Error over noise', calibrate: 'Calibration', diagnose: 'Diagnosis', candidates: 'What each effect would do',

@@ -8,6 +8,19 @@ import { ask } from './wire.js';
 const part = (id) => document.getElementById(id);
 const PERIOD = 400, AFTER_FAILURE = 2000; // [ms] between two questions about a step that runs
 const RESULTS_KEPT = 20;
+const PIECE = 4e6; // bytes of a file that are sent at once
+const KINDS = /\.(csv|mcap|db3|ya?ml)$|^meta\.json$/i;
+
+/** The bytes of a part of a file as base64. */
+function base64(piece) {
+  return new Promise((resolve, reject) => {
+    const reader = new FileReader();
+    if (!piece.size) { resolve(''); return; }
+    reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(',') + 1));
+    reader.onerror = () => reject(new Error(`The file cannot be read: ${reader.error.message}`));
+    reader.readAsDataURL(piece);
+  });
+}
 
 export class Stages {
   /** `page`: what the page knows; `actions`: attempt, perform, load, setView, openTab, refresh, again (explain the marked part again). */
@@ -22,7 +35,7 @@ export class Stages {
     this.chosen ??= steps.data ? nextStep(this.state) : null;
     showSteps(part('steps'), this.state, this.chosen, {
       choose: (stage) => this.choose(stage), begin: (stage, options) => this.begin(stage, options), stop: () => this.actions.perform('stop'),
-      open: (files) => this.open({ files }), useRecorded: () => this.useRecorded(),
+      open: (files) => this.send(files), useRecorded: () => this.useRecorded(),
     });
     if (!steps.compared.length) part('grid-view').hidden = true;
     this.detail();
@@ -33,6 +46,26 @@ export class Stages {
     this.chosen = stage;
     this.actions.setView('data');
     this.show();
+    part('detail').scrollIntoView({ block: 'start' });
+  }
+
+  /** Send files that were chosen to the session, in pieces, and open what they hold. */
+  async send(files) {
+    const wanted = files.filter((file) => !file.webkitRelativePath || KINDS.test(file.name)); // of a folder, what is no recording stays
+    if (!wanted.length) return this.actions.attempt('change', () => { throw new Error('The folder holds no CSV files or bags (.mcap, .db3).'); });
+    let batch = null;
+    const sent = await this.actions.attempt('change', async () => {
+      for (const [k, file] of wanted.entries()) {
+        for (let at = 0; at === 0 || at < file.size; at += PIECE) {
+          const say = part('sending');
+          if (say) say.textContent = `Sending ${file.name} (${k + 1} of ${wanted.length}), ${Math.round(100 * at / (file.size || 1))} %`;
+          ({ batch } = await ask('upload', { batch, name: file.webkitRelativePath || file.name, at, data: await base64(file.slice(at, at + PIECE)) }));
+        }
+      }
+      return true;
+    });
+    if (part('sending')) part('sending').textContent = '';
+    return sent && this.open({ batch });
   }
 
   async open(body) {

@@ -34,11 +34,11 @@ export function nextStep({ steps, history }) {
 /** Show the steps; `chosen` is the one whose result is looked at. */
 export function showSteps(parent, state, chosen, actions) {
   const { steps } = state;
-  if (!steps.data) return parent.replaceChildren(...openRecordings(actions, steps.recorded));
+  if (!steps.data) return parent.replaceChildren(...openRecordings(actions, state));
   const next = nextStep(state), open = new Set([...parent.querySelectorAll('details[open]')].map((one) => one.dataset.options));
   const list = element('ol', { className: 'steps' }, ...steps.stages.map((one) => stepItem(one, state, { next, chosen, open }, actions)));
   parent.replaceChildren(element('p', { className: 'note', textContent: 'From recordings to an improved model, in this order. What is marked comes next.' }), list,
-    element('details', {}, element('summary', { textContent: 'Other recordings' }), ...openRecordings(actions, steps.recorded)));
+    element('details', {}, element('summary', { textContent: 'Other recordings' }), ...openRecordings(actions, state)));
 }
 
 function stepItem(one, state, { next, chosen, open }, actions) {
@@ -124,19 +124,24 @@ const OPTIONS = {
   },
 };
 
-function openRecordings({ open, useRecorded }, recorded) {
-  const chosen = element('input', { type: 'file', accept: '.csv,text/csv', multiple: true, id: 'recordings-files' });
-  chosen.setAttribute('aria-label', 'CSV files with recordings');
-  chosen.addEventListener('change', async () => {
-    const files = await Promise.all([...chosen.files].map(async (file) => ({ name: file.name, text: await file.text() })));
-    if (files.length) open(files);
-  });
-  const found = [element('p', { textContent: 'Choose the recordings of your robot: one CSV file for each run, three runs or more if you have them.' }), chosen,
-    element('p', { className: 'note', textContent: 'Columns with units in the header: time_s, the command (J_eq_W), and what was measured, such as alpha_rad, F_1_N, T_1_K. Rosbags and folders are named when the program is started: sma-sim explore FOLDER. Copies of the files are kept in the session.' })];
+function openRecordings({ open, useRecorded }, { steps: { recorded }, recorded_columns: columns }) {
+  const files = fileInput('recordings-files', 'Files with recordings', { multiple: true, accept: '.csv,.mcap,.db3,.yaml,.yml,.json,text/csv' }, open);
+  const folder = fileInput('recordings-folder', 'Folder with recordings', { webkitdirectory: true }, open);
+  const found = [element('p', { textContent: 'Choose the recordings of your robot: one CSV file or bag for each run, three runs or more if you have them.' }),
+    element('div', { className: 'choose' }, files, folder),
+    element('p', { id: 'sending', className: 'small', role: 'status' }),
+    element('p', { className: 'note', textContent: `CSV files have columns with units in the header: time_s and those of ${columns.join(', ')} that you have: the command, and what was measured. A bag is a file .mcap or .db3, or its folder. With them you may choose meta.json (the noise of the sensors) and a column map (.yaml), which tells the names and units of other columns. Copies of the files are kept in the session.` })];
   if (recorded.length) {
     const use = element('button', { type: 'button', textContent: `Use what was recorded here (${recorded.length})` });
     use.addEventListener('click', useRecorded);
     found.push(use);
   }
   return found;
+}
+
+/** A button that chooses files; what is chosen is opened. */
+function fileInput(id, label, kind, open) {
+  const chosen = Object.assign(element('input', { type: 'file', id }), kind);
+  chosen.addEventListener('change', () => { if (chosen.files.length) open([...chosen.files]); });
+  return element('label', {}, `${label} `, chosen);
 }

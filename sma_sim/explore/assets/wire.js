@@ -10,13 +10,12 @@ export async function ask(verb, body = {}) {
   } catch {
     throw new Error('The program does not answer: has sma-sim explore been ended? Start it again; every version is kept.');
   }
-  if (!answer.ok) {
-    const text = await answer.text();
-    let words = text;
-    try { words = JSON.parse(text).error ?? text; } catch { /* plain text */ }
-    throw new Error(words);
+  if (!answer.ok) throw new Error(await answer.text());
+  if ((answer.headers.get('Content-Type') ?? '').startsWith('application/json')) {
+    const found = await answer.json();
+    if ('refused' in found) throw new Error(found.refused);
+    return found;
   }
-  if ((answer.headers.get('Content-Type') ?? '').startsWith('application/json')) return answer.json();
   return unpacked(await answer.arrayBuffer());
 }
 
