@@ -17,7 +17,7 @@ rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
-WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw3').removeprefix('gw'))  # each has domains of its own; 3: no worker
+WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw4').removeprefix('gw'))  # each has domains of its own; 4: no worker
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 60.0  # [s]
 if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
@@ -27,6 +27,11 @@ if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
 else:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+def any_domain():
+    """One of the domains of this worker."""
+    return 5 * random.randrange(1, 20) + WORKER % 5
 
 
 @contextmanager
@@ -46,7 +51,7 @@ class Simulation:
     """A node of ours (`sma_module_sim`) as a subprocess, with a client that collects what it publishes."""
 
     def __init__(self, *arguments, topics=(), namespace='', module='sma_sim.ros.main', folder=ROOT):
-        self.environment = os.environ | {'ROS_DOMAIN_ID': str(4 * random.randrange(1, 25) + WORKER % 4)}
+        self.environment = os.environ | {'ROS_DOMAIN_ID': str(any_domain())}
         command = [sys.executable, '-m', module, '--ros-args', *arguments]
         environment = {'PYTHONPATH': str(ROOT), **self.environment}
         self.process = subprocess.Popen(

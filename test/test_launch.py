@@ -70,7 +70,7 @@ class Launched:
 
     def __init__(self, environment, log, topics, *words):
         self.log, self.seen = log, {topic: [] for topic in topics}
-        self.domain = str(4 * ros_client.random.randrange(1, 25) + ros_client.WORKER % 4)
+        self.domain = str(ros_client.any_domain())
         with log.open('w') as file:
             self.process = subprocess.Popen(
                 [ROS2, 'launch', 'sma_sim', *words], env={**environment, 'ROS_DOMAIN_ID': self.domain}, stdout=file,

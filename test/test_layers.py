@@ -11,7 +11,7 @@ ROOMS = (
     'evidence.model_selection', 'evidence.latent_input', 'evidence.symbolic_regression', 'evidence.experiment_design',
     'evidence.diagnosis', 'challenge', 'report', 'workflow', 'ros', 'explore', 'cli.common', 'cli',
 )  # fmt: skip
-COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py', 'fields_read.py'}
+COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py', 'native_code_cache.py', 'fields_read.py'}
 ONLY_IN = {'rclpy': 'ros', 'std_msgs': 'ros', 'sensor_msgs': 'ros', 'matplotlib': 'report', 'plotly': 'report'}
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
-import rclpy  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
@@ -19,10 +18,9 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
-from sma_sim.evidence.monitoring.live_model import J_EQ, MODULE_CHANNEL_NAMES  # noqa: E402
+from sma_sim.evidence.monitoring.live_model import MODULE_CHANNEL_NAMES  # noqa: E402
 from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
 from sma_sim.model.structures.spatial import STRUCTURE as SPATIAL  # noqa: E402
-from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
 from sma_sim.solver.columns import sample_columns  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 
@@ -315,44 +313,6 @@ def test_commands_that_are_only_asked_for_and_the_timeout():
     assert 'J_eq_applied is published' not in log[0]
 
 
-def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
-    """Also for those that come late: they take effect at once, and are counted."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=104)
-    node = rclpy.create_node('intake', context=context)
-    try:
-        intake = RobotSubscriptions(node, Config())
-        publisher = node.create_publisher(Float64, 'J_eq', 10)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        half = 10**12  # [ns] between two samples here, so that an instant of the test is nothing
-        nothing = np.zeros((3, 3))
-
-        def told(before, now):
-            """The changes of a command that arrives now; samples are (arrival from now on, stamp) [ns]."""
-            samples = [Sample(time.time_ns() + after, stamp, nothing) for after, stamp in (before, now)]
-            publisher.publish(Float64(data=3.0))
-            end = time.monotonic() + ros_client.REACTION
-            while not (changes := intake.changes(*samples)):
-                assert time.monotonic() < end
-                executor.spin_once(timeout_sec=0.05)
-            return changes
-
-        end = time.monotonic() + ros_client.REACTION
-        while publisher.get_subscription_count() == 0:
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
-        between = told((-half, 5_000), (half, 25_000))
-        assert [(change.column, change.value) for change in between] == [(J_EQ, 3.0)]
-        assert between[0].stamp == pytest.approx(15_000, abs=200)
-        assert 'commands later than check.latency' not in intake.rejected()
-        assert told((half, 40_000), (2 * half, 50_000))[0].stamp == 40_000
-        assert intake.rejected()['commands later than check.latency'] == 1
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)
-
-
 def test_it_says_that_nothing_is_measured():
     with ros_client.Simulation(*QUICK, topics=TOPICS, module=CHECK) as one:
         one.until(lambda: 'no joint_states for' in status(one).message, ros_client.FIRST_MESSAGE)
@@ -361,23 +321,27 @@ def test_it_says_that_nothing_is_measured():
     assert code == 0 and 'no joint_states: is the robot running, in this namespace?' in log
 
 
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (['-p', 'check.threshold:=-1.0'], 'check.threshold = -1'),
-        (['-p', 'check.noise_alpha:=0.0'], 'check.noise_alpha = 0 rad'),
-        (['-p', 'check.name_alpha:=3'], 'check.name_alpha = 3'),
-        (['-p', 'check.name_alpha:=U_x'], 'check.name_*: expected three different names, got U_x, U_y, U_x'),
-        (['-p', 'check.tolerance:=1.0'], 'unknown parameter check.tolerance'),
-        (['-p', 'system:=wire'], 'a wire has no joints'),
-    ],
-)
-def test_wrong_parameters_stop_it(words, message):
-    command = [sys.executable, '-m', CHECK, '--ros-args', *words]
-    done = subprocess.run(command, cwd=ros_client.ROOT, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith('sma_model_check: ') and message in done.stderr
-    assert 'Traceback' not in done.stderr
+WRONG_PARAMETERS = {
+    'check.threshold:=-1.0': 'check.threshold = -1',
+    'check.noise_alpha:=0.0': 'check.noise_alpha = 0 rad',
+    'check.name_alpha:=3': 'check.name_alpha = 3',
+    'check.name_alpha:=U_x': 'check.name_*: expected three different names, got U_x, U_y, U_x',
+    'check.tolerance:=1.0': 'unknown parameter check.tolerance',
+    'system:=wire': 'a wire has no joints',
+}
+
+
+def test_wrong_parameters_stop_it():
+    """One process starts it with each of them."""
+    code = f'from {CHECK} import main\nfor words in {list(WRONG_PARAMETERS)}: print(main(["--ros-args", "-p", words]))'
+    words = [sys.executable, '-u', '-c', code]
+    output = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, 'text': True}
+    done = subprocess.run(words, cwd=ros_client.ROOT, timeout=120, **output)
+    assert done.returncode == 0 and 'Traceback' not in done.stdout, done.stdout
+    said = done.stdout.split('\n2\n')
+    assert said.pop() == '' and len(said) == len(WRONG_PARAMETERS), done.stdout
+    for words, message in zip(said, WRONG_PARAMETERS.values(), strict=True):
+        assert words.startswith('sma_model_check: ') and message in words
 
 
 def test_beside_a_structure_with_a_command_for_each_wire():

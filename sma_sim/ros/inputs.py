@@ -118,7 +118,7 @@ class Inputs:
         command, points = self.command, self.set_points
         applied = self._applied if self._applied is not None else math.nan
         numbers = [applied] if isinstance(applied, float) else applied
-        told = {
+        values = {
             'command': command.state,
             'command timeouts': command.timeouts,
             **self.stamped.diagnostics(),
@@ -128,11 +128,11 @@ class Inputs:
             f'{command.topic} applied [W]': ', '.join(f'{number:g}' for number in numbers),
         }
         for point, value in zip(points, self._applied_points, strict=True):
-            told[f'{point.topic} applied'] = f'{value:g}'
+            values[f'{point.topic} applied'] = f'{value:g}'
         if isinstance(command, WireCommands):
             refusals = [refusal for refusal in (command.refusal, *(point.refusal for point in points)) if refusal]
-            told['last refused command'] = '; '.join(refusals) or 'none'
-        return told
+            values['last refused command'] = '; '.join(refusals) or 'none'
+        return values
 
     def _heating_message(self) -> Any:
         return Float64(data=self._applied) if isinstance(self._applied, float) else self._messages.heating(self._applied)

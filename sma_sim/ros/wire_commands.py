@@ -48,18 +48,18 @@ class WireCommands(Command):
 
     def _wrong(self, J: tuple[float, ...], message: Float64MultiArray) -> str:
         """What is wrong with a message; empty where nothing is."""
-        told = f'J = {shown(J)} W refused: expected '
+        refused = f'J = {shown(J)} W refused: expected '
         each = 'pair of wires' if self._signed else 'wire'
         one_each = 'one number [W]' if self._count == 1 else f'{self._count} numbers [W], one for each {each}'
         sizes = [dimension.size for dimension in message.layout.dim]
         if len(J) != self._count:
-            return f'{told}{one_each}, got {len(J)}'
+            return f'{refused}{one_each}, got {len(J)}'
         if message.layout.data_offset or sizes and math.prod(sizes) != len(J):
-            return f'{told}{one_each}, got a layout of the sizes {sizes} and the offset {message.layout.data_offset}'
+            return f'{refused}{one_each}, got a layout of the sizes {sizes} and the offset {message.layout.data_offset}'
         if not all(map(math.isfinite, J)):
-            return f'{told}finite numbers'
+            return f'{refused}finite numbers'
         negative = not self._signed and min(J) < 0.0
-        return f'{told}no negative number: a wire is heated or it is not' if negative else ''
+        return f'{refused}no negative number: a wire is heated or it is not' if negative else ''
 
 
 def shown(numbers: tuple[float, ...]) -> str:

@@ -1,0 +1,46 @@
+"""What the live check makes of messages that arrive between two samples of the robot."""
+
+import time
+
+import numpy as np
+import pytest
+
+ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+import rclpy  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+
+from sma_sim import Config  # noqa: E402
+from sma_sim.evidence.monitoring.live_model import J_EQ  # noqa: E402
+from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
+
+
+def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
+    """Also for those that come late: they take effect at once, and are counted."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        intake = RobotSubscriptions(node, Config())
+        publisher = node.create_publisher(Float64, 'J_eq', 10)
+        executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        half = 10**12  # [ns] between two samples here, so that an instant of the test is nothing
+        nothing = np.zeros((3, 3))
+
+        def changes_at(before, now):
+            """The changes of a command that arrives now; samples are (arrival from now on, stamp) [ns]."""
+            samples = [Sample(time.time_ns() + after, stamp, nothing) for after, stamp in (before, now)]
+            publisher.publish(Float64(data=3.0))
+            end = time.monotonic() + ros_client.REACTION
+            while not (changes := intake.changes(*samples)):
+                assert time.monotonic() < end
+                executor.spin_once(timeout_sec=0.05)
+            return changes
+
+        end = time.monotonic() + ros_client.REACTION
+        while publisher.get_subscription_count() == 0:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+        between = changes_at((-half, 5_000), (half, 25_000))
+        assert [(change.column, change.value) for change in between] == [(J_EQ, 3.0)]
+        assert between[0].stamp == pytest.approx(15_000, abs=200)
+        assert 'commands later than check.latency' not in intake.rejected()
+        assert changes_at((half, 40_000), (2 * half, 50_000))[0].stamp == 40_000
+        assert intake.rejected()['commands later than check.latency'] == 1
