@@ -6,9 +6,9 @@
 Which test runs which line, and for how long, is measured once without a fault and kept beside the results: for files of
 model and solver as plain Python (NUMBA_DISABLE_JIT), where coverage sees the kernels. A mutant then runs the tests that
 come to its statement, the shortest first, until one fails or `--budget` seconds of them are over; where the statement
-runs while the file is imported, the tests of the file. They run in a fork of one process that has imported numba and
-SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is not run again. A second run
-with `--native` takes those of model and solver that survived as plain Python to native code.
+runs while the file is imported, the tests that come to the file or are named after it. They run in a fork of one process
+that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is
+not run again. A second run with `--native` takes those of model and solver that survived as plain Python to native code.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import random
 import resource
 import shutil
 import signal
@@ -27,6 +28,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import matplotlib.pyplot  # noqa: F401  imported here, once for all forks
@@ -56,7 +58,8 @@ TESTS = {
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
-        'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes',
+        'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
+        'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text',
     ),
 }  # fmt: skip
 # Runs that take long as plain Python.
@@ -66,7 +69,7 @@ SLOW_AS_PYTHON = (
     'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
     'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
-LONGEST = 20.0  # [s] of a test that mutants run, with coverage
+LONGEST, LONGEST_FILE = 6.0, 30.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -78,8 +81,14 @@ class Recorder:
 
     def __init__(self, times: Path, coverage: Coverage) -> None:
         """`times` gets a line of JSON for each test."""
+        self.end = time.process_time() + LONGEST_FILE
         self.times, self.coverage, self.failed = times, coverage, set[str]()
-        signal.signal(signal.SIGPROF, stop_test)
+        self.runs = False
+        signal.signal(signal.SIGPROF, self.stop_test)
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """In an order of its own, so that those that are left out when the time is over are any."""
+        random.Random(1).shuffle(items)
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -91,23 +100,30 @@ class Recorder:
         if item.nodeid not in self.failed:
             with self.times.open('a') as out:
                 out.write(json.dumps({'test': item.nodeid, 'cpu': time.process_time() - begin}) + '\n')
+        if time.process_time() > self.end:
+            item.session.shouldstop = f'{LONGEST_FILE} s are over'
 
     @pytest.hookimpl(hookwrapper=True)
-    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+    def pytest_pyfunc_call(self) -> Iterator[None]:
         """Around what a test does, without its fixtures."""
         signal.setitimer(signal.ITIMER_PROF, LONGEST, 1.0)  # again: an exception in a call from native code is lost
-        yield
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        self.runs = True
+        try:
+            yield
+        finally:
+            self.runs = False
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+    def stop_test(self, _: int, frame: FrameType | None) -> None:
+        """Make a test fail that takes too long; not while coverage or pytest are at work."""
+        file = frame.f_code.co_filename if frame else '/pluggy/'
+        if self.runs and not any(name in file for name in ('/coverage/', 'pytest', '/pluggy/')):
+            raise TimeoutError(f'takes more than {LONGEST} s')
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Tests that fail, or are skipped, without a fault tell nothing."""
         if report.outcome != 'passed':
             self.failed.add(report.nodeid)
-
-
-def stop_test(*_: object) -> None:
-    """Make a test fail that takes too long."""
-    raise TimeoutError(f'takes more than {LONGEST} s')
 
 
 @dataclass(frozen=True)
@@ -121,7 +137,9 @@ class Reach:
         """The tests to run, the shortest first."""
         lines = self.lines.get(mutant.path, {})
         reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
-        reached = reached or set().union(*lines.values())
+        if not reached:  # it runs while the file is imported
+            named = {test for test in self.seconds if Path(mutant.path).stem in test}
+            reached = named.union(*lines.values())
         chosen, total = [], 0.0
         for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):
             total += self.seconds[name]
@@ -224,10 +242,13 @@ def measured(words: Sequence[str], folder: Path, way: str) -> int:
     (folder / f'{way}.times.jsonl').write_text('')
     coverage = Coverage(str(folder / f'{way}.coverage'), source_pkgs=['sma_sim'], data_suffix=False, config_file=False)
     coverage.start()
-    code = pytest.main(list(words), plugins=[Recorder(folder / f'{way}.times.jsonl', coverage)])
+    files = [word for word in words if word.endswith('.py')]
+    for file in files:
+        own = [file, *(word for word in words if word not in files)]
+        pytest.main(own, plugins=[Recorder(folder / f'{way}.times.jsonl', coverage)])
     coverage.stop()
     coverage.save()
-    return int(code)
+    return 0
 
 
 def waited(fork: Fork) -> tuple[str, str]:

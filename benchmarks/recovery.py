@@ -20,7 +20,7 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from cases import add_options, solved
+from cases import add_options, drawn, solved
 
 from sma_sim.challenge.draw import named_truth
 from sma_sim.challenge.make import RecordingPlan, challenge_with
@@ -107,7 +107,8 @@ def main() -> None:
     cases = [
         (effect, error, seed, asked.forces) for seed in asked.seeds for error in asked.errors for effect in asked.effects
     ]
-    print(*table(solved(cases, solve, asked, lambda one: list(table([one]))[-1])), sep='\n')
+    results = solved(drawn(cases, asked.share), solve, asked, lambda result: list(table([result]))[-1])
+    print(*table(results), sep='\n')
 
 
 if __name__ == '__main__':
