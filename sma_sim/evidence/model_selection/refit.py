@@ -92,10 +92,12 @@ def best_refits(
             if sketch is not None and (may_decide(best[k] or sketch, target) if retried else is_near(sketch, target))
         ]  # fmt: skip
         starts = [middle[k] if retried else (led[k].problem, led[k].z) for k in chosen]
+        # a fit from far away may fall slowly for a while before it falls below all others
         jobs = [
-            partial(refit, problem, at_defaults(problem) if criteria is FROM_PRIORS else z, context, criteria, target)
+            partial(refit, problem, at_defaults(problem), context, criteria) if criteria is FROM_PRIORS
+            else partial(refit, problem, z, context, criteria, target)
             for problem, z in starts
-        ]
+        ]  # fmt: skip
         for k, found in zip(chosen, run_in_threads(jobs, context.stop), strict=True):
             best[k] = min((fit for fit in (best[k], found) if fit), key=lambda fit: fit.cost, default=None)
     return best
