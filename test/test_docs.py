@@ -45,6 +45,7 @@ def test_every_shell_block_says_whether_it_runs():
     assert [name for name, _, mark, _ in blocks(*SHELLS) if not mark] == []  # <!-- run --> or <!-- not run: why -->
 
 
+@pytest.mark.blocks
 @pytest.mark.parametrize('command', list(scripts()))
 def test_block(command, tmp_path):
     (tmp_path / 'examples').symlink_to(ROOT / 'examples')

@@ -26,7 +26,7 @@ def copy_of_sources(folder):
     return folder
 
 
-@pytest.fixture(scope='module', params=[False, True], ids=['plain', 'editable'])
+@pytest.fixture(scope='module', params=[False, pytest.param(True, marks=pytest.mark.slow)], ids=['plain', 'editable'])
 def prefix(request, tmp_path_factory):
     """An environment into which pip has installed the package without its dependencies."""
     sources, prefix = copy_of_sources(tmp_path_factory.mktemp('sources')), tmp_path_factory.mktemp('prefix')
