@@ -11,10 +11,12 @@ import ctypes
 import os
 import signal
 
-import hypothesis
-import numba
-import pytest
-from prewarm import prewarm
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before NumPy: its threads would fight with those of other workers
+
+import hypothesis  # noqa: E402
+import numba  # noqa: E402
+import pytest  # noqa: E402
+from prewarm import prewarm  # noqa: E402
 
 # A busy machine draws slowly, and a first call may compile: neither is a fault of what is tested.
 hypothesis.settings.register_profile('any machine', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import threadpoolctl
 from simulated_data import NOISE, config, dataset, recording, scaled
 
 import sma_sim.evidence.estimation.executors as executors
@@ -155,6 +156,18 @@ def test_bounds_are_reported(small):
     start = scaled(config(), beam__L=1.0, wire__V_L=1.0, beam__E=1.0 / 13.0)
     found = calibrate(small, start, replace(FEW, free=('beam.E',)))
     assert found.at_bound == ('beam.E',)
+
+
+def test_linear_algebra_keeps_to_its_thread_with_any_executor():
+    def threads():
+        return {library['num_threads'] for library in threadpoolctl.threadpool_info() if library['user_api'] == 'blas'}
+
+    with threadpoolctl.threadpool_limits(2, 'blas'), ThreadPoolExecutor(1) as own:
+        assert threads() == {2}
+        for executor in (None, own):
+            with executors.executor_or_threads(executor):
+                assert threads() == {1}
+        assert threads() == {2}
 
 
 @pytest.mark.parametrize('kind', ['threads', 'processes'])

@@ -74,14 +74,16 @@ def one_thread_for_linear_algebra() -> AbstractContextManager[object]:
 def executor_or_threads(executor: Executor | None) -> Iterator[Executor]:
     """The given executor, or threads on all cores (compiled runs release the interpreter lock).
 
-    Linear algebra then keeps to the thread that asks for it: a second set of threads would fight with these over the cores.
-    Without threadpoolctl, for which rosdep has no key, it does not, and only time is lost.
+    Linear algebra then keeps to the thread that asks for it, which the given executor's may be too: a second set of threads
+    would fight with these over the cores, and take several times the processor time of all runs. Without threadpoolctl, for
+    which rosdep has no key, it does not, and only time is lost.
     """
-    if executor is not None:
-        yield executor
-        return
-    with one_thread_for_linear_algebra(), ThreadPoolExecutor(os.cpu_count()) as threads:
-        yield threads
+    with one_thread_for_linear_algebra():
+        if executor is not None:
+            yield executor
+            return
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            yield threads
 
 
 def run_in_threads(jobs: Sequence[Callable[[], Result]], stop: Stop, at_once: int | None = None) -> list[Result]:
