@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.structure import Structure
+from sma_sim.model.structures.structure import WIRE_STATES, Structure
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-STATE_COLUMNS = ('x_M', 'mode', 'T')  # numbered after the sensor channels, wire by wire
+STATE_COLUMNS = tuple(name for name, _ in WIRE_STATES)
 
 
 class SampleColumns(NamedTuple):
@@ -78,7 +78,7 @@ def are_channels(numbers: NDArray[np.int64], structure: Structure) -> bool:
 
 def places(structure: Structure, numbers: NDArray[np.int64]) -> dict[str, int]:
     """Where samples of these numbers, or whole rows where there are none, have what, by column of the file contract."""
-    names = numbered_names(structure)
+    names = structure.sampled_columns
     if len(numbers):
         return {names[number]: k for k, number in enumerate(numbers.tolist())}
     where, channels, wires = sample_columns(structure), len(structure.channels), structure.wires
@@ -88,9 +88,3 @@ def places(structure: Structure, numbers: NDArray[np.int64]) -> dict[str, int]:
             first = where.wires.start + WIRE_COLUMNS.index(name)
             found |= {names[channels + kind * wires + i]: first + PER_WIRE * i for i in range(wires)}
     return found
-
-
-def numbered_names(structure: Structure) -> tuple[str, ...]:
-    """Columns of the file contract by the numbers of what is sampled."""
-    own = [f'{name}{suffix}' for name in STATE_COLUMNS for suffix in structure.wire_suffixes]
-    return (*structure.channel_columns, *(f'{name}_K' if name.startswith('T') else name for name in own))

@@ -155,5 +155,5 @@ def with_mask(active: ActiveEffect) -> tuple[float, ...]:
 def own_scratch(p: System) -> System:
     """The system with scratch memory of its own: runs of one model in several threads must not share it."""
     e, at = p.effects, p.structure
-    effects = e._replace(s=np.zeros_like(e.s), out=np.zeros_like(e.out), contribution=np.zeros_like(e.contribution))
+    effects = e._replace(s=np.zeros(e.s.shape), out=np.zeros(e.out.shape), contribution=np.zeros(e.contribution.shape))
     return p._replace(effects=effects, structure=at._replace(effects=at.effects.copy()))

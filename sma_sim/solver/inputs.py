@@ -151,9 +151,12 @@ def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float
 
     A linear column is split where it crosses zero: heating as a function of J_eq has a kink there.
     """
-    times, values = with_zero_crossings(source)
-    slopes = np.zeros_like(values)
-    if any(source.linear) and len(times) > 1:
+    moving = any(source.linear)
+    times, values = (
+        with_zero_crossings(source) if moving else (np.asarray(source.times, float), np.asarray(source.values, float))
+    )
+    slopes = np.zeros(values.shape)
+    if moving and len(times) > 1:
         linear = np.array(source.linear)
         slopes[:-1, linear] = (np.diff(values[:, linear], axis=0).T / np.diff(times)).T
     keep = np.ones(len(times), dtype=bool)

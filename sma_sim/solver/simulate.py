@@ -109,6 +109,7 @@ class Trajectory:
         return self.columns[name] if name in self.columns else self.resistances[name]
 
 
+NAMED_EDGES = tuple((GUARD_NAMES[guard], source, target) for source, target, guard in EDGES)  # as a jump has them
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
@@ -148,7 +149,7 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(requested), requested, 0.5)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
-    at_rest, hybrid = InputPoint(u, np.zeros_like(u)), p._replace(mas=False)
+    at_rest, hybrid = InputPoint(u, np.zeros(len(u))), p._replace(mas=False)
     if not package_compiler().function(start)(state, at_rest, requested, hybrid, work):
         groups = ', '.join(sorted({f'{name.partition(".")[0]}.*' for name in model.structure.declared}))
         raise SimulationError(
@@ -298,8 +299,6 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
 
 def named_jumps(jumps: Any, count: int) -> tuple[Jump, ...]:
     """The log of jumps with names; j counts the jumps before it."""
-    log = []
-    for j, (t, wire, edge) in enumerate(jumps[:count].tolist()):
-        source, target, guard = EDGES[int(edge)]
-        log.append(Jump(t, j, int(wire) + 1, GUARD_NAMES[guard], source, target))
-    return tuple(log)
+    return tuple(
+        Jump(t, j, int(wire) + 1, *NAMED_EDGES[int(edge)]) for j, (t, wire, edge) in enumerate(jumps[:count].tolist())
+    )

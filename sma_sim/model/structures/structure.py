@@ -23,6 +23,7 @@ CHECK_PAGE = 'docs/reference/model-check.md'
 CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-'),
                  'R': (0.01, 'ohm')}  # fmt: skip # usual sensors
 NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
+WIRE_STATES = (('x_M', ''), ('mode', ''), ('T', '_K'))  # of every wire, sampled after the sensor channels; with their unit
 MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
 
@@ -361,6 +362,12 @@ class Structure:
     def channel_columns(self) -> tuple[str, ...]:
         """Columns of the channels in files."""
         return tuple(column for _, column in self._channels)
+
+    @cached_property
+    def sampled_columns(self) -> tuple[str, ...]:
+        """Columns of all that is sampled: the channels, then WIRE_STATES of the wires."""
+        states = (f'{name}{suffix}{unit}' for name, unit in WIRE_STATES for suffix in self.wire_suffixes)
+        return (*self.channel_columns, *states)
 
 
 def in_group(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
