@@ -16,6 +16,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from sma_sim.evidence.estimation.executors import one_thread_for_linear_algebra
 from sma_sim.model.errors import UserError
 
 Case = tuple[Any, ...]  # of what JSON can hold
@@ -52,8 +53,8 @@ def kept(file: Path) -> list[Result]:
     return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
-def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, told: Callable[[Result], str]) -> list[Result]:
-    """All results in the file, after solving what is missing as long as there is time; `told` says how one went."""
+def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, line_of: Callable[[Result], str]) -> list[Result]:
+    """All results in the file, after solving what is missing as long as there is time; `line_of` says how one went."""
     done, end = kept(asked.file), time.monotonic() + 60.0 * asked.minutes
     known = {key(case['case']) for case in done}
     missing = (case for case in cases if key(case) not in known)
@@ -71,12 +72,12 @@ def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, told:
                 done.append(case.result())
                 with asked.file.open('a') as file:
                     file.write(json.dumps(done[-1]) + '\n')
-                print(told(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
+                print(line_of(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
 
 
 def one_case(solve: Solve, case: Case, threads: int) -> Result:
     """One case in a process of its own."""
-    with ThreadPoolExecutor(threads) as pool:
+    with one_thread_for_linear_algebra(), ThreadPoolExecutor(threads) as pool:
         return {'case': list(case), **answer(solve, case, pool)}
 
 
