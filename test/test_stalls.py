@@ -49,6 +49,17 @@ def test_a_stalled_run_stops_and_says_why():
     assert np.isfinite(run['alpha_rad']).all()
 
 
+def test_two_effects_that_close_the_hysteresis_together_stop_and_say_so():
+    """Each by itself keeps a part of it."""
+    closing = [
+        active('smooth_transformation', width_A=3e8, width_M=2e6, start_A=40.0, end_A=10.0, start_M=36.0, end_M=25.0),
+        active('clausius_clapeyron_mismatch', delta=-1.5e5),
+    ]
+    run = simulate(make_model('module', 'mas', closing, solver__rtol=9e-5), HELD, 10.0)
+    assert not run.completed and 'the hysteresis of wire 1 is only' in run.reason and 'sigma_A and sigma_M' in run.reason
+    assert all(simulate(make_model('module', 'mas', [one], solver__rtol=9e-5), HELD, 10.0).completed for one in closing)
+
+
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
 def test_a_beam_that_gives_way_says_so(kinetics):
     """A beam that softens so much has no stable pose under the pull of the wires."""

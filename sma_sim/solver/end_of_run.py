@@ -8,7 +8,7 @@ from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.integrate import COMPLETED, REASONS, STALLED, STEP_UNDERFLOW, Run
+from sma_sim.solver.integrate import COMPLETED, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
 from sma_sim.solver.model import Model, new_findings
 
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
@@ -20,8 +20,8 @@ def stop_reason(status: int, model: Model, run: Run) -> str:
     p = model.compiled
     if status != COMPLETED and (lost := lost_stability(model, run)):
         return lost
-    if status == STALLED and p.mas and (narrow := narrow_hysteresis(model, run)):
-        return narrow
+    if status in (STALLED, STEP_UNDERFLOW, RATE_NOT_FINITE) and p.mas and (narrow := narrow_hysteresis(model, run)):
+        return f'stalled: {narrow}' if status == STALLED else narrow
     for i in range(p.wires):
         y, T = run.state.y, run.state.y[p.first_T + i]
         x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
@@ -48,7 +48,7 @@ def lost_stability(model: Model, run: Run) -> str:
 
 
 def narrow_hysteresis(model: Model, run: Run) -> str:
-    """What stalls the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
+    """What stalls or ends the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
     p, y = model.compiled, run.state.y
     no_input = np.zeros(len(model.structure.input_columns))
     point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
@@ -58,7 +58,7 @@ def narrow_hysteresis(model: Model, run: Run) -> str:
         height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
         if not height > NARROW:
             return (
-                f'stalled: the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
+                f'the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
                 f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
                 f'sigma_M, or choose the hybrid model'
             )
