@@ -9,8 +9,12 @@ from systems import active, make_model
 
 from sma_sim import find_effects, module_input, simulate
 from sma_sim.model.effects.library import clausius_clapeyron_mismatch
+from sma_sim.model.layout import InputPoint
+from sma_sim.model.system import flow
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.integrate import N_TIGHTENED, WINDOW
+from sma_sim.solver.end_of_run import stop_reason
+from sma_sim.solver.integrate import N_TIGHTENED, RATE_NOT_FINITE, WINDOW
+from sma_sim.solver.model import new_findings
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
 from fuzz_effects import TIMES, fuzz  # noqa: E402
@@ -58,6 +62,21 @@ def test_two_effects_that_close_the_hysteresis_together_stop_and_say_so():
     run = simulate(make_model('module', 'mas', closing, solver__rtol=9e-5), HELD, 10.0)
     assert not run.completed and 'the hysteresis of wire 1 is only' in run.reason and 'sigma_A and sigma_M' in run.reason
     assert all(simulate(make_model('module', 'mas', [one], solver__rtol=9e-5), HELD, 10.0).completed for one in closing)
+
+
+def test_a_closed_hysteresis_is_said_where_its_rates_are_beyond_all_numbers():
+    """The reason evaluates the equations as plain Python, where an exponential that is too large is an error."""
+    closing = [
+        active('smooth_transformation', width_A=3e8, width_M=2e6, end_A=10.0),
+        active('clausius_clapeyron_mismatch', delta=-5e5),
+    ]
+    model = make_model('module', 'mas', closing)
+    run, p = simulate(model, module_input([0.0, 1.0], [0.0, 0.0]), 10.0).state, model.compiled
+    run.state.y[p.first_T], run.state.y[p.first_x] = 700.0, 0.05
+    with pytest.raises(OverflowError):
+        at_rest = InputPoint(np.zeros(2), np.zeros(2))
+        flow(0.0, run.state, at_rest, own_scratch(p), np.zeros(len(run.state.y)), new_findings(p))
+    assert stop_reason(RATE_NOT_FINITE, model, run).startswith('the hysteresis of wire 1 is only -')
 
 
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
@@ -52,11 +54,13 @@ def narrow_hysteresis(model: Model, run: Run) -> str:
     p, y = model.compiled, run.state.y
     no_input = np.zeros(len(model.structure.input_columns))
     point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
-    flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
+    found.obs.fill(np.nan)
+    with suppress(OverflowError, ZeroDivisionError):  # as plain Python; what this wire was strained by is known by then
+        flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
     dsigma = model.config.parameters['wire.dsigma']
     for i in range(p.wires):
         height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
-        if not height > NARROW:
+        if height <= NARROW:
             return (
                 f'the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
                 f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
