@@ -7,6 +7,7 @@ equation together with the heat balance (docs/explanation/physics.md).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
@@ -39,6 +40,7 @@ from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigm
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.
 X_STEP, EPS_STEP, T_STEP, MEMORY_STEP = 1e-7, 1e-7, 1e-4, 1e-7
+KNEE, LEAST = 0.2, 0.05  # of dsigma: from where on the hysteresis no longer narrows in proportion, and its limit
 SECANT_STEPS = 60
 FRACTION_TOLERANCE = 1e-13
 SERIES_SWEEPS, SERIES_TOLERANCE = 100, 1e-16  # of strains in series
@@ -65,7 +67,22 @@ def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, fl
         call_effect(e.value[k], k, i, y, e)
         shift_A += e.out[0]
         shift_M += e.out[1]
-    return strain, shift_A, shift_M
+    half = half_of_height(shift_A - shift_M, p.wire.dsigma)
+    middle = 0.5 * (shift_A + shift_M)
+    return strain, middle + half, middle - half
+
+
+def half_of_height(change: float, dsigma: float) -> float:
+    """Half of what effects add to the height dsigma of the hysteresis [Pa], such that it never closes.
+
+    Below a fifth of dsigma, what would be left goes on as LEAST + (KNEE - LEAST) exp((u - KNEE)/(KNEE - LEAST)) of it. As
+    it closes, 1/E_I grows as eps_T/(sigma_A - sigma_M) and the MAS rates become a switch; upside down, the hybrid model
+    jumps to and fro.
+    """
+    left = 1.0 + change / dsigma
+    if left >= KNEE:
+        return 0.5 * change
+    return 0.5 * dsigma * (LEAST + (KNEE - LEAST) * math.exp((left - KNEE) / (KNEE - LEAST)) - 1.0)
 
 
 def balanced(i: int, sums: tuple[float, float, float], y: Vector, p: System) -> tuple[float, float, float]:

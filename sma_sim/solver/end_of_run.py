@@ -22,8 +22,8 @@ def stop_reason(status: int, model: Model, run: Run) -> str:
     p = model.compiled
     if status != COMPLETED and (lost := lost_stability(model, run)):
         return lost
-    if status in (STALLED, STEP_UNDERFLOW, RATE_NOT_FINITE) and p.mas and (narrow := narrow_hysteresis(model, run)):
-        return f'stalled: {narrow}' if status == STALLED else narrow
+    if status in (STALLED, STEP_UNDERFLOW, RATE_NOT_FINITE) and p.mas and (odd := odd_hysteresis(model, run)):
+        return f'stalled: {odd}' if status == STALLED else odd
     for i in range(p.wires):
         y, T = run.state.y, run.state.y[p.first_T + i]
         x = y[p.first_x + i] if p.mas else run.state.x_frozen[i]
@@ -49,23 +49,28 @@ def lost_stability(model: Model, run: Run) -> str:
     return ''
 
 
-def narrow_hysteresis(model: Model, run: Run) -> str:
-    """What stalls or ends the MAS model in a wire whose hysteresis has nearly closed; empty where none has."""
+def odd_hysteresis(model: Model, run: Run) -> str:
+    """What is wrong with the transformation stresses of a wire, where the MAS rates cannot be followed; empty if nothing."""
     p, y = model.compiled, run.state.y
     no_input = np.zeros(len(model.structure.input_columns))
     point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
     found.obs.fill(np.nan)
-    with suppress(OverflowError, ZeroDivisionError):  # as plain Python; what this wire was strained by is known by then
+    with suppress(OverflowError, ZeroDivisionError):  # as plain Python; the stresses of this wire are known by then
         flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
-    dsigma = model.config.parameters['wire.dsigma']
+    dsigma, eps_T = (model.config.parameters[f'wire.{name}'] for name in ('dsigma', 'eps_T'))
     for i in range(p.wires):
-        height = found.obs[i, O_S_A] - found.obs[i, O_S_M]
-        if height <= NARROW:
+        s_A, s_M = found.obs[i, O_S_A], found.obs[i, O_S_M]
+        if s_A - s_M <= NARROW:
             return (
-                f'the hysteresis of wire {i + 1} is only {height:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where '
-                f'the MAS rates switch too fast to be followed: check wire.dsigma and the effects that shift sigma_A and '
-                f'sigma_M, or choose the hybrid model'
+                f'the hysteresis of wire {i + 1} is only {s_A - s_M:.3g} Pa high (wire.dsigma = {dsigma:g} Pa), where the '
+                f'MAS rates switch too fast to be followed: check wire.dsigma, or choose the hybrid model'
             )
+        for name, stress in (('sigma_A', s_A), ('sigma_M', s_M)):
+            if eps_T + p.wire.d * stress <= 0.0:
+                return (
+                    f'{name} of wire {i + 1} has come to {stress:.3g} Pa, where its phases have no barrier between them: '
+                    f'eps_T + (1/E_M - 1/E_A) {name} is not positive there; check the effects that shift it, and wire.eps_T'
+                )
     return ''
 
 

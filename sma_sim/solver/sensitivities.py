@@ -75,11 +75,6 @@ def direct_states(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64]
     return np.array([-1 if (sensed[:, c] >= 0).any() else first.get(c, -1) for c in numbers.tolist()], dtype=np.int64)
 
 
-def has_tangents(model: Model) -> bool:
-    """Whether a model's runs can have tangents: those of one segment."""
-    return model.compiled.segments == 1
-
-
 def row_shifts(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Matrix | None:
     """Derivatives of the times of the stretches of an input (rows, unknowns); None where neighbours have other rows."""
     times, values, _ = pieces(source)

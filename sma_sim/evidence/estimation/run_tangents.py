@@ -13,16 +13,18 @@ from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, compared, most_steps, planned_run, weighted_residuals
 from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.sensitivities import Neighbour, Sensitivities, has_tangents, simulate_with_tangents
+from sma_sim.solver.sensitivities import Neighbour, Sensitivities, simulate_with_tangents
 from sma_sim.solver.simulate import SimulationError, new_run, new_work
 from sma_sim.solver.work import Work
 
 Matrix = NDArray[np.float64]
 DELTA = 1e-6  # by which an unknown is moved, in standard deviations of its prior
-# Of solver.rtol, in the runs that give tangents: these keep 3 digits, where a difference of two such runs would be noise.
+# Of solver.rtol, in the runs that give tangents, unless they are a search's, which has them already: tangents keep 3 digits,
+# where a difference of two such runs would be noise.
 LOOSER = {'hybrid': 10.0, 'mas': 3.0}
 
 
@@ -45,7 +47,11 @@ class TangentTask:
 
 def tangents_apply(config: Config, run: FitData) -> bool:
     """Whether a run has tangents: not those of segments in series, nor of tests without time."""
-    structure = run.on_bench(config).structure.structure
+    return has_tangents(run.on_bench(config).structure.structure)
+
+
+def has_tangents(structure: Structure) -> bool:
+    """Whether runs of a structure have tangents, as far as it says."""
     return structure.segment is None and not structure.is_quasi_static
 
 
@@ -82,16 +88,14 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
 def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     """The run with the tangents of all unknowns."""
     run, (pickled, nuisance) = task.run, task.point
-    config = loosened(run.on_bench(pickled.config))
+    config = loosened(run, pickled.config)
     source, asked, _ = planned_run(run, nuisance)
     model = Model(config)
-    if not has_tangents(model):
-        return None
     work = new_work(model)
     initial_state = run.initial_state or started(model, source, nuisance, work)
     neighbours = []
     for other, moved in task.moved:
-        beside = None if other is pickled else Model(loosened(run.on_bench(other.config)))
+        beside = None if other is pickled else Model(loosened(run, other.config))
         initial_run, other_source = None, None
         if run.initial_state is None and (beside is not None or moved.start != nuisance.start):
             initial_run = started(beside or model, source, moved, work)
@@ -109,9 +113,10 @@ def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
     return initial_run or new_run(model, np.asarray(source.values[0], float), work)
 
 
-def loosened(config: Config) -> Config:
-    """The configuration at the tolerance of runs that give tangents."""
-    rtol = LOOSER[config.model] * config.parameters['solver.rtol']
+def loosened(run: FitData, config: Config) -> Config:
+    """The configuration on the bench of a run, at the tolerance of runs that give tangents."""
+    config = run.on_bench(config)
+    rtol = (1.0 if run.step_limited else LOOSER[config.model]) * config.parameters['solver.rtol']
     return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
 
 

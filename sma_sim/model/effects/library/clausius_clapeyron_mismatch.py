@@ -1,26 +1,18 @@
 """Different slopes of sigma_A and sigma_M over temperature.
 
-sigma_A - sigma_M = dsigma (1 + u), u = delta (T - T0)/dsigma; half of the change on either side of sigma_MW   [Pa]
-Below u = -0.8 the height goes on as 0.05 + 0.15 exp((u + 0.8)/0.15): the hysteresis narrows to 5 % of dsigma and does not
-close. As it closes, 1/E_I grows as eps_T/(sigma_A - sigma_M) and the MAS rates become a switch at sigma_A.
+sigma_A - sigma_M = dsigma + delta (T - T0); half of the change on either side of sigma_MW   [Pa]
 """
 
-import math
 from typing import Any
 
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import Parameter, WireConstants
 
-KNEE, LEAST = 0.2, 0.05  # of dsigma: from where on the height no longer falls in proportion, and its limit
-
 
 def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
     """Opposite shifts of sigma_A and sigma_M [Pa]."""
-    change = p.delta * (s.T - w.T0) / w.dsigma
-    if change < KNEE - 1.0:
-        change = LEAST + (KNEE - LEAST) * math.exp((change + 1.0 - KNEE) / (KNEE - LEAST)) - 1.0
-    half = 0.5 * w.dsigma * change
+    half = 0.5 * p.delta * (s.T - w.T0)
     return half, -half
 
 

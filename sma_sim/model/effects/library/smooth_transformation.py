@@ -2,18 +2,15 @@
 
 s_A = width_A (x^end_A - (1 - x)^start_A)/2,   s_M = width_M (x^start_M - (1 - x)^end_M)/2   [Pa],   x = x_M
 The stress (at constant stress: the temperature) moves by a width from the first to the last of the material. An exponent
-of 1 is a sharp bend; the larger, the more gradual: the slope there is exponent/2 widths per fraction. Where different widths
-would close the hysteresis, it narrows to 5 % of dsigma about the same middle.
+of 1 is a sharp bend; the larger, the more gradual: the slope there is exponent/2 widths per fraction.
 """
 
-import math
 from typing import Any
 
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import Parameter, WireConstants
 
-KNEE, LEAST = 0.2, 0.05  # of dsigma: below it the hysteresis no longer narrows in proportion, and its limit
 BOUNDS, USUAL = (1.0, 50.0), (1.0, 40.0)
 
 
@@ -23,11 +20,7 @@ def shifts(s: State, w: WireConstants, p: Any) -> tuple[float, float]:
     outside = s.x - x
     s_A = 0.5 * p.width_A * (x**p.end_A - (1.0 - x) ** p.start_A + slope(outside, p.start_A, p.end_A))
     s_M = 0.5 * p.width_M * (x**p.start_M - (1.0 - x) ** p.end_M + slope(outside, p.end_M, p.start_M))
-    middle, height = 0.5 * (s_A + s_M), (s_A - s_M) / w.dsigma + 1.0
-    if height >= KNEE:
-        return s_A, s_M
-    half = 0.5 * w.dsigma * (LEAST + (KNEE - LEAST) * math.exp((height - KNEE) / (KNEE - LEAST)) - 1.0)
-    return middle + half, middle - half
+    return s_A, s_M
 
 
 def slope(outside: float, at_0: float, at_1: float) -> float:
