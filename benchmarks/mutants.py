@@ -6,7 +6,7 @@
 Which test runs which line, and for how long, is measured once without a fault and kept beside the results: for files of
 model and solver as plain Python (NUMBA_DISABLE_JIT), where coverage sees the kernels. A mutant then runs the tests that
 come to its statement, the shortest first, until one fails or `--budget` seconds of them are over; where the statement
-runs while the file is imported, the tests that come to the file or are named after it. They run in a fork of one process
+runs while the file is imported, the tests that come to the file or name it. They run in a fork of one process
 that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is
 not run again. A second run with `--native` takes those of model and solver that survived as plain Python to native code.
 """
@@ -47,19 +47,20 @@ TESTS = {
     PLAIN: (
         'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
         'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
-        'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing',
+        'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
         'effects', 'live', 'reference', 'interpreted', 'closed_forms', 'effect_equations', 'compile', 'stalls',
         'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
-        'optional_packages', 'robot_description', 'recordings', 'scopes',
+        'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
         'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
-        'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text',
+        'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
+        'differing_recordings',
     ),
 }  # fmt: skip
 # Runs that take long as plain Python.
@@ -138,7 +139,10 @@ class Reach:
         lines = self.lines.get(mutant.path, {})
         reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
         if not reached:  # it runs while the file is imported
-            named = {test for test in self.seconds if Path(mutant.path).stem in test}
+            stem = Path(mutant.path).stem
+            files = {test.partition('::')[0] for test in self.seconds}
+            naming = {file for file in files if stem in file or stem in (ROOT / file).read_text()}
+            named = {test for test in self.seconds if test.partition('::')[0] in naming}
             reached = named.union(*lines.values())
         chosen, total = [], 0.0
         for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):

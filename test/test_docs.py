@@ -83,6 +83,13 @@ def test_every_effect_is_in_the_documentation():
 ARCHITECTURE = ROOT / 'docs' / 'explanation' / 'architecture.md'
 
 
+def test_parameters_are_those_of_the_declarations(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / 'docs'))
+    import make_parameters
+
+    assert make_parameters.page() == make_parameters.PAGE.read_text(), 'run python docs/make_parameters.py'
+
+
 def test_architecture_is_that_of_the_imports(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / 'docs'))
     import make_architecture

@@ -8,7 +8,7 @@ from sma_sim.model.automaton import EDGES
 from sma_sim.model.layout import Evaluation, InputPoint, SystemState
 from sma_sim.model.system import EVERYTHING, guard, update_flow, update_guards
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.linear import invert, invert_shifted, multiply, solve_shifted
+from sma_sim.solver.linear import eliminate, elimination, invert, invert_shifted, multiply, solve_shifted
 from sma_sim.solver.model import new_findings
 from sma_sim.solver.simulate import new_work
 from sma_sim.solver.stepper import Segment, linearize_flow
@@ -53,6 +53,14 @@ def test_inverse_needs_rows_exchanged():
 @pytest.mark.parametrize('row', [[1.0, 2.0], [np.nan, 0.0], [np.inf, 1.0]])
 def test_no_inverse(row):
     assert not invert(np.array([[2.0, 4.0], row]), np.zeros(2, dtype=np.int64), 0)
+
+
+@pytest.mark.parametrize('diagonal', [0.0, np.nan, np.inf])
+def test_no_elimination(diagonal):
+    """A pivot that is nothing, or no number; neither is caught by the other's check."""
+    sparse = elimination(np.eye(2, dtype=bool), np.array([0, 1]), np.zeros(2, dtype=bool))
+    assert eliminate(np.diag([0.5, 0.5]), 1.0, np.zeros((2, 2)), sparse)
+    assert not eliminate(np.diag([0.5, 1.0 - diagonal]), 1.0, np.zeros((2, 2)), sparse)
 
 
 def at_a_point(kind, mode, names):

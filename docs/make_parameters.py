@@ -1,0 +1,88 @@
+"""Write docs/reference/parameters.md: every parameter of the model, its structures and its effects, from their declarations.
+
+python docs/make_parameters.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.parameters import (
+    CHECK_PARAMETERS,
+    ENVIRONMENT_PARAMETERS,
+    NODE_PARAMETERS,
+    SOLVER_PARAMETERS,
+    WIRE_PARAMETERS,
+    Parameter,
+)
+from sma_sim.model.structures.discovery import package_structures
+
+PAGE = Path(__file__).resolve().parent / 'reference' / 'parameters.md'
+HEAD = """# Parameters
+
+Every number of the model, of its structures and of its effects, in SI units: the default, what is allowed, and for effects
+what is met in practice (by which a diagnosis judges whether a value is plausible) and the value at which the effect
+vanishes. Names are those of `--set` and of the parameter file. This page is made from the declarations by
+`python docs/make_parameters.py`; `sma-sim systems NAME` and `sma-sim effects NAME` print the same with their sources.
+"""
+COLUMNS = '| parameter | default | unit | allowed | what it is |\n|---|---|---|---|---|'
+EFFECT_COLUMNS = (
+    '| parameter | default | unit | allowed | in practice | nothing at | what it is |\n|---|---|---|---|---|---|---|'
+)
+GROUPS = (
+    ('Wires', 'wire', WIRE_PARAMETERS),
+    ('Environment', 'environment', ENVIRONMENT_PARAMETERS),
+    ('Solver', 'solver', SOLVER_PARAMETERS),
+    ('Node', 'node', NODE_PARAMETERS),
+    ('Model check', 'check', CHECK_PARAMETERS),
+)
+
+
+def between(ends: tuple[float, float] | None) -> str:
+    """A range."""
+    return f'{ends[0]:g} to {ends[1]:g}' if ends else ''
+
+
+def row(name: str, p: Parameter) -> str:
+    """A parameter of the model."""
+    return f'| `{name}` | {p.default:g} | {p.unit} | {between(p.bounds)} | {p.description} |'
+
+
+def effect_row(p: Parameter) -> str:
+    """A parameter of an effect."""
+    neutral = '' if p.neutral is None else f'{p.neutral:g}'
+    return (
+        f'| `{p.name}` | {p.default:g} | {p.unit} | {between(p.bounds)} | {between(p.realistic)} | {neutral} | '
+        f'{p.description} |'
+    )
+
+
+def section(title: str, columns: str, rows: Iterable[str]) -> str:
+    """A heading and its table."""
+    return '\n'.join([f'\n{title}\n', columns, *rows, ''])
+
+
+def sections() -> Iterator[str]:
+    """The page, part by part."""
+    yield HEAD
+    for title, group, parameters in GROUPS:
+        yield section(f'## {title}', COLUMNS, [row(f'{group}.{p.name}', p) for p in parameters])
+    yield '\n## Structures\n'
+    for name, found in sorted(package_structures().items()):
+        own = found.structure.declared
+        if own:
+            yield section(f'### {name}', COLUMNS, [row(full, p) for full, p in own.items()])
+    yield '\n## Effects\n\nTheir parameters are `effects.NAME.PARAMETER`.\n'
+    for name, effect in find_effects().items():
+        yield section(f'### {name}', EFFECT_COLUMNS, map(effect_row, effect.effect.parameters))
+
+
+def page() -> str:
+    """The whole page."""
+    return ''.join(sections())
+
+
+if __name__ == '__main__':
+    PAGE.write_text(page())
