@@ -18,6 +18,7 @@ from sma_sim.evidence.model_selection import candidate_fit, confounding, forward
 from sma_sim.evidence.model_selection.backward_elimination import other_effects
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep, best_acceptable, straightens
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import promising_further, with_further_candidates
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
@@ -156,7 +157,7 @@ def test_variants_are_tried_where_effects_leave_more_than_noise(monkeypatch, lef
         return (screened('natural_convection@wire_1', 20000.0),)
 
     def step_with(of, results, chosen, context, begin, limit):
-        assert of is base and begin is start and limit == pytest.approx(1.05 * left.cost)
+        assert of is base and begin is start and limit == pytest.approx(CRITERIA.sketch_cost_ratio * left.cost)
         return SelectionStep(of, results, (candidate('natural_convection@wire_1', 1.0, 50.0),), None)
 
     monkeypatch.setattr(forward_selection, 'screen', screen)

@@ -45,8 +45,8 @@ class SelectionCriteria:
     # Which candidates are refitted and cross-validated
     sketched_candidates: int = 12
     """Most candidates whose refits are sketched, which costs a twentieth of refitting them."""
-    sketch_cost_ratio: float = 1.05
-    """Ratio to an accepted effect's cost up to which a sketch may lead below it: it ends some per cent above its optimum."""
+    sketch_cost_ratio: float = 1.2
+    """Ratio to an accepted effect's cost up to which a sketch may lead below it: it ends up to a fifth above its optimum."""
     refitted_candidates: int = 5
     """Most candidates that are refitted: one more than are cross-validated, as sketches seldom order neighbours wrongly."""
     min_relative_gain: float = 0.1
