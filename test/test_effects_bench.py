@@ -9,7 +9,7 @@ from test_bench import bench, isobar
 from test_energy import energy_rate, power
 
 from sma_sim import Input, simulate
-from sma_sim.model.layout import O_DX, O_SIGMA, O_STRAIN
+from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X
 from sma_sim.model.material import latent_heat
 
 E_A, E_M, EPS_T = 6e10, 4e10, 0.04  # of the alloy of test_bench
@@ -123,6 +123,20 @@ def test_a_cold_wire_under_a_dead_weight_starts_as_martensite(effect):
     _, run = isobar(bench('stress', 'prescribed', effects=[effect]), 7e6)
     assert run['x_M'][0] == 1.0 and run['strain'][0] > 0.005 and run['x_M'][400] == 0.0
     assert run['strain'][-1] == pytest.approx(run['strain'][0], abs=1e-4)
+
+
+@pytest.mark.parametrize('m', [0.3, 0.9, 0.98])
+@pytest.mark.parametrize('mode', [4, 5])
+def test_the_fraction_is_found_where_it_hardly_strains_the_wire(m, mode):
+    """sigma(eps - e, x) = sigma_A + s_A (or M) to rounding: what is left would be noise in every derivative."""
+    effects = [active('stress_dependent_transformation_strain'), active('polycrystal', spread=2e7)]
+    model, random = make_model('wire', 'hybrid', effects), np.random.default_rng(4)
+    for _ in range(20):
+        state = random_state(model, random, mode)
+        state.y[1] = m
+        found = evaluate(model, state.y, *state[1:5])
+        if 0.0 < found.obs[0, O_X] < 1.0:
+            assert abs(found.obs[0, O_SIGMA] - found.obs[0, O_S_A if mode == 4 else O_S_M]) < 1e-3
 
 
 NAMES = ('transformation_plasticity', 'r_phase_strain', 'grip_toe', 'stress_dependent_transformation_strain')
