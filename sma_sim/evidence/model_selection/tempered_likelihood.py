@@ -19,7 +19,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, TEMPERED
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, TEMPERED, TO_PRIORS
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.solver.simulate import SimulationError
 
@@ -72,7 +72,7 @@ def nearest_to_priors(fit: FitResult, context: SearchContext) -> FitResult:
         return fit
     k = overdispersion(fit.problem, fit.z, context.pool)
     try:
-        anchored = minimize(fit.problem.weighted(1.0 / k), fit.z, TEMPERED, context).z
+        anchored = minimize(fit.problem.weighted(1.0 / k), fit.z, TO_PRIORS, context).z
         found = minimize(fit.problem, anchored, ADDED_EFFECT, context)
     except SimulationError:
         return fit
