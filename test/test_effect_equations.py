@@ -117,7 +117,7 @@ EQUATIONS = {  # of state s, parameters p and memory m
         0.5 * p.width_A * (s.x**p.end_A - (1.0 - s.x) ** p.start_A),
         0.5 * p.width_M * (s.x**p.start_M - (1.0 - s.x) ** p.end_M),
     ),
-    'stress_dependent_transformation_strain': lambda s, p, m: m['e'],
+    'stress_dependent_transformation_strain': lambda s, p, m: -EPS_T * m['m'] * s.x,
     'thermal_crosstalk': lambda s, p, m: p.G * 0.0957 * s.others * (s.T_other - s.T),
     'thermal_expansion': lambda s, p, m: p.a * (s.T - p.T_ref),
     'thermometer_lag': lambda s, p, m: m['shown'],
@@ -129,7 +129,7 @@ RATES = {
     'driver_lag': lambda s, p, m: (s.J - m['P']) / p.tau,
     'functional_fatigue': lambda s, p, m: abs(s.dx),
     'stress_dependent_transformation_strain': lambda s, p, m: (
-        -EPS_T * missing_share(s, p) * s.dx if s.dx > 0.0 else m['e'] * s.dx / s.x
+        (missing_share(s, p) - m['m']) * s.dx / s.x if s.dx > 0.0 else 0.0
     ),
     'sensor_lag': lambda s, p, m: (s.value - m['shown']) / p.tau,
     'thermometer_lag': lambda s, p, m: (s.value - m['shown']) / p.tau,

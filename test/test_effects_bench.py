@@ -9,7 +9,7 @@ from test_bench import bench, isobar
 from test_energy import energy_rate, power
 
 from sma_sim import Input, simulate
-from sma_sim.model.layout import O_DX, O_SIGMA, O_STRAIN
+from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X
 from sma_sim.model.material import latent_heat
 
 E_A, E_M, EPS_T = 6e10, 4e10, 0.04  # of the alloy of test_bench
@@ -100,6 +100,43 @@ def test_toe_and_compliance_carry_the_stress_of_the_wire():
     r_phase = 4e-3 * sigma / (sigma + 1e7) / (1.0 + np.exp(10.0 / 3.0))
     assert run['x_M'].max() == 0.0 and sigma[-1] > 1e8
     assert sigma / E_A + c * sigma + 2e-3 * sigma / (sigma + 8e6) + r_phase == pytest.approx(strain, abs=1e-12)
+
+
+def test_what_forms_has_the_strain_of_its_stress_and_austenite_has_none():
+    """eps_T x + e = integral of H(sigma) dx on a plateau that rises, in proportion to x on the way back."""
+    oriented = 'stress_dependent_transformation_strain:deficit=0.8,k=1e8,sigma_crit=2e7'
+    strain, run = pull([0.0, 0.03, 0.0], [POLYCRYSTAL, oriented], T=420.0, wire__dsigma=8e7)
+    sigma, x, loading = run['stress_Pa'], run['x_M'], np.arange(len(strain)) <= 1000
+    own = strain - sigma * (x / E_M + (1.0 - x) / E_A)
+    H = EPS_T * (1.0 - 0.8 * np.exp(-np.maximum(sigma - 2e7, 0.0) / 1e8))
+    forming = np.concatenate([[0.0], np.cumsum(0.5 * (H[1:] + H[:-1]) * np.diff(x))])
+    back = ~loading & (x > 0.01)
+    assert x.max() > 0.8 and np.ptp(H[loading & (x > 0.05) & (x < 0.7)]) > 0.03 * EPS_T
+    assert own[loading] == pytest.approx(forming[loading], abs=2e-6)
+    assert own[back] / x[back] == pytest.approx(own[1000] / x[1000], rel=1e-4)
+    assert x[-1] == 0.0 and own[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize('effect', ['stress_dependent_transformation_strain:deficit=0.7,k=1.2e8', 'r_phase_strain:T_R=300'])
+def test_a_cold_wire_under_a_dead_weight_starts_as_martensite(effect):
+    """A sharp transformation has no equilibrium at a constant load, however its strain depends on the fraction."""
+    _, run = isobar(bench('stress', 'prescribed', effects=[effect]), 7e6)
+    assert run['x_M'][0] == 1.0 and run['strain'][0] > 0.005 and run['x_M'][400] == 0.0
+    assert run['strain'][-1] == pytest.approx(run['strain'][0], abs=1e-4)
+
+
+@pytest.mark.parametrize('m', [0.3, 0.9, 0.98])
+@pytest.mark.parametrize('mode', [4, 5])
+def test_the_fraction_is_found_where_it_hardly_strains_the_wire(m, mode):
+    """sigma(eps - e, x) = sigma_A + s_A (or M) to rounding: what is left would be noise in every derivative."""
+    effects = [active('stress_dependent_transformation_strain'), active('polycrystal', spread=2e7)]
+    model, random = make_model('wire', 'hybrid', effects), np.random.default_rng(4)
+    for _ in range(20):
+        state = random_state(model, random, mode)
+        state.y[1] = m
+        found = evaluate(model, state.y, *state[1:5])
+        if 0.0 < found.obs[0, O_X] < 1.0:
+            assert abs(found.obs[0, O_SIGMA] - found.obs[0, O_S_A if mode == 4 else O_S_M]) < 1e-3
 
 
 NAMES = ('transformation_plasticity', 'r_phase_strain', 'grip_toe', 'stress_dependent_transformation_strain')

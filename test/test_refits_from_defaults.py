@@ -3,10 +3,10 @@
 from dataclasses import replace
 from threading import Event
 
-import numpy as np
 import pytest
+from isobaric_runs import BENCH, isobaric_tests
 
-from sma_sim import Dataset, FitOptions, Input, Model, Recording, read_config, simulate
+from sma_sim import FitOptions, read_config
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
@@ -17,9 +17,6 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, with_candidate
 
 EFFECT = 'stress_dependent_transformation_strain'
-BENCH = ['system=wire', 'bench.control=stress', 'bench.temperature=prescribed', 'model=hybrid', 'wire.n=1', 'wire.E_A=6e10',
-         'wire.E_M=4e10', 'wire.eps_T=0.04', 'wire.sigma_T=8e6', 'wire.T0=420', 'wire.sigma_MW0=1e8',
-         'wire.dsigma=1.6e8']  # fmt: skip
 # each alone ends elsewhere
 SHAPES = ({'k': 1e7, 'sigma_crit': 1.5e8, 'deficit': 0.5}, {'k': 1e7, 'sigma_crit': 0.0, 'deficit': 1.0})
 
@@ -28,15 +25,7 @@ SHAPES = ({'k': 1e7, 'sigma_crit': 1.5e8, 'deficit': 0.5}, {'k': 1e7, 'sigma_cri
 def nominal():
     """The model without effects on isobaric tests at three stresses that are noisier than stated."""
     truth = read_config(words=BENCH, effects=[f'{EFFECT}:deficit=0.8,k=8e7,sigma_crit=5e6'])
-    times, random, runs = np.linspace(0.0, 3000.0, 121), np.random.default_rng(0), []
-    for stress in (7e6, 1.5e8, 2e8):
-        T = 360.0 + 120.0 * (1.0 - np.abs(times / 1500.0 - 1.0))
-        values = np.column_stack([np.full(len(T), stress), T, np.zeros(len(T)), np.full(len(T), 298.0)])
-        source = Input(times, values, (True, True, False, False), truth.structure.structure.input_columns)
-        strain = simulate(Model(truth), source, times)['strain'] + 1e-4 * random.normal(size=len(T))
-        name = f'{stress / 1e6:.0f}MPa'
-        runs.append(Recording(name, truth.structure.structure.name, times, {'strain': strain}, source, exact_commands=True))
-    problem = problem_for(Dataset(tuple(runs), {'strain': 5e-5}), read_config(words=BENCH), FitOptions(), 1)
+    problem = problem_for(isobaric_tests(truth, (7e6, 1.5e8, 2e8)), read_config(words=BENCH), FitOptions(), 1)
     with executor_or_threads(None) as pool:
         context = SearchContext(pool, Event(), silent, (), 0)
         yield refits.refit(problem, start_point(problem), context), context

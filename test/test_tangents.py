@@ -1,12 +1,29 @@
 """Tangents of runs against differences of runs, extrapolated by Richardson, and against the runs themselves."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sma_sim import Config, Model, Recording, default_parameters, find_effects, module_input, simulate, wire_input
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter, values_of, with_values
+from sma_sim import (
+    Config,
+    Model,
+    Recording,
+    default_parameters,
+    find_effects,
+    module_input,
+    read_config,
+    simulate,
+    wire_input,
+)
+from sma_sim.evidence.estimation.free_parameters import (
+    choose_free,
+    declared_parameters,
+    free_parameter,
+    values_of,
+    with_values,
+)
 from sma_sim.evidence.estimation.problem import Problem, linearize, linearize_by_differences
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.model.effects.discovery import ActiveEffect
@@ -188,3 +205,34 @@ def test_unknowns_of_a_recording_have_tangents(kinetics):
     error = np.sqrt(((found.jacobian - expected.jacobian) ** 2).mean(axis=(1, 2)))
     solver_error = 0.02  # of differences over so small steps
     assert (error < 3e-3 * np.sqrt((expected.jacobian**2).mean(axis=(1, 2))) + solver_error).all()
+
+
+@pytest.mark.parametrize('effects', [('smooth_transformation',), ('stress_dependent_transformation_strain', 'polycrystal')])
+def test_isobaric_tests_have_tangents_where_the_transformation_is_gradual(effects):
+    """Sharp ones have none: a sample shows the jump or does not."""
+    words = ['system=wire', 'bench.control=stress', 'bench.temperature=prescribed', 'wire.dsigma=1.2e8', 'wire.T0=420']
+    bare = read_config(words=words)
+    widths = {
+        'smooth_transformation': 'smooth_transformation:width_A=1e8,width_M=8e7',
+        'polycrystal': 'polycrystal:spread=6e7',
+    }
+    config = read_config(words=words, effects=[widths.get(name, name) for name in effects])
+    times = np.linspace(0.0, 3000.0, 151)
+    T = 340.0 + 150.0 * (1.0 - np.abs(times / 1500.0 - 1.0))
+    values = np.column_stack([np.full(len(T), 1e8), T, np.zeros(len(T)), np.full(len(T), 298.0)])
+    structure = config.structure.structure
+    source = Input(times, values, (True, True, False, False), structure.input_columns)
+    strain = simulate(Model(config), source, times)['strain']
+    run = fit_data(
+        Recording('100MPa', structure.name, times, {'strain': strain}, source, exact_commands=True), {'strain': 1e-4}
+    )
+    free, _ = choose_free(config)
+    problem = Problem(config, (run,), free, delay=0.0).at_tolerance(1e-7)
+    assert problem.has_tangents and not replace(problem, config=bare).has_tangents
+    z = np.full(len(problem.unknowns), 0.05)
+    with ThreadPoolExecutor(2) as pool:
+        (found,) = linearize(problem, z, pool)
+        (expected,) = linearize_by_differences(problem, z, pool, np.full(len(z), 1e-3), central=True)
+    size = np.sqrt((expected.jacobian**2).mean(axis=(1, 2)))
+    error = np.sqrt(((found.jacobian - expected.jacobian) ** 2).mean(axis=(1, 2)))
+    assert (size > 0.1).all() and (error < 0.01 * size).all()

@@ -44,7 +44,7 @@ KNEE, LEAST = 0.2, 0.05  # of dsigma: from where on the hysteresis no longer nar
 SECANT_STEPS = 60
 FRACTION_TOLERANCE = 1e-13
 SERIES_SWEEPS, SERIES_TOLERANCE = 100, 1e-16  # of strains in series
-LARGEST_CHANGE, SMALLEST_SLOPE = 0.2, -0.3  # of the secant method
+LARGEST_CHANGE, SMALLEST_SLOPE = 0.2, -1e-3  # of the secant method
 
 
 def offsets(i: int, T: float, x: float, y: Vector, p: System) -> tuple[float, float, float]:

@@ -14,6 +14,7 @@ from sma_sim.solver.work import Matrix, Vector, Work, copy_into
 NEWTON_STEPS, MOST_UPDATES = 50, 200
 SETTLED = 1e-2  # change of first values relative to the difference steps: 1e-9 of their size
 LONGEST_STEP = 1e6  # relative to the difference steps, where whole steps lead away: a tenth of the size of the pose
+ON_EDGE = 1e-6  # of dsigma, from the stress at which a wire transforms
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
 
@@ -137,7 +138,7 @@ def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bo
     """Static equilibrium of the structure; a wire alone has its strain from the input."""
     if p.coordinates > 0:
         if solve_pose(state, point, p, w, False, False):
-            return True
+            return at_transformation_stress(state, p, w.first.obs)
         if p.segments == 1:
             return False
         for j in range(p.coordinates):
@@ -146,6 +147,16 @@ def equilibrium(state: SystemState, point: InputPoint, p: System, w: Work) -> bo
         return solve_pose(state, point, p, w, False, True)
     keep_wires(w, p)
     balance(state, point, p, w, w.first.dy)
+    return True
+
+
+def at_transformation_stress(state: SystemState, p: System, obs: Matrix) -> bool:
+    """Whether wires in modes 4 and 5 have the stress that these ask for: an implicit x_M may have no solution."""
+    for i in range(p.wires):
+        expected = obs[i, O_S_A] if state.mode[i] == TO_MARTENSITE else obs[i, O_S_M]
+        moving = state.mode[i] == TO_MARTENSITE or state.mode[i] == TO_AUSTENITE
+        if moving and abs(obs[i, O_SIGMA] - expected) > ON_EDGE * p.wire.dsigma:
+            return False
     return True
 
 

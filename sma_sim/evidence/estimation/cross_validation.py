@@ -16,6 +16,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import (
     FitData,
@@ -190,9 +191,9 @@ def evaluate_held_out(
         return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
 
 
-def folds(count: int) -> list[list[int]]:
-    """Indices of the runs that are left out in turn: each run once, in MAX_FOLDS groups at the most."""
-    groups = min(count, MAX_FOLDS)
+def folds(count: int, most: int = MAX_FOLDS) -> list[list[int]]:
+    """Indices of the runs that are left out in turn: each run once, in so many groups at the most."""
+    groups = min(count, most)
     return [list(range(k, count, groups)) for k in range(groups)]
 
 
@@ -225,22 +226,29 @@ def interpolated(levels: Mapping[str, float]) -> list[str]:
 
 
 def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict[str, float]:
-    """Error over noise by run that is left out in turn (refitted from z without it); empty for a single run."""
+    """Error over noise by run that is left out in turn (refitted from z without it); empty for a single run.
+
+    Isobaric tests are left out one by one, and the others refitted with a tempered likelihood: without a level they may
+    leave open how strain grows with stress, and a model of one homogeneous wire is off by many times the noise all along a
+    test. As if that were white noise, it would drive parameters through what the levels leave open, against all priors.
+    """
     if len(problem.runs) < 2:
         return {}
     indices, shared = problem.indices(), len(problem.shared)
+    isobaric, count = not isnan(problem.span), len(problem.runs)
+    tempering = overdispersion(problem, z, context.pool) if isobaric else 1.0
 
     def errors_of(left_out: list[int]) -> list[tuple[str, float]]:
-        kept = [k for k in range(len(problem.runs)) if k not in left_out]
+        kept = [k for k in range(count) if k not in left_out]
         fewer = replace(problem, runs=tuple(problem.runs[k] for k in kept))
         start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
-        refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
+        refitted = minimize(fewer.weighted(1.0 / tempering), start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
         fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error)
         return [(run.name, run.error) for run in fits]
 
     with ThreadPoolExecutor(MAX_FOLDS) as threads:
-        return dict(pair for part in threads.map(errors_of, folds(len(problem.runs))) for pair in part)
+        return dict(pair for part in threads.map(errors_of, folds(count, count if isobaric else MAX_FOLDS)) for pair in part)
 
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:

@@ -46,12 +46,17 @@ class TangentTask:
 
 
 def tangents_apply(config: Config, run: FitData) -> bool:
-    """Whether a run has tangents: not those of segments in series, nor of tests without time."""
-    return has_tangents(run.on_bench(config).structure.structure)
+    """Whether a run has tangents: as its structure says, or at a set stress and temperature where it transforms gradually.
+
+    A sharp transformation passes samples one by one there, between which no tangent sees it move, and differences do.
+    """
+    structure = run.on_bench(config).structure.structure
+    is_gradual = any(active.found.effect.gradual for active in config.effects)
+    return has_tangents(structure) or (structure.is_quasi_static and is_gradual)
 
 
 def has_tangents(structure: Structure) -> bool:
-    """Whether runs of a structure have tangents, as far as it says."""
+    """Whether all runs of a structure have tangents: not those of segments in series, nor of tests without time."""
     return structure.segment is None and not structure.is_quasi_static
 
 

@@ -28,6 +28,7 @@ from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.tempered_likelihood import nearest_to_priors
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.effects.discovery import FoundEffect
 
@@ -43,7 +44,7 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         accepted = steps[-1].accepted
         if accepted is None:
             break
-        base = accepted.fit
+        base = nearest_to_priors(accepted.fit, context)
         errors = f'{base.error:.2f} fitted, {base.prediction_error:.2f} on runs left out'
         context.on_progress(f'accepted {accepted.name}: error over noise {errors}')
         report_model('accepted', base, context)

@@ -24,8 +24,10 @@ def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf)
     """The same effects with the other kinetics, if they predict better; given up where the cost cannot reach `target`.
 
     Without a target they are not tried for a fit that leaves only noise; a rival of one that has them may predict badly with
-    its own though it fits.
+    its own though it fits. Nor in quasi-static tests, which have no time for rates.
     """
+    if fit.problem.config.structure.structure.is_quasi_static:
+        return fit
     if context.stop.is_set() or (fit.error < CRITERIA.other_kinetics_above and target == inf):
         return fit
     problem, z = with_other_kinetics(fit)

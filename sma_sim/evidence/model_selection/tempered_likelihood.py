@@ -1,40 +1,29 @@
 """Tempered likelihood: fits of a model that is known to be wrong, in which correlated residuals count as few.
 
-A model that lacks something biases its parameters as far as white noise would let it. With N residuals of size e (in units
-of the noise) that stay correlated over tau samples there are N/tau independent ones, each as uncertain as e: their squares
-are divided by the overdispersion k^2 = e^2 tau (generalised Bayes; k = 1 when the model is right), so that the priors keep
-their weight.
+A model that lacks something biases its parameters as far as white noise would let it. The squares are divided by the
+overdispersion k^2 of the residuals (`estimation.overdispersion`; generalised Bayes; k = 1 when the model is right), so that
+the priors keep their weight.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import replace
-from math import inf, sqrt
+from math import inf, isnan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import TEMPERED
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, TEMPERED, TO_PRIORS
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-
-
-def overdispersion(problem: Problem, z: Vector, pool: Executor) -> float:
-    """k: root mean square of the residuals times the root of their longest correlation time in samples, at least 1."""
-    found = [residuals for residuals in residuals_at(problem, z, pool) if residuals is not None]
-    if len(found) < len(problem.runs):
-        return inf
-    size = sqrt(sum(float(np.vdot(residuals, residuals)) for residuals in found) / problem.samples)
-    longest = max(autocorrelation_time(row) for residuals in found for row in residuals)
-    return max(1.0, size * sqrt(longest))
 
 
 def tempered_minimum(problem: Problem, z: Vector, k: float, context: SearchContext) -> FitResult:
@@ -71,3 +60,22 @@ def tempered_fit(biased: FitResult, context: SearchContext) -> tuple[FitResult, 
         unbiased = tempered_minimum(biased.problem, biased.z, k, context)
     unbiased = replace(unbiased, cross_validated_error=biased.cross_validated_error, left_out_errors=biased.left_out_errors)
     return unbiased, overdispersion(biased.problem, unbiased.z, context.pool)
+
+
+def nearest_to_priors(fit: FitResult, context: SearchContext) -> FitResult:
+    """A fit of isobaric tests at the optimum nearest to its priors: from the tempered minimum; itself where that is worse.
+
+    Few levels leave open how strain grows with stress, and a search may have come from afar along what they leave open: many
+    parameters then explain them equally well, of which those far from all priors predict other levels badly.
+    """
+    if isnan(fit.problem.span) or context.stop.is_set():
+        return fit
+    k = overdispersion(fit.problem, fit.z, context.pool)
+    try:
+        anchored = minimize(fit.problem.weighted(1.0 / k), fit.z, TO_PRIORS, context).z
+        found = minimize(fit.problem, anchored, ADDED_EFFECT, context)
+    except SimulationError:
+        return fit
+    if context.stop.is_set() or found.error > (1.0 + CRITERIA.same_error) * fit.error:
+        return fit
+    return replace(fit, z=found.z, cost=found.cost)

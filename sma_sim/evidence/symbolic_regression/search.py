@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.tempered_likelihood import overdispersion, tempered_fit
+from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, sketched_formulas
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, fit_all_terms

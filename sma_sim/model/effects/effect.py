@@ -62,6 +62,9 @@ class Effect:
     tried : str
         Where a diagnosis looks for it, of where it acts: 'everywhere', on structures with a 'single wire', whose strain and
         stress an antagonist does not hide, or 'never', as what belongs to a bench and is part of a model that says so.
+    gradual : bool
+        Whether it spreads the transformation over a range of temperatures: at a set stress and temperature samples then
+        change smoothly with every parameter, while a sharp transformation passes them one by one.
     energy : str
         How the effect enters the energy balance.
     description, signature : str
@@ -94,6 +97,7 @@ class Effect:
     systems: tuple[str, ...] = ()
     wires: int = 1
     tried: str = 'everywhere'
+    gradual: bool = False
     energy: str = ''
     description: str = ''
     signature: str = ''

@@ -49,6 +49,7 @@ EFFECT = Effect(
         ),
     ),  # fmt: skip
     kernel=shifts,
+    gradual=True,
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
     description='grains transform one after the other; inner loops when the wire turns back half way',
     signature='plateaus have a slope and round ends; partial cycles run inside the full loop',

@@ -43,6 +43,7 @@ EFFECT = Effect(
         Parameter('end_M', 3.0, '-', BOUNDS, 'how gradually the last of it turns back', '', None, USUAL),
     ),
     kernel=shifts,
+    gradual=True,
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
     description='inner loops when the wire turns back half way, inside the full loop',
     signature='plateaus have a slope and round ends, which differ between the ways and between beginning and end',

@@ -1,10 +1,12 @@
 """Transformation strain that depends on the stress under which martensite forms.
 
 H(sigma)/eps_T = 1 - deficit exp(-max(sigma - sigma_crit, 0)/k),   eps_T the strain at high stress (H_sat)
-Memory: e = h - eps_T x_M with dh = H(sigma) dx_M while martensite forms, dh = (h/x_M) dx_M while it turns back   [-]
+Memory: e = -eps_T m x_M with d(m x_M) = (1 - H(sigma)/eps_T) dx_M while martensite forms, dm = 0 while it turns back   [-]
 Without stress, martensite variants form that cancel each other; stress selects those along it. What formed keeps its strain
-until it turns back, all of it in the same proportion. Wires that keep each other at their transformation stresses are left
-out: what forms and what turns back then have different strains, between which their modes switch back and forth.
+until it turns back, all of it in the same proportion. The state is the share m that the martensite which is there lacks, not
+e itself: austenite then has no e, where the integration of e would leave its error for ever. Wires that keep each other at
+their transformation stresses are left out: what forms and what turns back then have different strains, between which their
+modes switch back and forth.
 """
 
 import math
@@ -14,19 +16,17 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import Parameter, WireConstants
 
-LEAST_FRACTION = 1e-6  # of martensite, below which the strain per fraction is that of this much
+LEAST_FRACTION = 1e-4  # of martensite, below which what forms is averaged with this much of what was there
 
 
-def missing(sigma: float, eps_T: float, p: Any) -> float:
-    """eps_T - H(sigma) [-]."""
-    return float(eps_T * p.deficit * math.exp(-max(sigma - p.sigma_crit, 0.0) / p.k))
+def missing(sigma: float, p: Any) -> float:
+    """1 - H(sigma)/eps_T [-]."""
+    return float(p.deficit * math.exp(-max(sigma - p.sigma_crit, 0.0) / p.k))
 
 
 def rate(s: State, w: WireConstants, p: Any, m: Any) -> float:
-    """de/dt [1/s]: what forms lacks `missing`, what turns back takes its part of e with it."""
-    if s.dx > 0.0:
-        return -missing(s.sigma, w.eps_T, p) * s.dx
-    return float(m.e / max(s.x, LEAST_FRACTION) * s.dx)
+    """dm/dt [1/s]: what forms lacks `missing`, what turns back leaves the rest as it is."""
+    return (missing(s.sigma, p) - m.m) * s.dx / max(s.x, LEAST_FRACTION) if s.dx > 0.0 else 0.0
 
 
 EFFECT = Effect(
@@ -42,11 +42,11 @@ EFFECT = Effect(
         Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
     ),
     systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T', 'slider'),
-    states=('e',),
-    scale=(0.01,),
-    start=lambda s, w, p: -missing(s.sigma, w.eps_T, p) * s.x,
+    states=('m',),
+    scale=(1.0,),
+    start=lambda s, w, p: missing(s.sigma, p),
     rate=rate,
-    kernel=lambda s, w, p, m: m.e,
+    kernel=lambda s, w, p, m: -w.eps_T * m.m * s.x,
     energy='latent heat with eps_T; Om sigma de/dt is left out, up to `deficit` of the mechanical part of the latent heat',
     description='at the start, martensite is as if it had formed under the stress that it has',
     signature='less strain at low stress than at high stress between the same phases; plateaus start where they did',
