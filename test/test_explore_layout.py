@@ -33,3 +33,44 @@ def test_the_picture_keeps_its_size_while_it_moves(server, size):
         assert browser.get_log('browser') == []
     finally:
         browser.quit()
+
+
+# What is written on a chart, each with the width for which there is room.
+WRITTEN = """
+const chart = smaExplore.charts.get(arguments[0]), { context } = chart, found = [], plain = context.fillText.bind(context);
+context.fillText = (text, x, y, most) => {
+  found.push([text, context.measureText(text).width / (most ?? Infinity)]);
+  plain(text, x, y);
+};
+chart.draw();
+delete context.fillText;
+return found;
+"""
+
+
+@pytest.fixture(scope='module')
+def browser():
+    one = open_browser(*SIZES['screen'][:2])
+    yield one
+    one.quit()
+
+
+def test_rounding_is_no_curve_and_its_axis_can_be_read(browser, tmp_path):
+    """The spatial beam bends in one plane under its first command: across it there is nothing but rounding."""
+    with serving(tmp_path / 'session', words=('system=spatial',)) as server:
+        opened(browser, server)
+        run = server.application.run(server.application.session.config()).columns
+        assert 0.0 < abs(run['U_z_m']).max() < 1e-15
+        assert browser.execute_script('const [low, high] = smaExplore.charts.get("U_z [mm]").y; return high - low') > 1e-4
+        for chart in ('U_z [mm]', 'beta [deg]', 'alpha [deg]', 'loop fraction'):
+            written = browser.execute_script(WRITTEN, chart)
+            assert len(written) > 5 and max(share for _, share in written) < 1.3, written  # squeezed a little at most
+        assert browser.get_log('browser') == []
+
+
+def test_every_wire_of_a_stack_is_in_the_legends(browser, tmp_path):
+    with serving(tmp_path / 'session', words=('system=stack',)) as server:
+        opened(browser, server)
+        for chart in ('loop stress', 'loop fraction'):
+            texts = [text for text, _ in browser.execute_script(WRITTEN, chart)]
+            assert texts.count('\u2026') == 0 and {'1', '2', '3', '4', '5', '6'} <= set(texts), texts
