@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -119,7 +120,7 @@ def flat_parameters(config: Config) -> dict[str, Any]:
     """All that a configuration says, by full name: `read_config` makes the same one of it."""
     values: dict[str, Any] = {'system': config.system, 'model': config.model, **config.parameters, **config.settings}
     values['effects.active'] = [active.found.effect.name for active in config.effects]
-    values['effects.paths'] = sorted({str(file.parent) for active in config.effects for file in active.found.files})
+    values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.found.files)
     values['structures.paths'] = folders_of(config.structure)
     for active in config.effects:
         effect = active.found.effect
@@ -128,8 +129,13 @@ def flat_parameters(config: Config) -> dict[str, Any]:
 
 
 def folders_of(found: FoundStructure) -> list[str]:
-    """Folders of the files of a structure, none for one of the package."""
-    return sorted({str(file.parent) for file in found.files})
+    """Folders of the files of a structure, as absolute paths; none for one of the package."""
+    return absolute_folders(found.files)
+
+
+def absolute_folders(files: Iterable[Path]) -> list[str]:
+    """The folders of some files, each once."""
+    return sorted({os.path.abspath(file.parent) for file in files})
 
 
 def read_config(
