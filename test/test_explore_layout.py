@@ -68,6 +68,17 @@ def test_rounding_is_no_curve_and_its_axis_can_be_read(browser, tmp_path):
         assert browser.get_log('browser') == []
 
 
+def test_every_column_of_a_command_can_be_edited(browser, tmp_path):
+    """Nine bundles: the table is wider than the controls, and is scrolled."""
+    with serving(tmp_path / 'session', words=('system=stack', 'stack.modules=9')) as server:
+        opened(browser, server)
+        browser.find_element('id', 'tab-command').click()
+        last = browser.find_elements('css selector', '#command tr:last-child button')[-1]
+        browser.execute_script('arguments[0].scrollIntoView({inline: "end"})', last)
+        place = 'const [one, all] = [arguments[0], document.querySelector("aside")].map((e) => e.getBoundingClientRect());'
+        assert browser.execute_script(f'{place} return one.right <= all.right && one.left >= all.left', last)
+
+
 def test_every_wire_of_a_stack_is_in_the_legends(browser, tmp_path):
     with serving(tmp_path / 'session', words=('system=stack',)) as server:
         opened(browser, server)

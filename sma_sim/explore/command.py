@@ -83,12 +83,18 @@ def first_command(config: Config) -> Command:
                 level = levels['strain'][k] if name == drives[-1] else 1.0
                 row.append(low + level * (high - low))
             else:
-                first = name == columns[len(drives)] and not drives
-                row.append(power * (sign if structure.antagonistic else max(sign, 0.0)) if first else 0.0)
+                row.append(power * heated_part(columns.index(name), sign, structure) if not drives else 0.0)
         rows.append(tuple(row))
     sine = columns[len(drives) - 1 if drives else 0]
     low, high = DRIVEN.get(sine, FALLBACK_DRIVE) if drives else ((-power if structure.antagonistic else 0.0), power)
     return Command('steps', times[-1], tuple(rows), sine, 0.5 * (low + high), 0.5 * (high - low), 40.0)
+
+
+def heated_part(number: int, sign: float, structure: Structure) -> float:
+    """Of the full power, what a first command gives to a bundle: to the first, then to the second; a pair has both."""
+    if structure.antagonistic:
+        return sign if number == 0 else 0.0
+    return max(sign, 0.0) if number == 0 else max(-sign, 0.0) if number == 1 else 0.0
 
 
 def heating_of(config: Config) -> float:

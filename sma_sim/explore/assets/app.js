@@ -184,7 +184,7 @@ function show(state) {
   recordings.forget();
   stages.show();
   if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
-  part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;
+  part('title').textContent = `${controls.system}${controls.title === controls.system ? '' : ` (${controls.title})`}`;
   part('title').title = controls.description;
   const model = part('model');
   model.replaceChildren(...controls.models.map((name) => element('option', { value: name, textContent: name })));

@@ -91,7 +91,9 @@ export class Stages {
     }
     this.chosen = stage;
     this.actions.setView('data');
-    return perform('start', { stage, options });
+    await perform('start', { stage, options });
+    part('detail').scrollIntoView({ block: 'start' }); // where its figure grows
+    return null;
   }
 
   /** The job whose result a stage shows. */
@@ -104,16 +106,27 @@ export class Stages {
     const stage = this.chosen, box = part('detail'), job = stage && this.jobOf(stage);
     if (stage === 'export') return this.exported?.number === this.state.history.current ? showExport(box, this.exported) : box.replaceChildren();
     if (!job) {
-      const words = this.state.steps.data ? '' : 'No recordings yet: choose the files of your robot under Steps.';
-      return box.replaceChildren(element('p', { className: 'note', textContent: words }));
+      return box.replaceChildren(...this.unread());
     }
     const found = await this.resultOf(job);
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
     return showResult(box, job.stage, found, {
+      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel] ?? { label: '', factor: 1 },
       holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
     });
+  }
+
+  /** What is said before a step was taken. */
+  unread() {
+    const { data } = this.state.steps, words = (textContent) => element('p', { className: 'note', textContent });
+    if (!data) return [words('No recordings yet: choose the files of your robot under Steps.')];
+    if (this.chosen !== 'check') return [];
+    const names = data.data.map((path) => path.split(/[\\/]/).at(-1));
+    const held = data.hold_out.length ? ` Held out: ${data.hold_out.map((path) => path.split(/[\\/]/).at(-1)).join(', ')}.` : '';
+    return [element('h2', { textContent: 'Recordings' }), element('ul', {}, ...names.map((textContent) => element('li', { textContent }))),
+      words(`They have not been checked yet.${held}`)];
   }
 
   async resultOf(job) {
