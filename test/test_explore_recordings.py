@@ -66,7 +66,7 @@ def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_com
     until(browser, 'return document.querySelectorAll("#detail tbody tr").length === 3')
     assert offered(browser) == ['check', 'compare']
     noise = next(line for line in browser.find_element('id', 'detail').text.splitlines() if line.startswith('Noise'))
-    assert [word.split()[-1] for word in noise.split(', ')] == ['mm', 'mm', 'deg', 'N', 'N'], noise
+    assert [word.split()[-1] for word in noise.split(', ')] == ['um', 'mm', 'deg', 'N', 'N'], noise
     take(browser, 'compare')
     assert offered(browser) == ['check', 'compare', 'candidates', 'calibrate', 'diagnose', 'export']
     until(browser, 'return smaExplore.recordings.charts.size === 15')

@@ -15,8 +15,9 @@ from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
 from sma_sim.explore.session import Session
+from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.explore.stages import Engine
-from sma_sim.explore.uploads import RECORDINGS, Uploads
+from sma_sim.explore.uploads import Uploads
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data
@@ -196,10 +197,11 @@ def channel_data(name: str, shown: Shown) -> dict[str, Any]:
 
 
 def display_of(channel: str) -> dict[str, Any]:
-    """How a channel is drawn: label with unit, colour, factor and offset from SI units."""
+    """How a channel is drawn: label with unit, colour, factor and offset from SI units; the unit of its deviations."""
     label, (_, _, colour, factor, offset) = curve_of(CHANNEL_COLUMNS[channel]) or (channel, ('', '', '', 1.0, 0.0))
-    axis = label if label.startswith(channel) else f'{channel}: {label}'
-    return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset}
+    axis, (unit, scale) = label if label.startswith(channel) else f'{channel}: {label}', DISPLAY_UNITS[channel]
+    deviation = {'unit': unit, 'factor': scale}
+    return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset, 'deviation': deviation}
 
 
 def curves_of_channel(run: ComparedRun, name: str, view: View, numbers: Numbers) -> dict[str, list[list[int]]]:

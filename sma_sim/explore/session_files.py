@@ -13,6 +13,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest, data_request_from
 
 HISTORY, SETTINGS, VERSIONS = 'history.json', 'session.yaml', 'versions'
+RECORDINGS = 'recordings'  # folder of what was chosen on the page, and what it has recorded
 HEAD = '# A session of sma-sim explore. Delete the folder to forget it; versions/*.yaml are parameter files for --config.\n'
 
 

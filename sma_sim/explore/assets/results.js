@@ -22,8 +22,7 @@ export function errorCell(value) {
   return cell;
 }
 
-/** A deviation of a channel in the unit of its charts. */
-const inUnit = (value, { label, factor }) => `${digits(factor * value, 3)} ${/\[(.*)\]/.exec(label)?.[1] ?? ''}`.trim();
+const inUnit = (value, { factor, unit }) => `${digits(factor * value, 3)} ${unit}`;
 
 const list = (words) => element('ul', {}, ...words.map((textContent) => element('li', { textContent })));
 const heading = (textContent) => element('h2', { textContent });

@@ -112,7 +112,7 @@ export class Stages {
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
     return showResult(box, job.stage, found, {
-      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel] ?? { label: '', factor: 1 },
+      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
       holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
     });
