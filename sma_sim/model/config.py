@@ -328,14 +328,14 @@ def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> 
     parameter, value = declared[name], one.value
     low, high = parameter.bounds
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number in {parameter.unit}{yaml_hint(value)}')
+        unit = f' in {parameter.unit}'.removesuffix(' in -')
+        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number{unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):
         return number
     if not low <= number <= high:
-        raise ConfigError(
-            f'{name} = {number:g} {parameter.unit} ({one.where}): expected {low:g} to {high:g} {parameter.unit}'
-        )
+        unit = f' {parameter.unit}'.removesuffix(' -')
+        raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}')
     return number
 
 
