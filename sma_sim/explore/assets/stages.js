@@ -1,6 +1,7 @@
 // What the steps of the recordings do: begin and stop them, follow the one that runs, show what came out.
 
 import { element } from './controls.js';
+import { keepFocus } from './focus.js';
 import { redrawFigure, showExport, showResult } from './results.js';
 import { nextStep, showSteps } from './steps.js';
 import { ask } from './wire.js';
@@ -25,7 +26,7 @@ function base64(piece) {
 export class Stages {
   /** `page`: what the page knows; `actions`: attempt, perform, load, setView, openTab, refresh, again (explain the marked part again). */
   constructor(page, actions) {
-    Object.assign(this, { page, actions, results: new Map(), events: [], chosen: null, exported: null, polling: 0 });
+    Object.assign(this, { page, actions, results: new Map(), options: {}, events: [], chosen: null, exported: null, polling: 0 });
   }
 
   get state() { return this.page.state; }
@@ -33,10 +34,10 @@ export class Stages {
   show() {
     const { steps } = this.state;
     this.chosen ??= steps.data ? nextStep(this.state) : null;
-    showSteps(part('steps'), this.state, this.chosen, {
+    keepFocus(part('steps'), () => showSteps(part('steps'), this.state, this.chosen, {
       choose: (stage) => this.choose(stage), begin: (stage, options) => this.begin(stage, options), stop: () => this.actions.perform('stop'),
-      open: (files) => this.send(files), useRecorded: () => this.useRecorded(),
-    });
+      open: (files) => this.send(files), useRecorded: () => this.useRecorded(), options: this.options,
+    }));
     if (!steps.compared.length) part('grid-view').hidden = true;
     this.detail();
     if (steps.running && !this.polling) this.poll();
@@ -111,11 +112,11 @@ export class Stages {
     const found = await this.resultOf(job);
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
-    return showResult(box, job.stage, found, {
+    return keepFocus(box, () => showResult(box, job.stage, found, {
       events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
       holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
-    });
+    }));
   }
 
   /** What is said before a step was taken. */
