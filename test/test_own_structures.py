@@ -109,6 +109,18 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
         ("'angle', 'rad'", "'angle', ''", "coordinate angle: expected a unit, such as 'm' or 'rad'"),
         ("'angle', 'rad', 0.1,", "'angle', 'rad', 0.0,", 'coordinate angle: scale = 0 rad; expected more than 0'),
         ("'positive where wire 1 is shorter'),", "''), Coordinate('angle', 'rad', 0.1),", 'angle is there twice'),
+        ("'k', 50.0", "'k', '50 N'", r"parameter k: expected numbers, got default '50 N', bounds \(0.0, 100000.0\)"),
+        ("50.0, 'N/m'", "50.0, ''", "parameter k: expected a unit, such as 'N/m'"),
+        (
+            "return math.hypot(along, p.h - up), math.hypot(along, p.h + up)",
+            'pass',
+            'its lengths give None for wire 1; expected a',
+        ),
+        (
+            'return math.hypot(along, p.h - up), math',
+            'return [1.0], math',
+            r'its lengths give \[1.0\] for wire 1; expected a number',
+        ),
         ("'k', 50.0", "'k', math.nan", 'parameter k: default nan N/m; expected 0 to 100000'),
         ("Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring', SOURCE)", "'k'", "a Parameter .*, got 'k'"),
         ("'rocker.k', 'rocker.b'", "'rocker.c',", 'fitted names rocker.c, which is no parameter; its own are rocker.a'),
@@ -125,6 +137,14 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
         assert before in text
         with pytest.raises(StructureError, match=words):
             find_structures([tmp_path])
+
+
+def test_a_name_that_no_file_declares_is_told(tmp_path):
+    (tmp_path / 'own.py').write_text('THING = 1\n')
+    with pytest.raises(
+        UserError, match=rf"system = 'own' \(.*; no STRUCTURE in {tmp_path} has this name\): expected one of"
+    ):
+        read_config(words=[f'structures.paths={tmp_path}', 'system=own'])
 
 
 def test_an_inertia_that_cannot_be_is_told():

@@ -231,6 +231,9 @@ def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
     one = given.get('system', Given('module', 'default'))
     if one.value not in found and folders.recorded and names_in('structures.paths', folders):
         raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
+    if one.value not in found and names_in('structures.paths', folders):
+        where = ', '.join(map(str, named_folders('structures.paths', folders)))
+        one = replace(one, where=f'{one.where}; no STRUCTURE in {where} has this name')
     base = chosen_variant(found[checked_choice('system', one, tuple(found))], given, found)
     size = base.structure.size_name
     if size not in given:
