@@ -26,8 +26,8 @@ LOOPBACK = '127.0.0.1'
 ASSETS = Path(__file__).parent / 'assets'
 SCRIPT = 'text/javascript; charset=utf-8'
 SCRIPTS = (
-    'app', 'chart', 'command', 'controls', 'drawing', 'figures', 'focus', 'history', 'live', 'recordings', 'results',
-    'stages', 'steps', 'wire',
+    'app', 'chart', 'columns', 'command', 'controls', 'drawing', 'figures', 'focus', 'history', 'live', 'recordings',
+    'results', 'stages', 'steps', 'wire',
 )  # fmt: skip
 TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
 JSON, BINARY = 'application/json', 'application/octet-stream'

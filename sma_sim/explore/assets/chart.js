@@ -249,7 +249,7 @@ export class Chart {
     context.textAlign = 'left';
     context.fillStyle = styleOf('--ink');
     const base = area.top - 0.45 * em;
-    context.fillText(this.label, 0.2 * em, base);
+    context.fillText(this.label, 0.2 * em, base, this.canvas.clientWidth - 0.4 * em);
     if (this.bands.length) {
       context.textBaseline = 'middle';
       context.textAlign = 'right';

@@ -1,5 +1,6 @@
 // What the steps of the recordings do: begin and stop them, follow the one that runs, show what came out.
 
+import { showColumns } from './columns.js';
 import { element } from './controls.js';
 import { keepFocus } from './focus.js';
 import { redrawFigure, showExport, showResult } from './results.js';
@@ -107,16 +108,38 @@ export class Stages {
     const stage = this.chosen, box = part('detail'), job = stage && this.jobOf(stage);
     if (stage === 'export') return this.exported?.number === this.state.history.current ? showExport(box, this.exported) : box.replaceChildren();
     if (!job) {
-      return box.replaceChildren(...this.unread());
+      return box.replaceChildren(...this.unread(), ...this.columnsPart(false));
     }
     const found = await this.resultOf(job);
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
-    return keepFocus(box, () => showResult(box, job.stage, found, {
+    keepFocus(box, () => showResult(box, job.stage, found, {
       events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
       holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
     }));
+    if (job.state !== 'running') box.append(...this.columnsPart(job.state === 'failed' || found.result?.notes?.some((note) => note.includes('columns not used'))));
+    return null;
+  }
+
+  /** Which column of the files is which, below what was read; `open` where that is likely to be asked. */
+  columnsPart(open) {
+    if (this.chosen !== 'check' || !this.state.steps.data) return [];
+    const place = element('div'), details = element('details', { id: 'columns', open }, element('summary', { textContent: 'Columns of the files' }), place);
+    const load = async () => {
+      const found = place.childElementCount ? null : await this.actions.attempt('columns', () => ask('columns'));
+      if (found) showColumns(place, found, (columns) => this.useColumns(columns));
+    };
+    details.addEventListener('toggle', () => { if (details.open) load(); });
+    if (open) load();
+    return [details];
+  }
+
+  async useColumns(columns) {
+    const state = await this.actions.attempt('columns', () => ask('choose_columns', { columns }));
+    if (!state) return;
+    await this.actions.load();
+    await this.begin('check', {});
   }
 
   /** What is said before a step was taken. */

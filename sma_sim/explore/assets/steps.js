@@ -54,7 +54,11 @@ function stepItem(one, state, { next, chosen, open }, actions) {
   if (stage === chosen) item.setAttribute('aria-current', 'step');
   if (job && ['failed', 'killed'].includes(job.state) && stage !== 'accept') item.append(element('p', { className: 'problem', textContent: job.words }));
   if (running) return progress(item, job, actions);
-  if (!ready) { item.append(element('p', { className: 'small reason', textContent: `${reason[0].toUpperCase()}${reason.slice(1)}.` })); return item; }
+  if (!ready) {
+    const [first] = reason.split(': '); // how that went is said there
+    item.append(element('p', { className: 'small reason', textContent: `${first[0].toUpperCase()}${first.slice(1)}.` }));
+    return item;
+  }
   const { fields, read } = optionsOf(stage, open.has(stage), actions.options);
   const begin = element('button', { type: 'button', className: stage === next ? 'primary' : '', textContent: label(stage, state, job, accepted), disabled: busy || accepted });
   begin.dataset.begin = begin.dataset.key = stage;
@@ -141,7 +145,7 @@ function openRecordings({ open, useRecorded }, { steps: { recorded }, recorded_c
   const found = [element('p', { textContent: 'Choose the recordings of your robot: one CSV file or bag for each run, three runs or more if you have them.' }),
     element('div', { className: 'choose' }, files, folder),
     element('p', { id: 'sending', className: 'small', role: 'status' }),
-    element('p', { className: 'note', textContent: `CSV files have columns with units in the header: time_s and those of ${columns.join(', ')} that you have: the command, and what was measured. A bag is a file .mcap or .db3, or its folder. With them you may choose meta.json (the noise of the sensors) and a column map (.yaml), which tells the names and units of other columns. Copies of the files are kept in the session.` })];
+    element('p', { className: 'note', textContent: `CSV files have columns with units in the header: time_s and those of ${columns.join(', ')} that you have: the command, and what was measured. Of columns with other names or units you say on this page which is which, once they are there. A bag is a file .mcap or .db3, or its folder. With them you may choose meta.json (the noise of the sensors) and a column map (.yaml). Copies of the files are kept in the session.` })];
   if (recorded.length) {
     const use = element('button', { type: 'button', textContent: `Use what was recorded here (${recorded.length})` });
     use.addEventListener('click', useRecorded);
