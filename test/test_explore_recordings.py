@@ -206,7 +206,7 @@ def test_reload_and_a_second_tab_amid_a_diagnosis_that_is_stopped(browser, serve
     browser.switch_to.new_window('tab')
     opened(browser, server)
     until(browser, 'return document.querySelector("[data-stop=diagnose]") !== null')
-    until(browser, 'return smaExplore.stages.events.length > 0', seconds=PATIENCE)
+    until(browser, 'return smaExplore.stages.events.some((one) => one.kind === "model")', seconds=PATIENCE)
     assert refused(server, 'recordings', hold_out=['run3'])  # not while it runs
     browser.execute_script('document.querySelector("[data-stop=diagnose]").click()')
     ended(browser, 'diagnose', 'stopped')
