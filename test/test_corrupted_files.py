@@ -29,6 +29,21 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
     refused(path, 'cannot read', 'Permission denied')
 
 
+def test_a_file_of_very_many_columns_is_told_in_short(tmp_path):
+    names = ','.join(f'c{k}' for k in range(5000))
+    (tmp_path / 'wide.csv').write_text(f'{names}\n{names}\n')
+    with pytest.raises(UserError, match=r'no column time_s, J_eq_W; its columns are c0, .*c39 and 4960 more$'):
+        read_dataset([tmp_path / 'wide.csv'], 'module', 298.0)
+
+
+@pytest.mark.parametrize('content', [b'', bytes(range(256)) * 9])
+@pytest.mark.parametrize('name', ['run.mcap', 'run.db3'])
+def test_bags_in_which_nothing_can_be_read(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=f'{name}: no message in it can be read: the bag is empty or broken'):
+        read_dataset([tmp_path / name], 'module', 298.0)
+
+
 def test_folders_without_recordings(tmp_path):
     with pytest.raises(UserError, match='holds no recording'):
         read_dataset([tmp_path], 'module', 298.0)

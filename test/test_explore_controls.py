@@ -7,7 +7,9 @@ import pytest
 
 from sma_sim.explore.command import command_from, first_command, input_of
 from sma_sim.explore.controls import controls_of
-from sma_sim.explore.decimation import decimated
+from sma_sim.explore.decimation import decimated, where_it_moves
+from sma_sim.explore.packing import Numbers
+from sma_sim.explore.runs import LOOP_SAMPLES, command_loop, run_of
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.errors import UserError
@@ -27,6 +29,31 @@ def test_decimation_keeps_every_pixel():
         every, kept = (values[indices[columns[indices] == column]] for indices in (known, at))
         assert [every[0], every[-1], every.min(), every.max()] == [kept[0], kept[-1], kept.min(), kept.max()]
     assert decimated(time[:100], values[:100], 300).tolist() == [k for k in range(100) if np.isfinite(values[k])]
+
+
+def test_a_loop_is_sampled_where_it_moves():
+    """A jump between two rests, at once in one column and gradual in another: no stretch of the way is left out."""
+    time = np.linspace(0.0, 100.0, 20_001)
+    jump, slow = np.clip((time - 50.0) / 0.5, 0.0, 1.0), np.minimum(time, 60.0)
+    at = where_it_moves([jump, slow, np.full(20_001, 3.0), np.full(20_001, np.nan)], 500)
+    assert at[0] == 0 and at[-1] == 20_000 and (np.diff(at) > 0).all() and 300 < len(at) <= 500
+    way = np.abs(np.diff(jump[at])) + np.abs(np.diff(slow[at])) / 60.0
+    assert way.max() < 0.02
+    assert where_it_moves([jump[:100]], 500).tolist() == list(range(100)) and len(where_it_moves([time[:0]], 500)) == 0
+    assert len(where_it_moves([np.zeros(20_001)], 500)) <= 500
+
+
+def test_the_loop_of_the_command_is_over_the_heating_that_changes():
+    """Of three bundles the second is heated."""
+    config = Config(system='spatial')
+    rows = [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 9.0, 0.0], [20.0, 0.0, 0.0, 0.0], [30.0, 0.0, 0.0, 0.0]]
+    run = run_of(config, command_from({**first_command(config).as_data(), 'rows': rows}, config.structure.structure))
+    numbers = Numbers()
+    (loop,) = command_loop(run, numbers)
+    assert loop['x'] == 'J_2 [W]' and loop['y'].endswith('[deg]')
+    first, count = loop['curves'][0]['x']
+    drawn = np.frombuffer(b''.join(numbers._parts))[first : first + count]
+    assert set(drawn) == {0.0, 9.0} and len(drawn) <= LOOP_SAMPLES
 
 
 @pytest.mark.parametrize('system', list(package_structures()))

@@ -115,7 +115,11 @@ def test_no_folder_of_python_files_can_be_named(server, tmp_path):
     assert ask(server)[1] == before and not (tmp_path / 'ran').exists()
 
 
-@pytest.mark.parametrize('body', [b'', b'[]', b'{"values": {"wire.E_A": NaN}}', b'x', b'[' * 100_000, b'\xff', b'null'])
+TOO_LARGE = b'{"number": ' + b'9' * 400 + b'}'
+NO_JSON = (b'', b'[]', b'{"values": {"wire.E_A": NaN}}', b'x', b'[' * 100_000, b'\xff', b'null', TOO_LARGE)
+
+
+@pytest.mark.parametrize('body', NO_JSON)
 def test_what_is_not_json_is_refused(server, body):
     assert ask(server, '/api/change', body=body)[0] == 400
 
@@ -137,6 +141,13 @@ def test_a_wrong_request_changes_nothing_and_says_why(server, name, body):
     words = refused(server, name, **body)
     assert len(words) > 10 and 'Traceback' not in words
     assert ask(server)[1] == before
+
+
+def test_a_fault_is_told_on_the_page_and_in_the_terminal(server, monkeypatch, capfd):
+    monkeypatch.setitem(server.application.verbs, 'undo', lambda body: {}['nothing'])
+    status, words = ask(server, '/api/undo')
+    assert status == 500 and b"fault of sma_sim (KeyError: 'nothing')" in words and 'Traceback' in capfd.readouterr().err
+    assert ask(server)[0] == 200
 
 
 def test_an_unknown_verb_is_not_found(server):

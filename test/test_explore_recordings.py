@@ -34,6 +34,7 @@ return chart.curves.map((one) => [Array.from(one.x), Array.from(one.y)]);
 CHOOSE = (
     'const one = document.getElementById(arguments[0]); one.value = arguments[1]; one.dispatchEvent(new Event("change"));'
 )
+GROWING = 'const place = document.getElementById("growing")?.getBoundingClientRect() ?? {};'
 
 
 @pytest.fixture(scope='module')
@@ -55,13 +56,17 @@ def server(case, tmp_path_factory):
         yield one
 
 
-def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_compute(browser, server, tmp_path):
+def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_compute(browser, server, case, tmp_path):
     opened(browser, server)
     assert offered(browser) == ['check']
+    words = browser.find_element('id', 'detail').text
+    assert case.name in words and 'not been checked yet' in words
     assert refused(server, 'start', stage='diagnose') and refused(server, 'accept')
     take(browser, 'check')
     until(browser, 'return document.querySelectorAll("#detail tbody tr").length === 3')
     assert offered(browser) == ['check', 'compare']
+    noise = next(line for line in browser.find_element('id', 'detail').text.splitlines() if line.startswith('Noise'))
+    assert [word.split()[-1] for word in noise.split(', ')] == ['um', 'mm', 'deg', 'N', 'N'], noise
     take(browser, 'compare')
     assert offered(browser) == ['check', 'compare', 'candidates', 'calibrate', 'diagnose', 'export']
     until(browser, 'return smaExplore.recordings.charts.size === 15')
@@ -190,8 +195,10 @@ def test_reload_and_a_second_tab_amid_a_diagnosis_that_is_stopped(browser, serve
         'const models = [...document.querySelectorAll("[data-stage=diagnose] select")]; models[0].value = "mas";'
         'for (const one of document.querySelectorAll("[data-stage=diagnose] input")) one.checked = false;'
     )
+    browser.execute_script('window.scrollTo(0, document.body.scrollHeight)')
     begin(browser, 'diagnose')
     until(browser, f'return {STEP}.job?.state === "running"', 'diagnose')
+    until(browser, f'{GROWING} return 0 < place.top && place.bottom < innerHeight')  # it is seen to grow
     browser.refresh()
     until(browser, f'{READY} && document.querySelector("[data-stop=diagnose]") !== null')
     assert offered(browser) == []
@@ -199,13 +206,18 @@ def test_reload_and_a_second_tab_amid_a_diagnosis_that_is_stopped(browser, serve
     browser.switch_to.new_window('tab')
     opened(browser, server)
     until(browser, 'return document.querySelector("[data-stop=diagnose]") !== null')
-    until(browser, 'return smaExplore.stages.events.length > 0', seconds=PATIENCE)
+    until(browser, 'return smaExplore.stages.events.some((one) => one.kind === "model")', seconds=PATIENCE)
     assert refused(server, 'recordings', hold_out=['run3'])  # not while it runs
     browser.execute_script('document.querySelector("[data-stop=diagnose]").click()')
     ended(browser, 'diagnose', 'stopped')
     browser.close()
     browser.switch_to.window(first)
     ended(browser, 'diagnose', 'stopped')
+    until(browser, 'return document.querySelector("#detail table, #detail .words, #detail .file") !== null')
+    move = 'document.getElementById("growing").dispatchEvent(new PointerEvent("pointermove", {clientX: arguments[0]}))'
+    browser.execute_script(move, browser.execute_script(f'{GROWING} return place.x + 0.05 * place.width'))
+    words = browser.find_element('css selector', '#detail output').text
+    assert words.startswith('model as it is (mas): ') and ' in the fitted runs' in words
     options = server.application.data.engine.latest('diagnose').options
     assert options == {'model': 'mas', 'equation': False, 'variants': False}
 

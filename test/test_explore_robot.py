@@ -54,6 +54,8 @@ def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
                 wait(browser, 'one.recording.path === ""')
                 until(browser, 'return smaExplore.state.steps.recorded.length === 1', seconds=PATIENCE)
                 assert browser.execute_script(STATE)['problems'] == []
+                in_order = '.every((one, k, all) => k === 0 || one.stamp > all[k - 1].stamp)'
+                assert browser.execute_script(f'return smaExplore.robot.samples{in_order}')
                 robot.process.kill()  # a node that dies says nothing
                 wait(browser, 'one.problems.some((words) => words.includes("joint_states"))')
                 assert 'joint_states' in browser.find_element('id', 'robot-problems').text

@@ -134,7 +134,7 @@ def test_invisible_and_unknown_noise(tmp_path):
     span = np.ptp(columns['alpha_rad'])
     assert dataset.noise_std['alpha'] == pytest.approx(1e-4 * span, rel=1e-6)
     assert dataset.noise_std['F_2'] == 0.01
-    assert any('F_2: 0.01 assumed' in note for note in dataset.notes)
+    assert any('F_2: 0.01 N assumed' in note for note in dataset.notes)
 
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason='no measured data here')

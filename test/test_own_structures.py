@@ -2,12 +2,16 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import pytest
 
 from sma_sim import UserError, find_structures, read_config
 from sma_sim.cli.main import main
+from sma_sim.explore.application import Application
+from sma_sim.explore.export import write_version
+from sma_sim.explore.session import Start, open_session
 from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.model import inertia_of
@@ -105,6 +109,18 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
         ("'angle', 'rad'", "'angle', ''", "coordinate angle: expected a unit, such as 'm' or 'rad'"),
         ("'angle', 'rad', 0.1,", "'angle', 'rad', 0.0,", 'coordinate angle: scale = 0 rad; expected more than 0'),
         ("'positive where wire 1 is shorter'),", "''), Coordinate('angle', 'rad', 0.1),", 'angle is there twice'),
+        ("'k', 50.0", "'k', '50 N'", r"parameter k: expected numbers, got default '50 N', bounds \(0.0, 100000.0\)"),
+        ("50.0, 'N/m'", "50.0, ''", "parameter k: expected a unit, such as 'N/m'"),
+        (
+            "return math.hypot(along, p.h - up), math.hypot(along, p.h + up)",
+            'pass',
+            'its lengths give None for wire 1; expected a',
+        ),
+        (
+            'return math.hypot(along, p.h - up), math',
+            'return [1.0], math',
+            r'its lengths give \[1.0\] for wire 1; expected a number',
+        ),
         ("'k', 50.0", "'k', math.nan", 'parameter k: default nan N/m; expected 0 to 100000'),
         ("Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring', SOURCE)", "'k'", "a Parameter .*, got 'k'"),
         ("'rocker.k', 'rocker.b'", "'rocker.c',", 'fitted names rocker.c, which is no parameter; its own are rocker.a'),
@@ -123,6 +139,14 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
             find_structures([tmp_path])
 
 
+def test_a_name_that_no_file_declares_is_told(tmp_path):
+    (tmp_path / 'own.py').write_text('THING = 1\n')
+    with pytest.raises(
+        UserError, match=rf"system = 'own' \(.*; no STRUCTURE in {tmp_path} has this name\): expected one of"
+    ):
+        read_config(words=[f'structures.paths={tmp_path}', 'system=own'])
+
+
 def test_an_inertia_that_cannot_be_is_told():
     """Of a function that depends on parameters, when a model is made of it."""
     found = FoundStructure(changed(name='light', inertia=lambda p: p.m - 0.1), (), ('sma_sim.', __name__))
@@ -138,3 +162,50 @@ def test_data_do_not_say_which_structure_files_are_run(tmp_path):
         read_config(recorded=recorded)
     named = read_config(words=[f'structures.paths={tmp_path}'], recorded={'system': 'rocker2'})
     assert named.system == 'rocker2' and named.parameters['rocker2.k'] == 50.0
+
+
+def rocker_below(folder):
+    """The example in a folder of its own."""
+    (folder / 'parts').mkdir()
+    (folder / 'parts' / 'rocker.py').write_text((EXAMPLE / 'rocker.py').read_text())
+
+
+def test_files_that_are_written_elsewhere_find_the_structure(tmp_path, monkeypatch):
+    """Its folder was given relative to the working directory, then to a file; each new file is to be read from anywhere."""
+    rocker_below(tmp_path)
+    (tmp_path / 'c.csv').write_text('time_s,J_eq_W\n0,0\n1,1.2\n4,-1\n6,0\n8,0\n')
+    monkeypatch.chdir(tmp_path)
+    for folder in ('first', 'second/below', 'third'):
+        (tmp_path / folder).mkdir(parents=True)
+    words = ['--set', 'structures.paths=parts', '--system', 'rocker', '--set', 'rocker.k=55']
+    assert main(['init', '--out', 'first/robot.yaml', '--no-questions', *words]) == 0
+    assert main(['add', 'slack', '--config', 'first/robot.yaml', '-o', 'second/below/robot.yaml']) == 0
+    assert main(['simulate', '--config', 'first/robot.yaml', '--input', 'c.csv', '--out', 'run.csv', '--rate', '10']) == 0
+    noise = [word for name in ('angle=1e-3', 'F_1=0.1', 'F_2=0.1', 'T_1=1', 'T_2=1') for word in ('--noise', name)]
+    fit = ['fit', 'run.csv', '--config', 'first/robot.yaml', '--free', 'rocker.k', '--starts', '1', '--model', 'hybrid']
+    assert main([*fit, *noise, '-o', 'third/fitted.yaml']) == 0
+    monkeypatch.chdir('/')
+    for file in ('first/robot.yaml', 'second/below/robot.yaml', 'third/fitted.yaml'):
+        config = read_config(tmp_path / file)
+        assert config.system == 'rocker' and abs(config.parameters['rocker.k'] - 55.0) < 0.5, file
+    assert "paths: ['../../parts']" in (tmp_path / 'second/below/robot.yaml').read_text()
+
+
+def test_a_session_finds_the_structure(tmp_path, monkeypatch):
+    """Also after the session was moved, and in files that it gives away."""
+    rocker_below(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    start = Start(words=('structures.paths=parts', 'system=rocker'))
+    with open_session(Path('s'), start) as session:
+        session.change({'rocker.k': 55.0})
+        text = Application(session, [], lambda *_: None).version_file('parameters.yaml', 2)[1]
+    (tmp_path / 'downloads').mkdir()
+    (tmp_path / 'downloads' / 'parameters.yaml').write_bytes(text)
+    shutil.move(tmp_path / 's', tmp_path / 'deep' / 'er')
+    with open_session(tmp_path / 'deep' / 'er', Start(words=('structures.paths=parts',))) as session:
+        assert session.current.number == 2 and session.config().parameters['rocker.k'] == 55.0
+        assert session.undo().number == 1 and session.config().system == 'rocker'
+        write_version(session, session.version(2), tmp_path / 'downloads' / 'exported.yaml')
+    monkeypatch.chdir('/')
+    for name in ('parameters.yaml', 'exported.yaml'):
+        assert read_config(tmp_path / 'downloads' / name).parameters['rocker.k'] == 55.0

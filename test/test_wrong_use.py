@@ -58,7 +58,8 @@ def complaint(context, name, value):
 @pytest.mark.parametrize('name', DEFAULTS)
 def test_wrong_numbers_at_the_start(context, name, kind):
     said = complaint(context, name, WRONG_NUMBERS[kind](DEFAULTS[name]))
-    assert f'{name} = ' in said and 'expected' in said and DEFAULTS[name].unit in said
+    assert f'{name} = ' in said and 'expected' in said and ' - ' not in said
+    assert DEFAULTS[name].unit.removeprefix('-') in said
 
 
 @pytest.mark.parametrize(('name', 'value'), [(name, value) for name, values in WRONG_WORDS.items() for value in values])

@@ -11,7 +11,7 @@ from sma_sim.cli.common.options import folders_beside
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameter_file import parameter_file
+from sma_sim.workflow.code_folders import parameter_file_at
 
 
 def add_parser(verbs: Any) -> None:
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.suffix not in ('.yaml', '.yml'):
         raise UserError(f'{arguments.out}: expected a name that ends in .yaml')
     config = read_config(arguments.config, (), arguments.effects)
-    text = parameter_file(config, folders_beside(arguments, arguments.out))
+    text = parameter_file_at(arguments.out, config, folders_beside(arguments, arguments.out))
     write_whole(arguments.out, lambda file: file.write(text))
     names = ', '.join(active.found.effect.name for active in config.effects)
     print(f'Wrote {arguments.out}; active effects: {names}.')

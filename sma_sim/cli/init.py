@@ -16,10 +16,11 @@ from sma_sim.cli.common.units import in_unit, to_si, typed_units
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameter_file import parameter_file, yaml_number
+from sma_sim.model.parameter_file import yaml_number
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import new_run, new_work
+from sma_sim.workflow.code_folders import parameter_file_at
 
 
 class Question(NamedTuple):
@@ -103,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = asked(arguments, config) if asking else config_with_values(arguments, values)
     if not asking:
         print_robot_check(config)
-    text = parameter_file(config, folders_beside(arguments, arguments.out))
+    text = parameter_file_at(arguments.out, config, folders_beside(arguments, arguments.out))
     check_output_file(arguments.out, arguments.overwrite)  # once more: answers take a while
     write_whole(arguments.out, lambda file: file.write(text))
     print(arguments.out)

@@ -26,6 +26,7 @@ from sma_sim.explore.stages import Engine
 from sma_sim.model.config import MODELS, Config, flat_parameters
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 
@@ -171,7 +172,8 @@ class Application:
         """What a version is saved as: its type and bytes. Raises UserError for an unknown name."""
         config = self.session.config(number)
         if name == 'parameters.yaml':
-            text = parameter_file(config, self.session.effect_folders())
+            folders = [str(folder.resolve()) for folder in effect_folders_of(self.session.file(number), ())]
+            text = parameter_file(config, folders)  # absolute: it may be kept anywhere
             return 'application/yaml', text.encode()
         if name == 'run.csv':
             columns = self.run(config).columns

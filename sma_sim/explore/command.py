@@ -83,12 +83,18 @@ def first_command(config: Config) -> Command:
                 level = levels['strain'][k] if name == drives[-1] else 1.0
                 row.append(low + level * (high - low))
             else:
-                first = name == columns[len(drives)] and not drives
-                row.append(power * (sign if structure.antagonistic else max(sign, 0.0)) if first else 0.0)
+                row.append(power * heated_part(columns.index(name), sign, structure) if not drives else 0.0)
         rows.append(tuple(row))
     sine = columns[len(drives) - 1 if drives else 0]
     low, high = DRIVEN.get(sine, FALLBACK_DRIVE) if drives else ((-power if structure.antagonistic else 0.0), power)
     return Command('steps', times[-1], tuple(rows), sine, 0.5 * (low + high), 0.5 * (high - low), 40.0)
+
+
+def heated_part(number: int, sign: float, structure: Structure) -> float:
+    """Of the full power, what a first command gives to a bundle: to the first, then to the second; a pair has both."""
+    if structure.antagonistic:
+        return sign if number == 0 else 0.0
+    return max(sign, 0.0) if number == 0 else max(-sign, 0.0) if number == 1 else 0.0
 
 
 def heating_of(config: Config) -> float:
@@ -113,7 +119,7 @@ def command_from(data: Any, structure: Structure) -> Command:
         )
     rows, column, texts = data.get('rows'), data.get('column'), (data.get('name', ''), data.get('text', ''))
     if not isinstance(rows, list | tuple) or not 2 <= len(rows) <= MOST_ROWS:
-        raise UserError('command: expected at least two rows of steps; the last one gives the end')
+        raise UserError(f'command: expected 2 to {MOST_ROWS} rows of steps; the last one gives the end')
     if column not in columns:
         raise UserError(f'command: expected column to be one of {", ".join(columns)}, got {column!r}')
     if not all(isinstance(text, str) for text in texts) or len(texts[1]) > MOST_TEXT:
@@ -153,9 +159,9 @@ def input_of(command: Command, config: Config) -> Input:
         count = math.ceil(SINE_POINTS * command.duration / command.period) + 1
         times = np.linspace(0.0, command.duration, max(count, 2))
         values = np.repeat([command.rows[0][1:]], len(times), axis=0).astype(float)
-        values[:, columns.index(command.column)] = command.offset + command.amplitude * np.sin(
-            2.0 * np.pi * times / command.period
-        )
+        swing = np.sin(2.0 * np.pi * times / command.period)
+        with np.errstate(over='ignore'):  # what is not finite is refused as an input
+            values[:, columns.index(command.column)] = command.offset + command.amplitude * swing
         linear = [name == command.column or each for name, each in zip(columns, linear, strict=True)]
     check_heating(dict(zip(columns, values.T, strict=True)), structure)
     if len(times) > 1 and (np.diff(times) <= 0.0).any():

@@ -8,19 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.explore.columns import choices, map_text
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
-from sma_sim.explore.jobs import FILES
+from sma_sim.explore.jobs import FILES, new_folder
 from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
 from sma_sim.explore.session import Session
+from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.explore.stages import Engine
-from sma_sim.explore.uploads import RECORDINGS, Uploads
+from sma_sim.explore.uploads import Uploads
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest
 
+MAP = 'map.yaml'  # columns that were chosen on the page
 BAG = 'robot'  # what the name of such a bag begins with
 CURVE_KINDS = ('measured', 'model', 'residual')
 MOST_HELD_OUT = 200
@@ -50,7 +54,7 @@ class DataVerbs:
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
             'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'settle': self.settle,
             'part': self.part, 'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
-            'upload': self._uploads.take,
+            'upload': self._uploads.take, 'columns': self.columns, 'choose_columns': self.choose_columns,
         }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
@@ -159,6 +163,27 @@ class DataVerbs:
             replace(request, hold_out=names).split(dataset)  # some are to be left to fit
         self._session.set_data(replace(request, hold_out=names))
         return self._changed()
+
+    def columns(self, _: Body) -> Reply:
+        """The columns of the files, and which of them are taken for which of ours."""
+        return choices(self._chosen_data(), self._session.config().structure.structure.name)
+
+    def choose_columns(self, body: Body) -> Reply:
+        """Other columns: written as a column map of the session."""
+        request, system = self._chosen_data(), self._session.config().structure.structure.name
+        content = map_text(body.get('columns'), request, system)
+        _, folder = new_folder(self._session.folder / RECORDINGS)
+        write_whole(folder / MAP, lambda file: file.write(content))
+        self._session.set_data(replace(request, map=folder / MAP))
+        return self._changed()
+
+    def _chosen_data(self) -> DataRequest:
+        """The recordings of the session, of which nothing is running. Raises UserError."""
+        if self.engine.running() is not None:
+            raise UserError('columns: a step is running on the recordings: wait for it, or stop it')
+        if self._session.data is None:
+            raise UserError('columns: this session has no recordings')
+        return self._session.data
 
     def download(self, name: str, words: Mapping[str, str]) -> tuple[str, bytes, str]:
         """A file of a step (``job``) or of an export (``export``): type, bytes, and a name for it. Raises UserError."""

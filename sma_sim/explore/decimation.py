@@ -1,6 +1,8 @@
-"""Which samples of a curve a screen needs: those that leave every pixel as it is with all of them."""
+"""Which samples a screen needs: over time those that leave every pixel as it is, of loops those where they move."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,3 +30,19 @@ def decimated(time: Vector, values: Vector, pixels: int) -> NDArray[np.int64]:
         kept[equal[np.diff(stretch[equal], prepend=-1) > 0]] = True  # the first of each column
     found: NDArray[np.int64] = known[kept]
     return found
+
+
+def where_it_moves(columns: Sequence[Vector], count: int) -> NDArray[np.int64]:
+    """Indices of `count` samples at most, evenly spaced along the way that columns (k,) go together, each over its span.
+
+    A wire crosses its hysteresis in a fraction of a second and rests for minutes: samples that are even in time would cut
+    its corners. Columns with NaN, or that do not move, are left out.
+    """
+    size = len(columns[0])
+    moving = [values for values in columns if np.isfinite(values).all() and np.ptp(values) > 0.0] if size else []
+    if size <= count or not moving:
+        return np.arange(min(size, count))
+    steps = sum(np.abs(np.diff(values, prepend=values[0])) / np.ptp(values) for values in moving)
+    way = np.cumsum(steps)
+    found = np.flatnonzero(np.diff(np.floor((count - 2) * way / way[-1]), prepend=-1.0))
+    return np.unique(np.append(found, size - 1))

@@ -17,9 +17,8 @@ from sma_sim.explore.stages import Engine
 from sma_sim.explore.work import diagnosis_request, fit_options
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
-from sma_sim.model.parameter_file import parameter_file
+from sma_sim.workflow.code_folders import folders_from, parameter_file_at
 from sma_sim.workflow.data_request import DataRequest
-from sma_sim.workflow.effect_folders import folders_from
 
 START, PARAMETERS, REPORT_FILE, COMPARISON, SHELL, PYTHON = (
     'start.yaml', 'parameters.yaml', 'report.html', 'comparison.json', 'again.sh', 'again.py',
@@ -87,7 +86,7 @@ def write_version(session: Session, version: Version, path: Path) -> None:
             shutil.copytree(home, copy, dirs_exist_ok=True, ignore=shutil.ignore_patterns('__pycache__'))
             home = copy
         folders.append(home)
-    text = f'# {version.words}\n' + parameter_file(session.config(version.number), folders_from(path, folders))
+    text = f'# {version.words}\n' + parameter_file_at(path, session.config(version.number), folders_from(path, folders))
     write_whole(path, lambda file: file.write(text))
 
 
@@ -188,12 +187,12 @@ IMPORTS = (
 )
 STEP_IMPORTS: Mapping[str, tuple[str, ...]] = {
     'calibrate': (
-        'from sma_sim.model.given import effect_folders_of', 'from sma_sim.workflow.effect_folders import folders_from',
+        'from sma_sim.model.given import effect_folders_of', 'from sma_sim.workflow.code_folders import folders_from',
         'from sma_sim.workflow.fit import write_fitted',
     ),
     'diagnose': (
         'from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest',
         'from sma_sim.model.given import effect_folders_of', 'from sma_sim.workflow.diagnosis import write_improved',
-        'from sma_sim.workflow.effect_folders import folders_from',
+        'from sma_sim.workflow.code_folders import folders_from',
     ),
 }  # fmt: skip

@@ -9,7 +9,7 @@ from sma_sim.explore.jobs import new_folder
 from sma_sim.explore.live import LiveFeed
 from sma_sim.explore.request_values import Body, Reply, text, whole
 from sma_sim.explore.session import Session
-from sma_sim.explore.uploads import RECORDINGS
+from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
 
 

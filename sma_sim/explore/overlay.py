@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data
 from sma_sim.evidence.estimation.starting_values import started_from_curves
@@ -49,8 +50,9 @@ class PreparedRuns:
 
 @dataclass(frozen=True)
 class Shown:
-    """All runs beside a model, those held out last; `exact`: delay and starts were estimated for this model."""
+    """All runs beside a model of a system, those held out last; `exact`: delay and starts were estimated for this model."""
 
+    system: str
     runs: tuple[ComparedRun, ...]
     exact: bool
 
@@ -86,7 +88,7 @@ class Overlay:
             key = self._key(config)
             known, exact = self._nuisances(config, key)
             if (key, exact) not in self._shown or not exact:
-                self._shown[key, exact] = Shown(self._runs(config, known), exact)
+                self._shown[key, exact] = Shown(config.structure.structure.name, self._runs(config, known), exact)
                 while len(self._shown) > KEPT:
                     self._shown.popitem(last=False)
             self._shown.move_to_end((key, exact))
@@ -158,7 +160,7 @@ class Overlay:
 
 def overlay_data(shown: Shown, view: View, numbers: Numbers) -> dict[str, Any]:
     """Runs beside a model for the page."""
-    names = [name for name in CHANNEL_COLUMNS if any(name in run.measured for run in shown.runs)]
+    names = in_order({name for run in shown.runs for name in run.measured}, shown.system)
     runs = [
         {
             'name': run.name, 'held_out': run.held_out, 'begin': float(run.time[0]), 'end': float(run.time[-1]),
@@ -195,10 +197,11 @@ def channel_data(name: str, shown: Shown) -> dict[str, Any]:
 
 
 def display_of(channel: str) -> dict[str, Any]:
-    """How a channel is drawn: label with unit, colour, factor and offset from SI units."""
+    """How a channel is drawn: label with unit, colour, factor and offset from SI units; the unit of its deviations."""
     label, (_, _, colour, factor, offset) = curve_of(CHANNEL_COLUMNS[channel]) or (channel, ('', '', '', 1.0, 0.0))
-    axis = label if label.startswith(channel) else f'{channel}: {label}'
-    return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset}
+    axis, (unit, scale) = label if label.startswith(channel) else f'{channel}: {label}', DISPLAY_UNITS[channel]
+    deviation = {'unit': unit, 'factor': scale}
+    return {'label': axis, 'colour': colour, 'factor': factor, 'offset': offset, 'deviation': deviation}
 
 
 def curves_of_channel(run: ComparedRun, name: str, view: View, numbers: Numbers) -> dict[str, list[list[int]]]:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.explore.command import Command, input_of
-from sma_sim.explore.decimation import decimated
+from sma_sim.explore.decimation import decimated, where_it_moves
 from sma_sim.explore.packing import Numbers
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.drawing import Sketch, projected
 from sma_sim.model.structures.structure import Coordinate
-from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, is_held, panels_of
+from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, UNITS, is_held, panels_of
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
@@ -27,6 +27,7 @@ from sma_sim.solver.wire_columns import strains_from_pose
 Vector = NDArray[np.float64]
 RATE, MOST_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
 LOOP_SAMPLES, FRAMES = 1500, 160
+LOOP_COLUMNS = (('T', '_K'), ('x_M', ''), ('F', '_N'), ('stress', '_Pa'), ('strain', ''))  # of a wire, without its number
 
 
 @dataclass(frozen=True)
@@ -108,21 +109,15 @@ def modes_data(columns: Mapping[str, Vector]) -> list[dict[str, Any]]:
 
 def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
     """The loops of the hysteresis: coordinates over the heating, stress over strain and x_M over T of every wire."""
-    at = np.unique(np.linspace(0, len(run.time) - 1, LOOP_SAMPLES).astype(int)) if len(run.time) else np.zeros(0, int)
+    structure, suffixes = run.config.structure.structure, wires_of(run.config)
+    of_wires = [f'{name}{suffix}{unit}' for suffix in suffixes for name, unit in LOOP_COLUMNS]
+    at = where_it_moves([run.columns[name] for name in of_wires if name in run.columns], LOOP_SAMPLES)
     columns = {name: values[at] for name, values in run.columns.items()}
-    structure = run.config.structure.structure
     if structure.coordinates:
         columns |= strains_from_pose(run.config, columns)
-    loops = []
-    heating = f'{structure.commands[0]}_W'
-    for coordinate in most_moved(structure.coordinates, columns):
-        label, factor = (f'{coordinate.name} [deg]', 180.0 / np.pi) if coordinate.unit == 'rad' else (
-            f'{coordinate.name} [mm]', 1e3)  # fmt: skip
-        if heating in columns and np.ptp(columns[heating]) > 0.0:
-            curve = loop_curve(columns[heating], factor * columns[coordinate.column], '', 0, numbers)
-            loops.append({'id': 'command', 'x': f'{structure.commands[0]} [W]', 'y': label, 'curves': [curve]})
+    loops = command_loop(run, numbers)
     stress, fraction = [], []
-    for k, (suffix, name) in enumerate(wires_of(run.config).items()):
+    for k, (suffix, name) in enumerate(suffixes.items()):
         if f'strain{suffix}' in columns:
             values = 100.0 * columns[f'strain{suffix}']
             stress.append(loop_curve(values, 1e-6 * stress_of(run, columns, suffix), name, k, numbers))
@@ -131,6 +126,21 @@ def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
     if stress:
         loops.append({'id': 'stress', 'x': 'strain [%]', 'y': 'stress [MPa]', 'curves': stress})
     loops.append({'id': 'fraction', 'x': 'T [deg C]', 'y': 'x_M [-]', 'curves': fraction})
+    return loops
+
+
+def command_loop(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
+    """The coordinate that moves most over the first heating that changes; none of a wire by itself, and without heating."""
+    structure = run.config.structure.structure
+    moved = [name for name in structure.commands if np.ptp(run.columns.get(f'{name}_W', np.zeros(1))) > 0.0]
+    loops = []
+    for name in moved[:1] if len(run.time) else ():
+        for coordinate in most_moved(structure.coordinates, run.columns):
+            unit, factor = UNITS.get(coordinate.unit, (coordinate.unit, 1.0))
+            heating, position = run.columns[f'{name}_W'], factor * run.columns[coordinate.column]
+            at = where_it_moves([heating, position], LOOP_SAMPLES)
+            curve = loop_curve(heating[at], position[at], '', 0, numbers)
+            loops.append({'id': 'command', 'x': f'{name} [W]', 'y': f'{coordinate.name} [{unit}]', 'curves': [curve]})
     return loops
 
 

@@ -11,6 +11,7 @@ import hmac
 import json
 import queue
 import secrets
+import traceback
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -25,12 +26,13 @@ LOOPBACK = '127.0.0.1'
 ASSETS = Path(__file__).parent / 'assets'
 SCRIPT = 'text/javascript; charset=utf-8'
 SCRIPTS = (
-    'app', 'chart', 'command', 'controls', 'drawing', 'figures', 'history', 'live', 'recordings', 'results', 'stages',
-    'steps', 'wire',
+    'app', 'chart', 'columns', 'command', 'controls', 'drawing', 'figures', 'focus', 'history', 'live', 'recordings',
+    'results', 'stages', 'steps', 'wire',
 )  # fmt: skip
 TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
 JSON, BINARY = 'application/json', 'application/octet-stream'
 MOST_BODY = 25_000_000  # bytes
+LONGEST_INT = 300  # digits
 HEARTBEAT = 10.0  # [s]
 IDLE = 60.0  # [s] after which a connection is closed
 HEADERS = {
@@ -159,8 +161,12 @@ class Handler(BaseHTTPRequestHandler):
         except UserError as error:
             # what a user asked for and cannot have is an answer, not a fault of the connection
             self.send(200 if self.command == 'POST' else 400, JSON, json.dumps({'refused': str(error)}).encode())
-        except (BrokenPipeError, ConnectionResetError, TimeoutError):
+        except (ConnectionError, TimeoutError):
             self.close_connection = True
+        except Exception as error:
+            traceback.print_exc()
+            words = f'A fault of sma_sim ({type(error).__name__}: {error}); the terminal says more. Please report it.'
+            self.send(500, 'text/plain; charset=utf-8', words.encode())
 
     def get(self) -> None:
         """A GET request."""
@@ -229,7 +235,7 @@ class Handler(BaseHTTPRequestHandler):
         if self.headers.get_content_type() != JSON:
             raise Refusal(415, f'Expected {JSON}.')
         try:
-            found = json.loads(self.rfile.read(int(length)), parse_constant=no_constant)
+            found = json.loads(self.rfile.read(int(length)), parse_constant=no_constant, parse_int=short_int)
         except (ValueError, RecursionError) as error:
             raise Refusal(400, 'Expected JSON.') from error
         if not isinstance(found, dict):
@@ -272,6 +278,13 @@ class Handler(BaseHTTPRequestHandler):
                     text = ': still here\n\n'
         finally:
             self.server.tabs.leave(events)
+
+
+def short_int(word: str) -> int:
+    """A whole number that a double can hold about; larger ones are no number of the page."""
+    if len(word) > LONGEST_INT:
+        raise ValueError(word)
+    return int(word)
 
 
 def no_constant(word: str) -> float:

@@ -16,20 +16,17 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-import yaml
-
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.differences import Difference, Value, difference_words, differences
-from sma_sim.explore.history import History, Version, history_from
+from sma_sim.explore.history import History, Version
 from sma_sim.explore.lock import OWNER, FolderLock
-from sma_sim.model.config import Config, checked, only_named_in_data, read_config
+from sma_sim.explore.session_files import HISTORY, SETTINGS, VERSIONS, read_history, read_settings, write_settings
+from sma_sim.model.config import Config, checked, folders_of, only_named_in_data, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import Given, effect_folders_of, given_values, named_folders, structure_folders_of
 from sma_sim.model.parameter_file import parameter_file
-from sma_sim.workflow.data_request import DataRequest, data_request_from
+from sma_sim.workflow.data_request import DataRequest
 
-HISTORY, SETTINGS, VERSIONS = 'history.json', 'session.yaml', 'versions'
-HEAD = '# A session of sma-sim explore. Delete the folder to forget it; versions/*.yaml are parameter files for --config.\n'
 OWN_FILES = (SETTINGS, VERSIONS, OWNER)  # of a session that was cut off before its first version
 FROM_SESSION = 'in this session'
 CODE = {'effects.paths': 'an effect of its own', 'structures.paths': 'a structure of its own'}  # folders of Python files
@@ -166,19 +163,27 @@ class Session:
         `folders`: of effects of the user's own that the current version does not name. `step`: the job whose model it is.
         """
         with self._thread_lock:
-            text = parameter_file(config, self.effect_folders(folders))
-            if text == parameter_file(self.config(), self.effect_folders()):
+            text = self.text_of(config, folders)
+            if text == self.text_of(self.config()):
                 return self.current
             words = words or difference_words(differences(self.config(), config))
             return self.add(text, words, self._history.current, step)
 
     def effect_folders(self, further: Sequence[Path] = ()) -> list[str]:
         """The folders of the user's effects, as a version's file names them."""
-        home = self.folder / VERSIONS
-        folders = [folder.resolve() for folder in [*effect_folders_of(self.file(), ()), *further]]
-        inside = self.folder.resolve()
-        named = [os.path.relpath(one, home.resolve()) if one.is_relative_to(inside) else str(one) for one in folders]
+        return self.names_of([*effect_folders_of(self.file(), ()), *further])
+
+    def names_of(self, folders: Sequence[Path]) -> list[str]:
+        """Folders as a version's file names them: absolute, or relative to it where they lie in the session."""
+        home, inside = (self.folder / VERSIONS).resolve(), self.folder.resolve()
+        known = [folder.resolve() for folder in folders]
+        named = [os.path.relpath(one, home) if one.is_relative_to(inside) else str(one) for one in known]
         return list(dict.fromkeys(named))
+
+    def text_of(self, config: Config, folders: Sequence[Path] = ()) -> str:
+        """A configuration as a version's file; `folders` are further ones of effects."""
+        structure = self.names_of([Path(folder) for folder in folders_of(config.structure)])
+        return parameter_file(config, self.effect_folders(folders), structure)
 
     def undo(self, expected: int | None = None) -> Version:
         """Go back to the version before. Raises UserError at the first one."""
@@ -356,37 +361,3 @@ def reopened(folder: Path, start: Start, data: DataRequest | None, lock: FolderL
     elif folders:
         session.adopt(session.config(), 'folders of effects given on the command line', folders)
     return session
-
-
-def read_history(folder: Path) -> History:
-    """The history in a folder. Raises UserError."""
-    path = folder / HISTORY
-    try:
-        return history_from(json.loads(path.read_text(encoding='utf-8')))
-    except OSError as error:
-        raise UserError(f'cannot read {path}: {error.strerror}') from error
-    except (ValueError, RecursionError) as error:
-        raise UserError(
-            f'{path} is broken: {error}; the versions are still there as {folder / VERSIONS}/*.yaml: begin a new session '
-            f'with --config and one of them'
-        ) from error
-
-
-def read_settings(folder: Path) -> DataRequest | None:
-    """The recordings of a session. Raises UserError."""
-    path = folder / SETTINGS
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise UserError(f'cannot read {path}: {error.strerror}') from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise UserError(f'{path} is not YAML: {error}') from error
-    if not isinstance(content, dict) or set(content) != {'recordings'}:
-        raise UserError(f'{path}: expected a mapping with the entry recordings, got {content!r}')
-    return data_request_from(content['recordings'], f'{path}, recordings')
-
-
-def write_settings(folder: Path, data: DataRequest | None) -> None:
-    """Write which recordings a session is about. Raises UserError."""
-    text = HEAD + yaml.safe_dump({'recordings': data.as_data() if data else None}, sort_keys=False)
-    write_whole(folder / SETTINGS, lambda file: file.write(text))

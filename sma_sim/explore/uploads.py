@@ -13,10 +13,10 @@ from typing import Any
 from sma_sim.evidence.data.sources import META_FILE, recordings_in
 from sma_sim.explore.jobs import new_folder
 from sma_sim.explore.request_values import Body, Reply, text, whole
+from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest
 
-RECORDINGS = 'recordings'  # folder in the session: what was chosen on the page, and what it has recorded
 NAME = re.compile(r'\w[\w. ()+-]{0,99}')
 OF_BAG = 'metadata.yaml'
 ENDINGS = ('.csv', '.mcap', '.db3', '.yaml', '.yml', META_FILE)

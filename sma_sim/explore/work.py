@@ -28,7 +28,7 @@ from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
 from sma_sim.explore.events import EventLog
 from sma_sim.explore.jobs import CURVES, PARAMETERS, REPORT, RESULT, SUMMARY, Job, write_curves
-from sma_sim.explore.session import VERSIONS, read_settings
+from sma_sim.explore.session_files import VERSIONS, read_settings
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
@@ -37,9 +37,9 @@ from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.solver.first_start import announce_compilation
 from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.check import data_check
+from sma_sim.workflow.code_folders import folders_from
 from sma_sim.workflow.data_request import DataRequest
 from sma_sim.workflow.diagnosis import command_between, write_improved
-from sma_sim.workflow.effect_folders import folders_from
 from sma_sim.workflow.fit import reviewed_fit, write_fitted
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import signal
 import sys
 import threading
@@ -14,6 +16,7 @@ from sma_sim.evidence.data.json_values import write_json
 from sma_sim.explore.events import EventLog
 from sma_sim.explore.jobs import EVENTS, LOCK, STATE, STOP, Job, job_in
 from sma_sim.explore.lock import locked_file
+from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
 
 WAIT_FOR_LOCK = 10.0  # [s]: somebody may just be asking whether it is held
@@ -52,12 +55,17 @@ def outcome(session: Path, job: Job) -> tuple[str, str]:
             stopped = WORK[job.stage](WorkOrder(session, job, log))
         return ('stopped', 'stopped: the best so far') if stopped else ('done', 'done')
     except UserError as error:
-        return 'failed', str(error)
+        return 'failed', of_the_session(str(error), session)
     except KeyboardInterrupt:
         return 'stopped', 'stopped before there was a result'
     except Exception as error:
         traceback.print_exc()
         return 'failed', f'a fault of sma_sim ({type(error).__name__}: {error}), please report it with log.txt'
+
+
+def of_the_session(words: str, session: Path) -> str:
+    """Words without the long way to the copies of files that were chosen on the page."""
+    return re.sub(re.escape(f'{session / RECORDINGS}{os.sep}') + r'\d+' + re.escape(os.sep), '', words)
 
 
 def write_state(job: Job, state: str, words: str) -> None:

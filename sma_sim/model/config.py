@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -119,7 +120,7 @@ def flat_parameters(config: Config) -> dict[str, Any]:
     """All that a configuration says, by full name: `read_config` makes the same one of it."""
     values: dict[str, Any] = {'system': config.system, 'model': config.model, **config.parameters, **config.settings}
     values['effects.active'] = [active.found.effect.name for active in config.effects]
-    values['effects.paths'] = sorted({str(file.parent) for active in config.effects for file in active.found.files})
+    values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.found.files)
     values['structures.paths'] = folders_of(config.structure)
     for active in config.effects:
         effect = active.found.effect
@@ -128,8 +129,13 @@ def flat_parameters(config: Config) -> dict[str, Any]:
 
 
 def folders_of(found: FoundStructure) -> list[str]:
-    """Folders of the files of a structure, none for one of the package."""
-    return sorted({str(file.parent) for file in found.files})
+    """Folders of the files of a structure, as absolute paths; none for one of the package."""
+    return absolute_folders(found.files)
+
+
+def absolute_folders(files: Iterable[Path]) -> list[str]:
+    """The folders of some files, each once."""
+    return sorted({os.path.abspath(file.parent) for file in files})
 
 
 def read_config(
@@ -225,6 +231,9 @@ def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
     one = given.get('system', Given('module', 'default'))
     if one.value not in found and folders.recorded and names_in('structures.paths', folders):
         raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
+    if one.value not in found and names_in('structures.paths', folders):
+        where = ', '.join(map(str, named_folders('structures.paths', folders)))
+        one = replace(one, where=f'{one.where}; no STRUCTURE in {where} has this name')
     base = chosen_variant(found[checked_choice('system', one, tuple(found))], given, found)
     size = base.structure.size_name
     if size not in given:
@@ -322,14 +331,14 @@ def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> 
     parameter, value = declared[name], one.value
     low, high = parameter.bounds
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number in {parameter.unit}{yaml_hint(value)}')
+        unit = f' in {parameter.unit}'.removesuffix(' in -')
+        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number{unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):
         return number
     if not low <= number <= high:
-        raise ConfigError(
-            f'{name} = {number:g} {parameter.unit} ({one.where}): expected {low:g} to {high:g} {parameter.unit}'
-        )
+        unit = f' {parameter.unit}'.removesuffix(' -')
+        raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}')
     return number
 
 

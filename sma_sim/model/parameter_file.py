@@ -20,13 +20,14 @@ HEAD = f"""\
 """
 ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
 PATHS = 'folders with effect files of your own; relative ones start at this file'
-STRUCTURE_PATHS = 'folders with structure files of your own'
+STRUCTURE_PATHS = 'folders with structure files of your own; relative ones start at this file'
 
 
-def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
+def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_paths: Sequence[str] | None = None) -> str:
     """The text of a ROS 2 parameter file with every parameter of `config`: unit, meaning, and default where changed.
 
-    `effect_paths` are the folders of the user's effects, as they are to stand in the file.
+    `effect_paths` and `structure_paths` are the folders of the user's effects and structure, as they are to stand in the
+    file; the latter are absolute unless they are given.
     """
     found = package_structures()
     variants = {variant.name for each in found.values() for variant in each.structure.variants}
@@ -37,7 +38,8 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = ()) -> str:
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
         lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
     lines += effect_lines(config, effect_paths)
-    lines += ['structures:', f'  paths: {words(folders_of(config.structure))}  # {STRUCTURE_PATHS}']
+    paths = folders_of(config.structure) if structure_paths is None else structure_paths
+    lines += ['structures:', f'  paths: {words(paths)}  # {STRUCTURE_PATHS}']
     return HEAD + ''.join(f'    {line}\n' for line in lines)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
+from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 FREEZING = 273.15
 
@@ -21,7 +21,7 @@ class Panel(NamedTuple):
 
 
 Curve = tuple[str, str, str, float, float]
-COLOURS = (RED, BLUE, GREEN, ORANGE, GREY)  # of wires, one after another
+COLOURS = (RED, BLUE, GREEN, ORANGE, PURPLE, SKY)  # of wires, one after another; grey is the ambient temperature
 FIRST = ('alpha_rad', 'U_y_m', 'U_x_m')  # coordinates that come before others
 OF_WIRES = {  # by the name of a column with the number of a wire in it: axis label, label, factor and offset
     r'T_(\d+)_K': ('T [deg C]', 'wire', 1.0, -FREEZING),

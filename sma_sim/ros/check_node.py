@@ -39,6 +39,7 @@ Vector = NDArray[np.float64]
 
 POLL_PERIOD = 0.005  # [s] between two looks for samples
 REMINDER_PERIOD = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
+SILENCE = 3.0  # [s] without a sample after which it is said: slower robots are not followed
 OUTPUT_TOPICS: Mapping[str, Any] = {
     'model_joint_states': JointState,
     'residuals': JointState,
@@ -249,7 +250,7 @@ class ModelCheck:
         problems = [*self._graph_check.problems()]
         if self._departure.left.any():
             problems.insert(0, self._departed())
-        if silence > REMINDER_PERIOD:
+        if silence > SILENCE:
             problems.append(f'no joint_states for {silence:.0f} s')
             self._logger.warning(
                 'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD

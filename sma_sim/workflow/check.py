@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording, in_order
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.solver.inputs import inputs_at
 
@@ -22,10 +21,11 @@ class DataCheck:
 
     def as_data(self) -> dict[str, Any]:
         """The check for JSON, SI units: ``runs``, ``noise_std`` by channel and ``notes`` in words."""
+        noise = self.dataset.noise_std
         return {
             'system': self.dataset.system,
             'runs': [run_data(recording, recording.name in self.held_out) for recording in self.dataset.recordings],
-            'noise_std': dict(self.dataset.noise_std),
+            'noise_std': {name: noise[name] for name in in_order(noise, self.dataset.system)},
             'notes': grouped_notes([self.dataset]),
         }
 
@@ -44,15 +44,10 @@ def run_data(recording: Recording, held_out: bool) -> dict[str, Any]:
         'begin': float(recording.time[0]), 'end': float(recording.time[-1]),
         'sample_time': float(np.median(steps)) if len(steps) else None,
         'longest_gap': float(steps.max()) if len(steps) else None,
-        'channels': {name: range_data(recording.channels[name]) for name in ordered(list(recording.channels))},
+        'channels': {name: range_data(recording.channels[name]) for name in in_order(recording.channels, recording.system)},
         'inputs': {name: range_data(values) for name, values in inputs.items()},
         'notes': list(recording.notes),
     }  # fmt: skip
-
-
-def ordered(channels: Sequence[str]) -> list[str]:
-    """Channels in the order of the file contract."""
-    return [name for name in CHANNEL_COLUMNS if name in channels]
 
 
 def range_data(values: Any) -> dict[str, Any]:

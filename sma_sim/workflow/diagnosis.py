@@ -9,7 +9,7 @@ from pathlib import Path
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.proposed_equation import effect_values
-from sma_sim.model.parameter_file import parameter_file
+from sma_sim.workflow.code_folders import parameter_file_at
 
 
 def write_improved(path: Path, found: Diagnosis, folders: Sequence[str]) -> Path | None:
@@ -26,7 +26,7 @@ def write_improved(path: Path, found: Diagnosis, folders: Sequence[str]) -> Path
         written = found.proposal.write(folder, effect_values(found), note)
         folders, names = [*folders, folder.name], list(found.stages[-1].effects)
     origin = f'# Diagnosed by {source}: {" and ".join(names) or "no effect"} added.\n'
-    text = origin + parameter_file(found.calibration.config, folders)
+    text = origin + parameter_file_at(path, found.calibration.config, folders)
     write_whole(path, lambda file: file.write(text))
     return written
 

@@ -22,8 +22,8 @@ from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
 from sma_sim.model.config import Config
-from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.comparison_page import write_fit_page
+from sma_sim.workflow.code_folders import parameter_file_at
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def write_fitted(path: Path, found: Calibration, folders: Sequence[str]) -> None
     """Write the parameter file, with a line on where it comes from; `folders` are those of the user's effects."""
     names = ', '.join(fit.name for fit in found.runs)
     origin = f'# Fitted by sma-sim fit to {names}: error over noise {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
-    text = origin + parameter_file(found.config, folders)
+    text = origin + parameter_file_at(path, found.config, folders)
     write_whole(path, lambda file: file.write(text))
 
 

@@ -13,7 +13,7 @@ from sma_sim.cli.common.idle_effects import noted
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
-from sma_sim.workflow.effect_folders import folders_from
+from sma_sim.workflow.code_folders import folders_from
 
 QUIET_TIME = 2.0  # [s] before progress is shown
 

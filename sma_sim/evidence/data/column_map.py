@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from sma_sim.evidence.data.cells import Vector
+from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor')
@@ -209,7 +210,7 @@ def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present
             hint = f' (meant {close[0]}?)' if close else ''
             raise UserError(
                 f'{path} has no column {entry.column}{hint}, which the map {mapping.path} names for {name}; '
-                f'its columns are {", ".join(present)}'
+                f'its columns are {listed(present)}'
             )
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -66,6 +66,11 @@ NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_column
 CHANNELS_OF = OfSystems(lambda structure: structure.channels)
 CHANNEL_COLUMNS = ColumnsOfChannels()
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
+
+
+def in_order(channels: Collection[str], system: str) -> list[str]:
+    """Channels as they stand in files of a system; those of its other benches after them."""
+    return [name for name in dict.fromkeys((*CHANNELS_OF[system], *CHANNEL_COLUMNS)) if name in channels]
 
 
 def is_resistance(channel: str) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, error_by_temperature
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
@@ -227,15 +228,16 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
         estimate = estimated.get(name)
         if estimate is None or max(estimate.std, least) == 0.0:
             noise[name] = assumed_noise(name)
-            notes.append(f'noise of {name}: {noise[name]:g} assumed, the samples are too few or all the same')
+            value = in_display_unit(name, noise[name])
+            notes.append(f'noise of {name}: {value} assumed, the samples are too few or all the same')
         elif estimate.std < least:
             noise[name] = least
-            notes.append(f'noise of {name}: not visible, 1e-4 of its range is taken, {least:.3g}')
+            notes.append(f'noise of {name}: not visible, 1e-4 of its range is taken, {in_display_unit(name, least)}')
         else:
             noise[name] = estimate.std
-            reason = f', most of it the resolution {estimate.step:.3g}' if estimate.quantised else ''
+            reason = f', most of it the resolution {in_display_unit(name, estimate.step)}' if estimate.quantised else ''
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
-            notes.append(f'noise of {name}: {estimate.std:.3g}, estimated from the data{reason}')
+            notes.append(f'noise of {name}: {in_display_unit(name, estimate.std)}, estimated from the data{reason}')
         quasi_static = [one for one in recordings if known_structures()[one.system].is_quasi_static and name in one.channels]
         if quasi_static and name in RESPONDING:
             noise[name] = with_temperature_error(name, noise[name], quasi_static, notes)
@@ -250,7 +252,8 @@ def with_temperature_error(channel: str, noise: float, recordings: Sequence[Reco
     if not errors:
         return noise
     total = sqrt(noise**2 + sum(error**2 for error in errors) / len(errors))
-    notes.append(f'noise of {channel}: {total:.3g} with a temperature of the specimen that is known to {ACCURACY:g} K')
+    words = f'noise of {channel}: {in_display_unit(channel, total)} with a temperature of the specimen that is known to'
+    notes.append(f'{words} {ACCURACY:g} K')
     return total
 
 

@@ -15,6 +15,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from sma_sim.evidence.data.column_map import INDEPENDENT_AFTER, ColumnMap
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, Vector
 from sma_sim.model.errors import UserError
 
@@ -57,7 +58,7 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     if not floor:
         return replace(dataset, recordings=recordings, notes=tuple(notes))
     noise = {name: hypot(std, floor.get(name, 0.0)) for name, std in dataset.noise_std.items()}
-    words = ', '.join(f'{name} {value:.3g}' for name, value in floor.items())
+    words = ', '.join(f'{name} {in_display_unit(name, value)}' for name, value in floor.items())
     notes.append(f'repeats differ by {words}, which counts as noise: one sample in {mapping.independent_after:g} s is kept')
     kept = tuple(thinned(recording, mapping.independent_after) for recording in recordings)
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
@@ -93,7 +94,8 @@ def repeatability(recordings: Sequence[Recording], noise_std: Mapping[str, float
 
 def note_of_repeats(found: Repeatability) -> str:
     """The repeatability of a channel in words."""
-    return (f'{", ".join(found.names)} repeat one command and differ in {found.channel} by {found.floor:.3g}, for '
+    size = in_display_unit(found.channel, found.floor)
+    return (f'{", ".join(found.names)} repeat one command and differ in {found.channel} by {size}, for '
             f'{found.lasting:.2g} s: no model can be closer (floor and {INDEPENDENT_AFTER} of a map)')  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_ori
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
-from sma_sim.evidence.data.tables import read_header
+from sma_sim.evidence.data.tables import listed, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
@@ -68,7 +68,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     notes = ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
-        notes.append(f'columns not used: {", ".join(unused)}')
+        notes.append(f'columns not used: {listed(unused)}')
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
@@ -112,7 +112,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
     if close and not hint:
         hint = f' (rename {close[0]}, or name it in a map: {missing[0]}: {{column: {close[0]}, scale: 1}})'
-    raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
+    raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
 
 
 def read_noise_file(folder: Path, channels: Sequence[str]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from sma_sim.model.errors import UserError
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
 ROWS_PER_WRITE = 100_000
+MOST_NAMES = 40  # in a message
 
 
 def read_columns(
@@ -32,7 +33,7 @@ def read_columns(
     if missing:
         close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
         hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
-        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {", ".join(header)}')
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
     present = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:
@@ -40,6 +41,12 @@ def read_columns(
     indices = [header.index(name) for name in present]
     full = [name for name in present if name not in with_gaps]
     return read_cells(CellLayout(path, present, indices, len(header), full))[0]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in words; of very many the first."""
+    more = f' and {len(names) - MOST_NAMES} more' if len(names) > MOST_NAMES else ''
+    return ', '.join(names[:MOST_NAMES]) + more
 
 
 def read_header(path: Path) -> list[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, nuisances_of
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
@@ -59,7 +59,7 @@ class Comparison:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that any run has, in the order of the file contract."""
-        return tuple(name for name in CHANNEL_COLUMNS if any(name in run.measured for run in self.runs))
+        return tuple(in_order({name for run in self.runs for name in run.measured}, self.config.structure.structure.name))
 
     def part(self, held_out: bool) -> tuple[ComparedRun, ...]:
         """The runs that were held out, or the others."""

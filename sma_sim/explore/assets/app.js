@@ -4,6 +4,7 @@ import { Chart } from './chart.js';
 import { showCommand } from './command.js';
 import { element, showEffects, showParameters } from './controls.js';
 import { Drawing } from './drawing.js';
+import { keepFocus } from './focus.js';
 import { showHistory } from './history.js';
 import { RobotView } from './live.js';
 import { RecordingsView } from './recordings.js';
@@ -184,25 +185,25 @@ function show(state) {
   recordings.forget();
   stages.show();
   if (page.beside !== null && (page.beside === history.current || !history.versions.some((one) => one.number === page.beside))) page.beside = null;
-  part('title').textContent = `${controls.title === controls.system ? '' : `${controls.title}, `}${controls.system}`;
+  part('title').textContent = `${controls.system}${controls.title === controls.system ? '' : ` (${controls.title})`}`;
   part('title').title = controls.description;
   const model = part('model');
   model.replaceChildren(...controls.models.map((name) => element('option', { value: name, textContent: name })));
   model.value = controls.model;
-  part('undo').disabled = !history.can_undo;
-  part('redo').disabled = !history.can_redo;
+  keepFocus(document.querySelector('header'), () => {
+    part('undo').disabled = !history.can_undo;
+    part('redo').disabled = !history.can_redo;
+  });
   part('yaml').href = `/download/parameters.yaml?version=${history.current}`;
   part('csv').href = `/download/run.csv?version=${history.current}`;
-  const focused = focusName();
-  showParameters(part('parameters'), controls.groups, preview, commit);
-  showEffects(part('effects'), controls, preview, commit, change);
-  showCommand(part('command'), state.command, state.columns, (command) => perform('command', { command }));
-  showHistory(part('history'), history, page.beside, {
+  keepFocus(part('parameters'), () => showParameters(part('parameters'), controls.groups, preview, commit));
+  keepFocus(part('effects'), () => showEffects(part('effects'), controls, preview, commit, change));
+  keepFocus(part('command'), () => showCommand(part('command'), state.command, state.columns, (command) => perform('command', { command })));
+  keepFocus(part('history'), () => showHistory(part('history'), history, page.beside, {
     go: (number) => perform('go_to', { number }), rename: (number, name) => perform('rename', { number, name }),
     compare: (number) => { page.beside = number; show(page.state); },
     differences: async (before, after) => (await attempt('differences', () => ask('differences', { before, after })))?.differences ?? [],
-  });
-  refocus(focused);
+  }));
   const modes = Object.values(state.modes).map((mode) => {
     const swatch = element('i');
     swatch.style.background = mode.colour;
@@ -211,19 +212,6 @@ function show(state) {
   const dashed = page.beside === null ? [] : [element('span', { textContent: `dashed, and on the right: version ${page.beside}` })];
   part('legend').replaceChildren(element('span', { textContent: 'Wires by mode:' }), ...modes, ...dashed);
   refresh();
-}
-
-/** The control that has the focus, so that it has it again when the controls are made anew. */
-function focusName() {
-  const row = document.activeElement?.closest('[data-name], [data-effect]');
-  if (!row) return null;
-  const within = [...row.querySelectorAll('input, button, select')].indexOf(document.activeElement);
-  const [key, name] = row.dataset.name ? ['name', row.dataset.name] : ['effect', row.dataset.effect];
-  return { selector: `[data-${key}="${CSS.escape(name)}"]`, within };
-}
-
-function refocus(focused) {
-  if (focused) document.querySelector(focused.selector)?.querySelectorAll('input, button, select')[focused.within]?.focus({ preventScroll: true });
 }
 
 // Steps with recordings, and the robot.

@@ -14,6 +14,12 @@ export function ticks(low, high, wanted) {
   return { values: found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
+/** A number on an axis whose marks have so many digits behind the point. */
+function tickText(value, digits) {
+  const text = digits > 5 && Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6 ? String(Number(value.toPrecision(3))) : value.toFixed(digits);
+  return text.replace(/^-(0(\.0*)?)$/, '$1').replaceAll('-', '\u2212');
+}
+
 /** The least and the greatest of what curves show, a little wider. */
 function extent(curves, axis, shown) {
   let low = Infinity, high = -Infinity;
@@ -26,8 +32,8 @@ function extent(curves, axis, shown) {
     }
   }
   if (!(low <= high)) return [0, 1];
-  const least = 1e-9 * Math.max(Math.abs(low), Math.abs(high), 1e-12);
-  const room = high - low > least ? 0.06 * (high - low) : Math.max(0.05 * Math.abs(high), 1e-3);
+  const least = 1e-9 * Math.max(Math.abs(low), Math.abs(high), 1); // less is rounding, which has no shape to look at
+  const room = high - low > least ? 0.06 * (high - low) : Math.max(0.05 * Math.abs(high), 1e-2);
   return [low - room, high + room];
 }
 
@@ -185,7 +191,7 @@ export class Chart {
         context.globalAlpha = 1;
         context.fillStyle = soft;
         if (py(value) < area.top + 0.45 * em) continue; // the label of the axis stands there
-        context.fillText(value.toFixed(marks.digits).replace(/^-(0(\.0*)?)$/, '$1').replace('-', '\u2212'), area.left - 0.4 * em, py(value), area.left - 0.6 * em);
+        context.fillText(tickText(value, marks.digits), area.left - 0.4 * em, py(value), area.left - 0.6 * em);
       }
     }
     const marks = ticks(...this.x, area.width / (5 * em));
@@ -194,7 +200,7 @@ export class Chart {
     context.fillStyle = soft;
     marks.values.forEach((value, k) => {
       const unit = this.kind !== 'loop' && k === marks.values.length - 1 ? ' s' : '';
-      const text = value.toFixed(marks.digits).replace('-', '\u2212') + unit, half = context.measureText(text).width / 2;
+      const text = tickText(value, marks.digits) + unit, half = context.measureText(text).width / 2;
       context.fillText(text, Math.min(px(value), this.canvas.clientWidth - half), area.top + area.height + 0.3 * em);
     });
     if (this.kind === 'loop') {
@@ -243,7 +249,7 @@ export class Chart {
     context.textAlign = 'left';
     context.fillStyle = styleOf('--ink');
     const base = area.top - 0.45 * em;
-    context.fillText(this.label, 0.2 * em, base);
+    context.fillText(this.label, 0.2 * em, base, this.canvas.clientWidth - 0.4 * em);
     if (this.bands.length) {
       context.textBaseline = 'middle';
       context.textAlign = 'right';
@@ -257,15 +263,17 @@ export class Chart {
     context.textAlign = 'right';
     const free = context.measureText(this.label).width + 1.5 * em; // the label of the axis stands there
     const words = (curve, brief) => (brief ? curve.label.replace(/^\D+ (?=\d+$)/, '') : curve.label) + (this.kind === 'time' ? valueAt(curve, this.cursor) : '');
-    const needed = named.reduce((sum, curve) => sum + context.measureText(words(curve, false)).width + 2.4 * em, 0);
-    const brief = named.length > 3 || needed > right - free;
+    const needed = (brief, more) => named.reduce((sum, curve) => sum + context.measureText(words(curve, brief)).width + more * em, 0);
+    const brief = named.length > 3 || needed(false, 2.4) > right - free;
+    const bare = brief && needed(true, 2.4) > right - free; // no room for samples of the lines: the words have their colours
     for (const curve of [...named].reverse()) {
-      const text = words(curve, brief);
-      if (right - context.measureText(text).width < free + 1.5 * em) break;
-      context.fillStyle = styleOf('--ink');
+      const text = words(curve, brief), width = context.measureText(text).width;
+      if (right - width < free - (bare ? em : -1.5 * em)) { context.fillText('\u2026', right, base); break; }
+      context.fillStyle = bare ? curve.colour : styleOf('--ink');
       context.fillText(text, right, base);
-      right -= context.measureText(text).width + 0.4 * em;
+      right -= width + (bare ? 0.8 : 0.4) * em;
       context.fillStyle = curve.colour || styleOf('--ink');
+      if (bare) continue;
       context.fillRect(right - 1.1 * em, base - 0.5 * em, 1.1 * em, 0.22 * em);
       right -= 2 * em;
     }
@@ -282,5 +290,5 @@ function valueAt({ x, y, factor, offset, held }, time) {
   }
   const part = held || x[high] === x[low] ? (time >= x[high] ? 1 : 0) : (time - x[low]) / (x[high] - x[low]);
   const value = factor * (y[low] + part * (y[high] - y[low])) + offset;
-  return ` ${Number(value.toPrecision(4))}`.replace('-', '\u2212');
+  return ` ${Number(value.toPrecision(4))}`.replaceAll('-', '\u2212');
 }

@@ -40,7 +40,7 @@ const EDITORS = {
       const last = command.rows[command.rows.length - 1];
       change([...command.rows, [last[0] + 20, ...last.slice(1)]]);
     });
-    return [table, add];
+    return [element('div', { className: 'scroll' }, table), add];
   },
   sine(command, columns, set) {
     const column = element('select', {}, ...columns.map((name) => element('option', { value: name, textContent: withUnit(name) })));

@@ -100,7 +100,7 @@ function effectControl(effect, active, open, { preview, commit, change }) {
     element('p', {}, element('code', { textContent: effect.equation })),
     ...[effect.description, effect.source && `Source: ${effect.source}`, effect.signature && `Trace in measurements: ${effect.signature}`,
       effect.same_as && `Not distinguishable from: ${effect.same_as}`].filter(Boolean).map((words) => element('p', { textContent: words })));
-  const row = element('div', { className: 'effect' }, element('label', {}, box, `${effect.title} `), element('code', { className: 'small', textContent: effect.name }), about);
+  const row = element('div', { className: 'effect' }, element('label', {}, box, `${effect.title[0].toUpperCase()}${effect.title.slice(1)} `), element('code', { className: 'small', textContent: effect.name }), about);
   row.dataset.effect = effect.name;
   if (!on) return row;
   if (effect.scopes.length) {

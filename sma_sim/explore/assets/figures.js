@@ -10,12 +10,23 @@ export function figure(id, caption) {
   return element('figure', { className: 'growing' }, Object.assign(element('canvas', { id }), { role: 'img' }), element('figcaption', { textContent: caption }));
 }
 
+/** Say in words what the pointer is at: `words(part)` with its place from left to right, 0 to 1, within the axes. */
+export function listen(canvas, words) {
+  const said = element('output', { className: 'note' });
+  canvas.after(said);
+  canvas.addEventListener('pointermove', (event) => { said.textContent = words(partOf(canvas, event.offsetX)); });
+  canvas.addEventListener('pointerleave', () => { said.textContent = ''; });
+}
+
+const emOf = () => 0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize);
+const partOf = (canvas, x) => (x - 4 * emOf()) / (canvas.clientWidth - 5.5 * emOf());
+
 function prepared(canvas, label) {
   const ratio = devicePixelRatio, width = canvas.clientWidth, height = canvas.clientHeight;
   if (!width || !height) return null;
   [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
   canvas.setAttribute('aria-label', label);
-  const context = canvas.getContext('2d'), em = 0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize);
+  const context = canvas.getContext('2d'), em = emOf();
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
   context.font = `${em}px system-ui, sans-serif`;
@@ -90,6 +101,15 @@ export function drawErrors(canvas, models) {
   if (level !== null) context.lineTo(px(known.length - 1), level);
   context.stroke();
   known.forEach((one, k) => mark(space, one, px(k), py));
+}
+
+/** The model of the figure that is nearest to a place in it, in words. */
+export function errorAt(models, part) {
+  const known = models.filter((one) => one.error > 0);
+  const one = known[Math.min(Math.max(Math.round(part * (known.length + 0.8) - 0.7), 0), known.length - 1)];
+  if (!one) return '';
+  const left = one.left_out > 0 ? `, in runs left out in turn ${one.left_out.toPrecision(3)}` : '';
+  return `${one.role === 'candidate' ? 'candidate ' : ''}${one.effects.join(' + ') || 'model as it is'} (${one.model}): ${one.error.toPrecision(3)} in the fitted runs${left}`;
 }
 
 function mark({ context, em, area }, one, x, py) {

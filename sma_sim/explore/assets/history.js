@@ -15,8 +15,10 @@ export function showHistory(parent, history, beside, { go, rename, compare, diff
     const look = element('button', { type: 'button', textContent: shown ? 'Shown dashed' : 'Compare', disabled: current && !shown });
     look.setAttribute('aria-pressed', String(shown));
     look.addEventListener('click', () => compare(shown ? null : version.number));
-    return element('li', { className: current ? 'current' : '' }, element('b', { textContent: `${version.number} ` }), version.words,
+    const entry = element('li', { className: current ? 'current' : '' }, element('b', { textContent: `${version.number} ` }), version.words,
       element('div', {}, visit, look, name));
+    entry.dataset.version = version.number;
+    return entry;
   }));
   const table = element('div', { id: 'differences' });
   parent.replaceChildren(element('p', { className: 'note', textContent: `Kept in ${history.folder}` }), table, list);

@@ -42,7 +42,7 @@ export class RobotView {
     this.use.addEventListener('click', () => this.actions.useRecorded());
     this.parent.replaceChildren(element('div', { className: 'bar' }, element('h2', { textContent: 'Robot beside the model' }),
       element('label', {}, 'namespace ', namespace), element('label', {}, 'ROS domain ', domain), this.start, this.stop, this.record, this.use),
-    element('p', { className: 'note', textContent: 'Listens to the topics of a robot or a simulating node (joint_states, J_eq, ...) and runs the current version of the model under the same command. For a recording to improve the model with, begin while the robot is at rest.' }),
+    element('p', { className: 'note', textContent: 'Listens to the topics of a robot or a simulating node (joint_states, its command, ...) and runs the current version of the model under the same command. For a recording to improve the model with, begin while the robot is at rest.' }),
     this.words, this.problems, this.recording, this.grid);
     this.show();
   }
@@ -51,7 +51,7 @@ export class RobotView {
     const found = await this.actions.attempt(verb, () => ask(verb, body));
     if (!found) return;
     if (verb === 'live_start') { this.samples = []; this.next = 0; }
-    this.take(verb === 'live_start' ? { ...found, samples: [], next: 0 } : found);
+    this.take({ ...found, samples: [], next: this.next }); // samples come with the next question
     this.wake();
   }
 

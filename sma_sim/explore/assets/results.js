@@ -1,7 +1,7 @@
 // What came out of a step, as tables, figures and sentences.
 
 import { element } from './controls.js';
-import { drawCost, drawErrors, figure } from './figures.js';
+import { drawCost, drawErrors, errorAt, figure, listen } from './figures.js';
 
 export const digits = (value, count = 4) => (value === null || value === undefined ? '\u2013' : String(Number(value.toPrecision(count))).replace('-', '\u2212'));
 
@@ -9,15 +9,20 @@ export function table(head, rows, caption = '') {
   const found = element('table', {}, ...(caption ? [element('caption', { textContent: caption })] : []),
     element('thead', {}, element('tr', {}, ...head.map((one) => element('th', { scope: 'col' }, one)))),
     element('tbody', {}, ...rows.map((row) => element('tr', {}, ...row.map((cell, k) => element(k ? 'td' : 'th', k ? {} : { scope: 'row' }, cell))))));
-  return element('div', { className: 'scroll', tabIndex: 0, role: 'group', ariaLabel: caption || 'table' }, found);
+  return element('div', { className: 'scroll results', tabIndex: 0, role: 'group', ariaLabel: caption || 'table' }, found);
 }
+
+/** The same with all of its digits, so that a column of them is even. */
+const even = (value, count = 4) => (value === null || value === undefined || value >= 10 ** count ? digits(value, count) : value.toPrecision(count));
 
 /** An error over noise as a cell: coloured by size, and readable without colour. */
 export function errorCell(value) {
-  const cell = element('span', { className: `error ${value === null || value === undefined ? '' : value < 1.2 ? 'small-error' : value < 3 ? 'some-error' : 'large-error'}`, textContent: digits(value) });
+  const cell = element('span', { className: `error ${value === null || value === undefined ? '' : value < 1.2 ? 'small-error' : value < 3 ? 'some-error' : 'large-error'}`, textContent: even(value) });
   if (value !== null && value !== undefined) cell.title = String(value);
   return cell;
 }
+
+const inUnit = (value, { factor, unit }) => `${digits(factor * value, 3)} ${unit}`;
 
 const list = (words) => element('ul', {}, ...words.map((textContent) => element('li', { textContent })));
 const heading = (textContent) => element('h2', { textContent });
@@ -40,7 +45,9 @@ export function showResult(parent, stage, found, actions) {
   if (['failed', 'killed'].includes(job.state)) parts.push(element('p', { className: 'problem', textContent: job.words }));
   if (result) parts.push(...SHOWN[job.stage](found, actions), files(job));
   parent.replaceChildren(...parts);
-  if (drawn) redrawFigure(parent, job.stage, found.events);
+  if (!drawn) return;
+  if (job.stage === 'diagnose') listen(drawn.querySelector('canvas'), (part) => errorAt(actions.events().filter((one) => one.kind === 'model'), part));
+  redrawFigure(parent, job.stage, found.events);
 }
 
 /** Draw the figure of a step anew, as when an event has come. */
@@ -53,7 +60,7 @@ export function redrawFigure(parent, stage, events) {
 
 const CAPTIONS = {
   calibrate: 'The cost falls while parameters are fitted; a line for each starting point.',
-  diagnose: 'Line: the model so far. Dots: candidates. Squares: the same in runs left out in turn. Dashed: as good as the sensors can tell.',
+  diagnose: 'Line: the model so far. Dots: candidates. Squares: the same in runs left out in turn. Dashed: as good as the sensors can tell. Point at one to read which it is.',
 };
 
 const HEADINGS = {
@@ -61,7 +68,7 @@ const HEADINGS = {
 };
 
 const SHOWN = {
-  check({ result }, { holdOut }) {
+  check({ result }, { holdOut, labels }) {
     const chosen = new Set(result.runs.filter((run) => run.held_out).map((run) => run.name));
     const rows = result.runs.map((run) => {
       const box = element('input', { type: 'checkbox', checked: run.held_out, ariaLabel: `hold out ${run.name}` });
@@ -69,10 +76,10 @@ const SHOWN = {
       const channels = Object.entries(run.channels).map(([name, one]) => name + (one.missing ? ` (${one.missing} missing)` : ''));
       return [run.name, box, `${digits(run.end - run.begin)} s`, String(run.samples), `${digits(1000 * (run.sample_time ?? 0))} ms`, channels.join(', ')];
     });
-    const noise = Object.entries(result.noise_std).map(([name, value]) => `${name} ${digits(value, 3)}`).join(', ');
+    const noise = Object.entries(result.noise_std).map(([name, value]) => `${name} ${inUnit(value, labels(name))}`).join(', ');
     return [table(['run', 'hold out', 'duration', 'samples', 'sample time', 'channels'], rows, 'Runs'),
       note('A run that is held out is not fitted: it shows whether the model predicts. Without a choice, a diagnosis leaves out each run in turn.'),
-      element('p', { textContent: `Noise (standard deviation, SI units): ${noise || 'not known'}` }),
+      element('p', { textContent: `Noise (standard deviation): ${noise || 'not known'}` }),
       ...(result.notes.length ? [heading('Repaired or noteworthy'), list(result.notes)] : [element('p', { textContent: 'Nothing had to be repaired.' })])];
   },
   compare({ result }) {

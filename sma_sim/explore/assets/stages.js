@@ -1,6 +1,8 @@
 // What the steps of the recordings do: begin and stop them, follow the one that runs, show what came out.
 
+import { showColumns } from './columns.js';
 import { element } from './controls.js';
+import { keepFocus } from './focus.js';
 import { redrawFigure, showExport, showResult } from './results.js';
 import { nextStep, showSteps } from './steps.js';
 import { ask } from './wire.js';
@@ -25,7 +27,7 @@ function base64(piece) {
 export class Stages {
   /** `page`: what the page knows; `actions`: attempt, perform, load, setView, openTab, refresh, again (explain the marked part again). */
   constructor(page, actions) {
-    Object.assign(this, { page, actions, results: new Map(), events: [], chosen: null, exported: null, polling: 0 });
+    Object.assign(this, { page, actions, results: new Map(), options: {}, events: [], chosen: null, exported: null, polling: 0 });
   }
 
   get state() { return this.page.state; }
@@ -33,10 +35,10 @@ export class Stages {
   show() {
     const { steps } = this.state;
     this.chosen ??= steps.data ? nextStep(this.state) : null;
-    showSteps(part('steps'), this.state, this.chosen, {
+    keepFocus(part('steps'), () => showSteps(part('steps'), this.state, this.chosen, {
       choose: (stage) => this.choose(stage), begin: (stage, options) => this.begin(stage, options), stop: () => this.actions.perform('stop'),
-      open: (files) => this.send(files), useRecorded: () => this.useRecorded(),
-    });
+      open: (files) => this.send(files), useRecorded: () => this.useRecorded(), options: this.options,
+    }));
     if (!steps.compared.length) part('grid-view').hidden = true;
     this.detail();
     if (steps.running && !this.polling) this.poll();
@@ -91,7 +93,9 @@ export class Stages {
     }
     this.chosen = stage;
     this.actions.setView('data');
-    return perform('start', { stage, options });
+    await perform('start', { stage, options });
+    part('detail').scrollIntoView({ block: 'start' }); // where its figure grows
+    return null;
   }
 
   /** The job whose result a stage shows. */
@@ -104,16 +108,49 @@ export class Stages {
     const stage = this.chosen, box = part('detail'), job = stage && this.jobOf(stage);
     if (stage === 'export') return this.exported?.number === this.state.history.current ? showExport(box, this.exported) : box.replaceChildren();
     if (!job) {
-      const words = this.state.steps.data ? '' : 'No recordings yet: choose the files of your robot under Steps.';
-      return box.replaceChildren(element('p', { className: 'note', textContent: words }));
+      return box.replaceChildren(...this.unread(), ...this.columnsPart(false));
     }
     const found = await this.resultOf(job);
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
-    return showResult(box, job.stage, found, {
+    keepFocus(box, () => showResult(box, job.stage, found, {
+      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
       holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
-    });
+    }));
+    if (job.state !== 'running') box.append(...this.columnsPart(job.state === 'failed' || found.result?.notes?.some((note) => note.includes('columns not used'))));
+    return null;
+  }
+
+  /** Which column of the files is which, below what was read; `open` where that is likely to be asked. */
+  columnsPart(open) {
+    if (this.chosen !== 'check' || !this.state.steps.data) return [];
+    const place = element('div'), details = element('details', { id: 'columns', open }, element('summary', { textContent: 'Columns of the files' }), place);
+    const load = async () => {
+      const found = place.childElementCount ? null : await this.actions.attempt('columns', () => ask('columns'));
+      if (found) showColumns(place, found, (columns) => this.useColumns(columns));
+    };
+    details.addEventListener('toggle', () => { if (details.open) load(); });
+    if (open) load();
+    return [details];
+  }
+
+  async useColumns(columns) {
+    const state = await this.actions.attempt('columns', () => ask('choose_columns', { columns }));
+    if (!state) return;
+    await this.actions.load();
+    await this.begin('check', {});
+  }
+
+  /** What is said before a step was taken. */
+  unread() {
+    const { data } = this.state.steps, words = (textContent) => element('p', { className: 'note', textContent });
+    if (!data) return [words('No recordings yet: choose the files of your robot under Steps.')];
+    if (this.chosen !== 'check') return [];
+    const names = data.data.map((path) => path.split(/[\\/]/).at(-1));
+    const held = data.hold_out.length ? ` Held out: ${data.hold_out.map((path) => path.split(/[\\/]/).at(-1)).join(', ')}.` : '';
+    return [element('h2', { textContent: 'Recordings' }), element('ul', {}, ...names.map((textContent) => element('li', { textContent }))),
+      words(`They have not been checked yet.${held}`)];
   }
 
   async resultOf(job) {

@@ -54,10 +54,14 @@ function stepItem(one, state, { next, chosen, open }, actions) {
   if (stage === chosen) item.setAttribute('aria-current', 'step');
   if (job && ['failed', 'killed'].includes(job.state) && stage !== 'accept') item.append(element('p', { className: 'problem', textContent: job.words }));
   if (running) return progress(item, job, actions);
-  if (!ready) { item.append(element('p', { className: 'small reason', textContent: `${reason[0].toUpperCase()}${reason.slice(1)}.` })); return item; }
-  const { fields, read } = optionsOf(stage, open.has(stage));
+  if (!ready) {
+    const [first] = reason.split(': '); // how that went is said there
+    item.append(element('p', { className: 'small reason', textContent: `${first[0].toUpperCase()}${first.slice(1)}.` }));
+    return item;
+  }
+  const { fields, read } = optionsOf(stage, open.has(stage), actions.options);
   const begin = element('button', { type: 'button', className: stage === next ? 'primary' : '', textContent: label(stage, state, job, accepted), disabled: busy || accepted });
-  begin.dataset.begin = stage;
+  begin.dataset.begin = begin.dataset.key = stage;
   begin.addEventListener('click', () => actions.begin(stage, read()));
   item.append(element('div', { className: 'row' }, begin), ...fields, ...(stage === 'compare' ? candidates(state, actions) : []));
   return item;
@@ -71,7 +75,7 @@ function candidates({ steps }, actions) {
   if (!steps.compared.includes(steps.version)) return [];
   const done = known?.state === 'done';
   const begin = element('button', { type: 'button', textContent: done ? 'What each effect would do' : 'Switch effects on, one at a time', disabled: running !== null });
-  begin.dataset.begin = 'candidates';
+  begin.dataset.begin = begin.dataset.key = 'candidates';
   begin.addEventListener('click', () => (done ? actions.choose('candidates') : actions.begin('candidates', {})));
   part.append(begin);
   if (known && ['failed', 'killed'].includes(known.state)) part.append(element('p', { className: 'problem', textContent: known.words }));
@@ -86,42 +90,53 @@ function label(stage, { history }, job, accepted) {
 
 function progress(item, job, actions) {
   const stop = element('button', { type: 'button', textContent: 'Stop, and keep what it has' });
-  stop.dataset.stop = job.stage;
+  stop.dataset.stop = stop.dataset.key = job.stage;
   stop.addEventListener('click', actions.stop);
   item.append(element('progress', { ariaLabel: `${TITLES[job.stage]} is running` }), element('p', { className: 'small words', role: 'status', textContent: job.words }), stop);
   return item;
 }
 
-function optionsOf(stage, open) {
-  const make = OPTIONS[stage];
-  if (!make) return { fields: [], read: () => ({}) };
-  const { rows, read } = make();
+/** The options of a step, as they were chosen last (`kept`, by stage). */
+function optionsOf(stage, open, kept) {
+  const controls = OPTIONS[stage]?.();
+  if (!controls) return { fields: [], read: () => ({}) };
+  const chosen = kept[stage] ??= {};
+  const rows = Object.entries(controls).map(([name, [words, control]]) => {
+    const what = control.type === 'checkbox' ? 'checked' : 'value';
+    if (name in chosen) control[what] = chosen[name];
+    control.addEventListener('input', () => { chosen[name] = control[what]; });
+    return element('label', { className: 'field' }, `${words} `, control);
+  });
   const details = element('details', { open }, element('summary', { textContent: 'Options' }), ...rows);
   details.dataset.options = stage;
-  return { fields: [details], read };
+  const values = () => Object.fromEntries(Object.entries(controls).map(([name, [, control]]) => [name, read(control)]));
+  return { fields: [details], read: () => Object.fromEntries(Object.entries(values()).filter(([, value]) => value !== null)) };
 }
 
-const field = (words, control) => element('label', { className: 'field' }, `${words} `, control);
+/** What a control says: a list of names, a number, a switch or a word; null for what was left to the program. */
+function read(control) {
+  if (control.type === 'checkbox') return control.checked;
+  if (control.type === 'number') return Number(control.value);
+  if (control.type !== 'text') return control.value;
+  const names = control.value.split(',').map((name) => name.trim()).filter(Boolean);
+  return names.length ? names : null;
+}
+
 const check = (checked) => element('input', { type: 'checkbox', checked });
 const kinetics = () => element('select', {}, ...[['auto', 'the better of both'], ['hybrid', 'hybrid'], ['mas', 'mas']].map(([value, textContent]) => element('option', { value, textContent })));
 
 const OPTIONS = {
-  calibrate() {
-    const free = element('input', { type: 'text', placeholder: 'chosen automatically' }), starts = element('input', { type: 'number', min: '1', max: '100', value: '2' });
-    const model = kinetics(), robust = check(false);
-    return {
-      rows: [field('kinetics', model), field('parameters to fit, such as beam.E, wire.lambda', free), field('starting points', starts), field('give outliers less weight', robust)],
-      read: () => ({ model: model.value, starts: Number(starts.value), robust: robust.checked,
-        ...(free.value.trim() ? { free: free.value.split(',').map((name) => name.trim()).filter(Boolean) } : {}) }),
-    };
-  },
-  diagnose() {
-    const model = kinetics(), equation = check(true), variants = check(true);
-    return {
-      rows: [field('kinetics', model), field('search for an equation if no known effect explains the error', equation), field('also effects in one wire or coordinate only', variants)],
-      read: () => ({ model: model.value, equation: equation.checked, variants: variants.checked }),
-    };
-  },
+  calibrate: () => ({
+    model: ['kinetics', kinetics()],
+    free: ['parameters to fit, such as beam.E, wire.lambda', element('input', { type: 'text', placeholder: 'chosen automatically' })],
+    starts: ['starting points', element('input', { type: 'number', min: '1', max: '100', value: '2' })],
+    robust: ['give outliers less weight', check(false)],
+  }),
+  diagnose: () => ({
+    model: ['kinetics', kinetics()],
+    equation: ['search for an equation if no known effect explains the error', check(true)],
+    variants: ['also effects in one wire or coordinate only', check(true)],
+  }),
 };
 
 function openRecordings({ open, useRecorded }, { steps: { recorded }, recorded_columns: columns }) {
@@ -130,7 +145,7 @@ function openRecordings({ open, useRecorded }, { steps: { recorded }, recorded_c
   const found = [element('p', { textContent: 'Choose the recordings of your robot: one CSV file or bag for each run, three runs or more if you have them.' }),
     element('div', { className: 'choose' }, files, folder),
     element('p', { id: 'sending', className: 'small', role: 'status' }),
-    element('p', { className: 'note', textContent: `CSV files have columns with units in the header: time_s and those of ${columns.join(', ')} that you have: the command, and what was measured. A bag is a file .mcap or .db3, or its folder. With them you may choose meta.json (the noise of the sensors) and a column map (.yaml), which tells the names and units of other columns. Copies of the files are kept in the session.` })];
+    element('p', { className: 'note', textContent: `CSV files have columns with units in the header: time_s and those of ${columns.join(', ')} that you have: the command, and what was measured. Of columns with other names or units you say on this page which is which, once they are there. A bag is a file .mcap or .db3, or its folder. With them you may choose meta.json (the noise of the sensors) and a column map (.yaml). Copies of the files are kept in the session.` })];
   if (recorded.length) {
     const use = element('button', { type: 'button', textContent: `Use what was recorded here (${recorded.length})` });
     use.addEventListener('click', useRecorded);

@@ -43,9 +43,19 @@ def parameter_faults(structure: Structure) -> Iterator[str]:
     for parameter in structure.parameters:
         if not isinstance(parameter, Parameter):
             yield f'expected a Parameter among its parameters, got {parameter!r}'
+        elif not all(is_number(value) for value in (parameter.default, *parameter.bounds)):
+            given = f'default {parameter.default!r}, bounds {parameter.bounds!r}'
+            yield f'parameter {parameter.name}: expected numbers, got {given}'
+        elif not parameter.unit:
+            yield f"parameter {parameter.name}: expected a unit, such as 'N/m' ('-' for none), got ''"
         elif not parameter.bounds[0] <= parameter.default <= parameter.bounds[1]:
             low, high = parameter.bounds
             yield f'parameter {parameter.name}: default {parameter.default:g} {parameter.unit}; expected {low:g} to {high:g}'
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is one number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def reference_faults(structure: Structure) -> Iterator[str]:
@@ -74,5 +84,7 @@ def function_faults(structure: Structure) -> Iterator[str]:
         yield f'its {role} fails: {type(error).__name__}: {error}'
         return
     for i, length in enumerate(lengths, start=1):
-        if not 0.0 < length < math.inf:
+        if not is_number(length):
+            yield f'its lengths give {length!r} for wire {i}; expected a number for one wire, a tuple of numbers for several'
+        elif not 0.0 < length < math.inf:
             yield f'its lengths give {length:g} m for wire {i} where all coordinates are 0; expected more than 0'

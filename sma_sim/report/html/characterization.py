@@ -12,11 +12,11 @@ from sma_sim.evidence.residual_analysis.wire_tests import Characterization, Eval
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import envelope, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Table
-from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
+from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
-LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, '#CC79A7', '#56B4E9', GREY)
+LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY)
 NAMES = ('M_f', 'M_s', 'A_s', 'A_f')
-TEMPERATURE_COLOURS = dict(zip(NAMES, (BLUE, '#56B4E9', ORANGE, RED), strict=True))
+TEMPERATURE_COLOURS = dict(zip(NAMES, (BLUE, SKY, ORANGE, RED), strict=True))
 MOST_POINTS = 500  # of one curve
 WORDS = (
     'Temperatures by tangents (the evaluation of ASTM F2082 and F3097): lines through the cold and the hot end of each way '

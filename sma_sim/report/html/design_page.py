@@ -16,9 +16,9 @@ from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
-from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, RED
+from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
-HYPOTHESIS_COLOURS = (BLUE, RED, GREEN, '#CC79A7', '#56B4E9', GREY)
+HYPOTHESIS_COLOURS = (BLUE, RED, GREEN, PURPLE, SKY, GREY)
 BAND = 2.0  # standard deviations
 COMMAND_HEIGHT, CHANNEL_HEIGHT = 110, 125  # [px]
 

@@ -128,7 +128,9 @@ def topic_prefix(bag: Bag, namespace: str | None) -> str:
     """What stands before the topics' names. Raises UserError when that is not clear."""
     found = namespaces(bag)
     if not found:
-        topics = ', '.join(sorted(bag.topics())) or 'none'
+        topics = ', '.join(sorted(bag.topics()))
+        if not topics:
+            raise UserError(f'{bag.path}: no message in it can be read: the bag is empty or broken')
         raise UserError(f'{bag.path} holds no module: expected a topic joint_states, {", ".join(COMMANDS)}, got {topics}')
     if namespace is None:
         if len(found) > 1:
