@@ -6,6 +6,8 @@ import pytest
 from browser import open_browser
 from explore_server import opened, serving
 
+from sma_sim.explore.command import first_command
+
 SIZES = {'phone': (360, 740, True), 'tablet': (768, 1024, True), 'screen': (1400, 900, False), '4K': (3840, 2160, False)}
 PICTURE = 'return document.querySelector("#drawing canvas").clientHeight'
 MOVE = 'const one = document.getElementById("instant"); one.value = arguments[0]; one.dispatchEvent(new Event("input"))'
@@ -56,8 +58,11 @@ def browser():
 
 
 def test_rounding_is_no_curve_and_its_axis_can_be_read(browser, tmp_path):
-    """The spatial beam bends in one plane under its first command: across it there is nothing but rounding."""
+    """The spatial beam bends in one plane when only its first bundle is heated: across it there is nothing but rounding."""
     with serving(tmp_path / 'session', words=('system=spatial',)) as server:
+        first = first_command(server.application.session.config()).as_data()
+        first['rows'] = [[time, J_1, 0.0, 0.0] for time, J_1, *_ in first['rows']]
+        server.application.set_command({'command': first})
         opened(browser, server)
         run = server.application.run(server.application.session.config()).columns
         assert 0.0 < abs(run['U_z_m']).max() < 1e-15

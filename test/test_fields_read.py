@@ -88,6 +88,7 @@ def test_the_library_is_read_exactly():
         'polycrystal',
         'r_phase_strain',
         'smooth_transformation',
+        'stress_dependent_transformation_strain',
     }
     assert not any(uses_time(effect) for effect in effects.values())
     for effect in effects.values():

@@ -33,15 +33,25 @@ def complaint(tmp_path, step, capsys):
     return run
 
 
+def unit_of(name):
+    """What follows a number: nothing where it has no unit."""
+    return '' if DEFAULTS[name].unit == '-' else f' {DEFAULTS[name].unit}'
+
+
+def in_unit(name):
+    return f' in{unit_of(name)}' if unit_of(name) else ''
+
+
 @pytest.mark.parametrize('name', DEFAULTS)
 def test_range_of_every_parameter(complaint, name):
-    unit, (low, high) = DEFAULTS[name].unit, DEFAULTS[name].bounds
+    low, high = DEFAULTS[name].bounds
+    unit = unit_of(name)
     for value in (2.0 * high + 1.0, low - 1.0 - abs(low)):
         said = complaint('--set', f'{name}={value}')
-        assert f'{name} = {value:g} {unit} (on the command line): expected {low:g} to {high:g} {unit}' in said
-    assert f"{name} = 'much' (on the command line): expected a number in {unit}" in complaint('--set', f'{name}=much')
+        assert f'{name} = {value:g}{unit} (on the command line): expected {low:g} to {high:g}{unit}\n' in said
+    assert f"{name} = 'much' (on the command line): expected a number{in_unit(name)}" in complaint('--set', f'{name}=much')
     if not math.isnan(DEFAULTS[name].default):
-        assert f'{name} = nan {unit}' in complaint('--set', f'{name}=nan')
+        assert f'{name} = nan{unit} (' in complaint('--set', f'{name}=nan')
 
 
 @pytest.mark.parametrize('name', DEFAULTS)
@@ -51,7 +61,7 @@ def test_type_of_every_parameter_in_yaml(complaint, tmp_path, name, value):
     file = tmp_path / 'robot.yaml'
     file.write_text(f'/**:\n  ros__parameters:\n    {group}:\n      {key}: {value}\n')
     said = complaint('--config', str(file))
-    assert f'{name} = ' in said and f'(in {file}): expected a number in {DEFAULTS[name].unit}' in said
+    assert f'{name} = ' in said and f'(in {file}): expected a number{in_unit(name)}' in said
     if value == '12e9':
         assert 'write 1.2' in said
 
