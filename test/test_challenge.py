@@ -177,6 +177,7 @@ def compared(load=None, heat=None, hidden=(), command=COMMAND):
     return difference(channels, {name: states[:, k] for k, name in enumerate(('U_x', 'U_y', 'alpha'))})
 
 
+@pytest.mark.slow
 def test_the_bare_robot_is_that_of_an_independent_integration():
     assert compared() < 0.02
 

@@ -180,6 +180,7 @@ def test_markers_show_the_pose_and_the_modes():
     assert (wire_1.color.r, wire_1.color.g) == pytest.approx((MODE_RGBA[5].r, MODE_RGBA[5].g), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_two_nodes_with_one_name_and_a_command_of_another_type():
     """Both go on and say what is wrong."""
     topics = (JOINTS, (DiagnosticArray, '/diagnostics'))

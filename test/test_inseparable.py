@@ -54,7 +54,8 @@ def robot(effects, model, *hidden, delay=0.0):
     return dataset(truth, [1, 2, 3], noise=1.0, rate=10.0, delay=delay)
 
 
-@pytest.mark.parametrize('model', ['mas', pytest.param('hybrid', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('model', ['mas', 'hybrid'])
 def test_all_of_them_at_once_are_absorbed(effects, model):
     """A spring and heat at the clamps, a gain of all power, a delay: moduli, lambda, c_V and delay take them."""
     hidden = (('attachment_compliance', {'C': 2e-4}), ('power_gain', {'g': 1.25}), ('clamps', {'G': 4e-3}))

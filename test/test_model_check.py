@@ -120,6 +120,7 @@ def test_a_robot_that_is_the_model_leaves_no_residual():
     assert 'has left' not in log[0] and 'starts anew' not in log[0]
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_model_lacks_is_noticed_at_rest():
     with robot('-p', 'effects.active:=[gravity]') as one, beside(one) as log:
         one.until(lambda: status(one).level == DiagnosticStatus.WARN)
@@ -190,6 +191,7 @@ def test_other_names_another_order_and_a_missing_joint():
         assert ratio[1:3] == pytest.approx([1e-3 / 1e-5, 0.01 / 3.5e-4]) and all(map(math.isnan, [ratio[0], *ratio[3:]]))
 
 
+@pytest.mark.slow
 def test_it_leaves_and_comes_back_and_outliers_do_not_count():
     with check() as (fake, log):
         one = fake.one
@@ -207,6 +209,7 @@ def test_it_leaves_and_comes_back_and_outliers_do_not_count():
     assert log[0].index('has left the measurement') < log[0].index('the model is back in the measurement')
 
 
+@pytest.mark.slow
 def test_no_verdict_before_the_burn_in_is_over():
     with check('-p', 'check.burn_in:=1e6') as (fake, log):
         away = (0.0, 0.01, 0.1)
@@ -344,6 +347,7 @@ def test_wrong_parameters_stop_it():
         assert words.startswith('sma_model_check: ') and message in words
 
 
+@pytest.mark.slow
 def test_beside_a_structure_with_a_command_for_each_wire():
     words = ('-p', 'system:=spatial')
 

@@ -144,10 +144,18 @@ def test_sensing_effect_shows_both_poses(tmp_path):
     [
         (['-p', 'wire.E_X:=1e9'], 'unknown parameter wire.E_X'),
         (['-p', 'system:=cantilever'], "system = 'cantilever' (given to the node): expected one of "),
-        (['-p', 'node.steps_per_call:=1.5'], 'node.steps_per_call = 1.5: expected a whole number of steps'),
-        (['-p', 'node.publish_rate:=300.0'], '300 samples per second do not divide 1000 steps per second'),
+        pytest.param(
+            ['-p', 'node.steps_per_call:=1.5'],
+            'node.steps_per_call = 1.5: expected a whole number of steps',
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ['-p', 'node.publish_rate:=300.0'],
+            '300 samples per second do not divide 1000 steps per second',
+            marks=pytest.mark.slow,
+        ),
         (['--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
-        (['-p', 'wire.E_A'], 'wire.E_A'),
+        pytest.param(['-p', 'wire.E_A'], 'wire.E_A', marks=pytest.mark.slow),
         (['-p', 'beam.L:=0.05'], 'check wire.l0 = 0.0957 m against beam.L = 0.05 m'),
     ],
 )

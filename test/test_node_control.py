@@ -202,6 +202,7 @@ def test_diagnostics_tell_of_the_command_and_its_publishers():
         assert one.stop()[0] == 0
 
 
+@pytest.mark.slow
 def test_an_overrun_is_in_the_diagnosis_for_ten_seconds():
     """The node is stopped for a second; the total stays."""
     with ros_client.Simulation(topics=((DiagnosticArray, '/diagnostics'),)) as one:

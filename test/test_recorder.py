@@ -52,7 +52,8 @@ def commands(one, values, pause):
         one.until(lambda end=end: time.monotonic() > end)
 
 
-@pytest.mark.parametrize('rates', [(1000.0, 100.0), pytest.param((3000.0, 50.0), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('rates', [(1000.0, 100.0), (3000.0, 50.0)])
 def test_replays_bit_for_bit_under_load(tmp_path, rates):
     """Every column of the bag, from a node that fights for its processor."""
     stop = multiprocessing.Event()
@@ -128,6 +129,7 @@ def test_a_reset_begins_another_bag(tmp_path):
     assert first['time_s'][0] == second['time_s'][0] == 0.0
 
 
+@pytest.mark.slow
 def test_restarts_with_one_setting_make_a_bag_each(tmp_path):
     """A name that ends in / is the folder of the bags; a reset makes another one, too."""
     for _ in range(2):

@@ -111,6 +111,7 @@ def test_what_is_accepted_is_a_version(engine):
     json.dumps(engine.overview(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_what_is_exported_does_the_same(engine, monkeypatch):
     """The commands and the Python lines give the numbers of the session to the digit."""
     engine.accept()

@@ -169,9 +169,13 @@ def delta_bic(base: FitResult, fit: FitResult) -> float:
 
 
 def standard_errors(fit: FitResult, pool: Executor) -> dict[str, float]:
-    """Standard deviations of the free parameters (SI) from the Hessian, widened by the size of the residuals."""
+    """Standard deviations of the free parameters (SI) from the Hessian, widened by the size of the residuals.
+
+    Not a number where rounding leaves no variance: the data do not determine such a parameter.
+    """
     _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z)
-    std = np.sqrt(np.diag(np.linalg.inv(hessian))) * max(1.0, fit.error)
+    variance = np.diag(np.linalg.inv(hessian))
+    std = np.sqrt(np.where(variance >= 0.0, variance, np.nan)) * max(1.0, fit.error)
     return {p.name: std_of_value(p, float(z), float(s)) for p, z, s in zip(fit.problem.free, fit.z, std, strict=False)}
 
 
