@@ -155,7 +155,13 @@ def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context:
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
     """A model fitted on all samples, with intervals."""
     context.on_progress('the last fit, on all samples')
-    data = data.under(fit, context)
+    data, fit = data.under(fit, context), with_noise_of_its_size(fit)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
     return ModelStage(kind, fit.effects, found, data.predicted(found, context))
+
+
+def with_noise_of_its_size(fit: FitResult) -> FitResult:
+    """A tempered fit whose noise has the size of what it leaves: in the end no candidates are compared by their priors."""
+    problem = fit.problem
+    return replace(fit, problem=replace(problem, tempering=max(1.0, fit.error))) if problem.tempering > 1.0 else fit

@@ -253,7 +253,10 @@ def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Probl
     """The problem of a fit on all samples, the parameters free within the same bounds."""
     whole = problem_for(dataset, fit.problem.config, options, 1, step_limited=False)
     problem = fit.problem
-    return replace(whole, free=problem.free, nominal_effects=problem.nominal_effects, differences=problem.differences)
+    return replace(
+        whole, free=problem.free, nominal_effects=problem.nominal_effects, differences=problem.differences,
+        tempering=problem.tempering,
+    )  # fmt: skip
 
 
 def multistart_search(

@@ -16,7 +16,6 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
-from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import (
     FitData,
@@ -228,21 +227,18 @@ def interpolated(levels: Mapping[str, float]) -> list[str]:
 def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict[str, float]:
     """Error over noise by run that is left out in turn (refitted from z without it); empty for a single run.
 
-    Isobaric tests are left out one by one, and the others refitted with a tempered likelihood: without a level they may
-    leave open how strain grows with stress, and a model of one homogeneous wire is off by many times the noise all along a
-    test. As if that were white noise, it would drive parameters through what the levels leave open, against all priors.
+    Isobaric tests are left out one by one: without two levels the others may leave open how strain grows with stress.
     """
     if len(problem.runs) < 2:
         return {}
     indices, shared = problem.indices(), len(problem.shared)
     isobaric, count = not isnan(problem.span), len(problem.runs)
-    tempering = overdispersion(problem, z, context.pool) if isobaric else 1.0
 
     def errors_of(left_out: list[int]) -> list[tuple[str, float]]:
         kept = [k for k in range(count) if k not in left_out]
         fewer = replace(problem, runs=tuple(problem.runs[k] for k in kept))
         start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
-        refitted = minimize(fewer.weighted(1.0 / tempering), start, RUNS_LEFT_OUT, context)
+        refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
         fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error)
         return [(run.name, run.error) for run in fits]

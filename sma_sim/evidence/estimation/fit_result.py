@@ -52,7 +52,7 @@ class FitResult:
     @property
     def squares(self) -> float:
         """Sum of the squared residuals over noise, without the prior's part of the cost."""
-        return max(2.0 * self.cost - float(self.z @ self.z), 0.0)
+        return max(2.0 * self.cost - self.problem.tempering**2 * float(self.z @ self.z), 0.0)
 
     @property
     def error(self) -> float:

@@ -95,9 +95,10 @@ def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
     return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
 
 
-def accumulated(parts: Sequence[NormalEquations], z: Vector) -> QuadraticModel:
-    """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z."""
-    cost, gradient, hessian = 0.5 * float(z @ z), z.copy(), np.eye(len(z))
+def accumulated(parts: Sequence[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
+    """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z; `tempering` as in a Problem."""
+    prior = tempering**2
+    cost, gradient, hessian = 0.5 * prior * float(z @ z), prior * z, prior * np.eye(len(z))
     for part in parts:
         cost += part.cost
         gradient[part.indices] += part.gradient
@@ -121,7 +122,7 @@ def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
 
 def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:
     """The cost of the residuals of all runs and of the prior; inf where a run could not be made."""
-    total = 0.5 * float(z @ z)
+    total = 0.5 * problem.tempering**2 * float(z @ z)
     for residuals in by_run:
         if residuals is None:
             return np.inf
@@ -206,7 +207,7 @@ def secant_minimum(
 
 def quadratic_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:
     """Cost, gradient and Hessian at z from linearised runs."""
-    return accumulated([normal_equations(run, problem.robust) for run in linear], z)
+    return accumulated([normal_equations(run, problem.robust) for run in linear], z, problem.tempering)
 
 
 def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) -> LinearizedRun:
@@ -225,7 +226,7 @@ def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | 
     """
     if problem.has_tangents:
         return None
-    return better_steps(problem, accumulated(normal_parts(problem, z, executor), z)[2], central=True)
+    return better_steps(problem, accumulated(normal_parts(problem, z, executor), z, problem.tempering)[2], central=True)
 
 
 def damped_step(

@@ -40,6 +40,7 @@ class Problem:
 
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where that
     is not known, its ambient temperature. `differences`: what was found to differ between the recordings.
+    `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
     """
 
     config: Config
@@ -49,6 +50,7 @@ class Problem:
     delay: float | None = None
     nominal_effects: tuple[str, ...] = ()
     differences: tuple[RecordingDifference, ...] = ()
+    tempering: float = 1.0
 
     def wires(self, run: FitData) -> int:
         """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""

@@ -38,8 +38,6 @@ RUNS_LEFT_OUT = StopCriteria(
 )
 # A tempered likelihood, whose weights change from stage to stage.
 TEMPERED = StopCriteria(max_iterations=15, damping=1.0, min_decrease=0.01, relative_decrease=3e-3, central=False)
-# The same to its end, along what data leave open: there each step gains little.
-TO_PRIORS = replace(TEMPERED, max_iterations=30, relative_decrease=1e-4)
 # The reported fit, on all samples.
 ALL_SAMPLES = StopCriteria(
     max_iterations=12, damping=1.0, min_decrease=0.01, relative_decrease=0.0, central=True, secant=True

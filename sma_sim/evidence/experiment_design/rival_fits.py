@@ -230,7 +230,7 @@ def laplace_hypothesis(rival: NamedFit, noise_factor: float, context: SearchCont
     problem, z = rival.fitted.problem, rival.fitted.z
     cost = cost_at(problem, z, context.pool)
     parts = normal_parts(problem, z, context.pool, measured_steps(problem, z, context.pool), central=True)
-    hessian = accumulated(parts, z)[2]
+    hessian = accumulated(parts, z, problem.tempering)[2]
     n = len(problem.shared)
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
     wires = problem.wires(problem.runs[0])

@@ -173,9 +173,9 @@ def standard_errors(fit: FitResult, pool: Executor) -> dict[str, float]:
 
     Not a number where rounding leaves no variance: the data do not determine such a parameter.
     """
-    _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z)
+    _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z, fit.problem.tempering)
     variance = np.diag(np.linalg.inv(hessian))
-    std = np.sqrt(np.where(variance >= 0.0, variance, np.nan)) * max(1.0, fit.error)
+    std = np.sqrt(np.where(variance >= 0.0, variance, np.nan)) * max(1.0, fit.error, fit.problem.tempering)
     return {p.name: std_of_value(p, float(z), float(s)) for p, z, s in zip(fit.problem.free, fit.z, std, strict=False)}
 
 

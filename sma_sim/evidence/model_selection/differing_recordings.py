@@ -95,7 +95,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
     except SimulationError:
         return []
     squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linear)
-    project = Projection(linear, len(z))
+    project = Projection(linear, len(z), problem.tempering)
     known = {difference.words for difference in problem.differences}
     found = [
         Promise(difference, gained := gain(responses, linear, project), gained / squares)

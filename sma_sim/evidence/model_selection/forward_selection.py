@@ -28,7 +28,7 @@ from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
-from sma_sim.evidence.model_selection.tempered_likelihood import nearest_to_priors
+from sma_sim.evidence.model_selection.tempered_likelihood import tempered
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.effects.discovery import FoundEffect
 
@@ -44,7 +44,7 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         accepted = steps[-1].accepted
         if accepted is None:
             break
-        base = nearest_to_priors(accepted.fit, context)
+        base = tempered_again(accepted.fit, context)
         errors = f'{base.error:.2f} fitted, {base.prediction_error:.2f} on runs left out'
         context.on_progress(f'accepted {accepted.name}: error over noise {errors}')
         report_model('accepted', base, context)
@@ -52,6 +52,12 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         if not (leaves_something(base) or base.is_bent):
             return (*steps, SelectionStep(base, (), (), None))
     return tuple(steps)
+
+
+def tempered_again(fit: FitResult, context: SearchContext) -> FitResult:
+    """An accepted fit with the overdispersion that it leaves, cross-validated with that."""
+    found = tempered(fit, context)
+    return found if found is fit else cross_validated(found, context)
 
 
 def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:

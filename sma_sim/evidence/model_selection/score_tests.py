@@ -60,7 +60,7 @@ def screen(
     residuals = np.concatenate([run.residuals.ravel() for run in linear])
     blocks = block_numbers(problem, linear)
     responses = probe_all(problem, z, candidates, linear, pool)
-    project = Projection(linear, len(z))
+    project = Projection(linear, len(z), problem.tempering)
     random = np.random.default_rng(seed)
     signs = random.choice([-1.0, 1.0], size=(CRITERIA.bootstrap_draws, int(blocks.max()) + 1))
     largest_by_chance = np.zeros(len(signs))
@@ -115,8 +115,8 @@ def probe_all(
 class Projection:
     """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit."""
 
-    def __init__(self, linear: Sequence[LinearizedRun], n: int) -> None:
-        self._linear, hessian = linear, np.eye(n)
+    def __init__(self, linear: Sequence[LinearizedRun], n: int, tempering: float = 1.0) -> None:
+        self._linear, hessian = linear, tempering**2 * np.eye(n)
         for run in linear:
             flat = run.jacobian.reshape(len(run.indices), -1)
             hessian[np.ix_(run.indices, run.indices)] += flat @ flat.T

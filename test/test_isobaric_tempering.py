@@ -1,4 +1,4 @@
-"""Levels of isobaric tests are left out one by one, and what the others leave open stays near its prior."""
+"""Isobaric tests are fitted under a tempered likelihood: what the levels leave open stays near its prior."""
 
 from dataclasses import replace
 from math import inf
@@ -10,16 +10,18 @@ import pytest
 from isobaric_runs import BENCH, isobaric_tests
 
 from sma_sim import FitOptions, read_config
+from sma_sim.evidence.diagnosis.model_stage import with_noise_of_its_size
 from sma_sim.evidence.estimation import cross_validation
 from sma_sim.evidence.estimation import overdispersion as dispersion
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, cost_at, minimize, normal_parts, start_point
 from sma_sim.evidence.estimation.overdispersion import overdispersion
+from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics
-from sma_sim.evidence.model_selection.tempered_likelihood import nearest_to_priors
+from sma_sim.evidence.model_selection.tempered_likelihood import tempered
 
 ORIENTED, GRADUAL = 'stress_dependent_transformation_strain', 'polycrystal'
 TRUTH = [f'{ORIENTED}:deficit=0.8,k=8e7,sigma_crit=5e6', f'{GRADUAL}:spread=8e7']
@@ -49,44 +51,67 @@ def test_overdispersion_of_correlated_residuals(monkeypatch, rho, size):
 
 
 @pytest.mark.parametrize('isobaric', [True, False])
-def test_each_level_is_left_out_alone_under_a_tempered_likelihood(monkeypatch, gradual, isobaric):
+def test_each_level_is_left_out_alone(monkeypatch, gradual, isobaric):
     fit, context = gradual
     problem, made = fit.problem, []
     if not isobaric:  # as other tests are
         problem = replace(problem, runs=tuple(replace(run, level=float('nan')) for run in problem.runs))
 
     def followed(fewer, *rest):
-        made.append((len(fewer.runs), float(fewer.runs[0].weight.max() / problem.runs[0].weight.max())))
+        made.append(len(fewer.runs))
         return minimize(fewer, *rest)
 
     monkeypatch.setattr(cross_validation, 'minimize', followed)
     errors = cross_validation.left_out_errors(problem, fit.z, context)
-    tempering = overdispersion(problem, fit.z, context.pool)
-    assert set(errors) == {run.name for run in problem.runs} and tempering > 2.0
-    kept, part = zip(*made, strict=True)
-    assert sorted(kept) == ([6] * 7 if isobaric else [5, 5, 6, 6, 6])
-    assert np.array(part) == pytest.approx(1.0 / tempering if isobaric else 1.0)
+    assert set(errors) == {run.name for run in problem.runs}
+    assert sorted(made) == ([6] * 7 if isobaric else [5, 5, 6, 6, 6])
 
 
-def test_what_data_leave_open_goes_back_to_its_prior(gradual):
-    """Along the direction that data determine least, the optimum nearest to the priors is found again."""
+@pytest.fixture(scope='module')
+def astray(gradual):
+    """A fit that went where data say least: high stresses say nothing of the strain at low ones."""
     fit, context = gradual
-    problem = replace(fit.problem, runs=fit.problem.runs[3:])  # high stresses say nothing of the strain at low ones
-    fit = minimize(problem, fit.z, ADDED_EFFECT, context)
-    _, _, hessian = accumulated(normal_parts(problem, fit.z, context.pool), fit.z)
+    problem = replace(fit.problem, runs=fit.problem.runs[3:])
+    hessian = accumulated(normal_parts(problem, fit.z, context.pool), fit.z, 1.0)[2]
     weakest = np.linalg.eigh(hessian)[1][:, 0]
-    weakest *= np.sign(weakest @ fit.z)
-    away = np.clip(fit.z + 2.0 * weakest, *problem.limits())
-    astray = replace(fit, z=away, cost=cost_at(problem, away, context.pool))
-    found = nearest_to_priors(astray, context)
-    assert found.error <= 1.01 * astray.error and found.cost == pytest.approx(cost_at(problem, found.z, context.pool))
-    assert np.linalg.norm(found.z) < 0.8 * np.linalg.norm(away)
+    away = np.clip(fit.z + 2.0 * np.sign(weakest @ fit.z) * weakest, *problem.limits())
+    return replace(fit, problem=problem, z=away, cost=cost_at(problem, away, context.pool)), context
+
+
+def test_what_data_leave_open_goes_back_to_its_prior(astray):
+    """The cost is half the squares and k^2 times half the prior's, k being the overdispersion."""
+    fit, context = astray
+    found = tempered(fit, context)
+    k = overdispersion(fit.problem, fit.z, context.pool)
+    assert found.problem.tempering == k > 2.0
+    squares = sum(float(np.vdot(run, run)) for run in residuals_at(found.problem, found.z, context.pool))
+    assert found.squares == pytest.approx(squares)
+    assert found.cost == pytest.approx(0.5 * squares + 0.5 * k**2 * float(found.z @ found.z))
+    assert found.cost < cost_at(found.problem, fit.z, context.pool)
+    assert np.linalg.norm(found.z) < 0.8 * np.linalg.norm(fit.z) and found.error < 1.05 * fit.error
+
+
+def test_a_tempered_fit_of_weighted_residuals_is_the_same(gradual):
+    """Squares over k^2 beside the priors are squares beside k^2 times the priors."""
+    fit, context = gradual
+    found = tempered(fit, context)
+    k = found.problem.tempering
+    weighted = replace(found.problem.weighted(1.0 / k), tempering=1.0)
+    assert k**2 * cost_at(weighted, found.z, context.pool) == pytest.approx(found.cost)
+
+
+def test_the_last_fit_has_noise_of_the_size_of_what_it_leaves(gradual):
+    fit, context = gradual
+    assert with_noise_of_its_size(fit) is fit
+    found = tempered(fit, context)
+    assert with_noise_of_its_size(found).problem.tempering == found.error < found.problem.tempering
 
 
 def test_it_is_no_question_of_other_tests(gradual):
     fit, context = gradual
     other = replace(fit.problem, runs=tuple(replace(run, level=float('nan')) for run in fit.problem.runs))
-    assert nearest_to_priors(replace(fit, problem=other), context).z is fit.z
+    astray = replace(fit, problem=other)
+    assert tempered(astray, context) is astray
 
 
 def test_rates_have_no_time_in_isobaric_tests(gradual):
