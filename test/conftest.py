@@ -16,6 +16,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before NumPy: its threads 
 import hypothesis  # noqa: E402
 import numba  # noqa: E402
 import pytest  # noqa: E402
+from browser import silent_browser  # noqa: E402
 from prewarm import prewarm  # noqa: E402
 
 # A busy machine draws slowly, and a first call may compile: neither is a fault of what is tested.
@@ -25,14 +26,22 @@ hypothesis.settings.load_profile('any machine')
 # Files that take ten seconds and more, the longest first; those that mostly wait in turns with those that compute: with
 # twice as many workers as processors, two of them wait while the others compute.
 FIRST = (
-    'test_model_check', 'test_docs', 'test_structure_nodes', 'test_equations', 'test_stages', 'test_challenge',
-    'test_node_control', 'test_effects_on_structures', 'test_recorder', 'test_latent', 'test_clock', 'test_order',
-    'test_node', 'test_reference', 'test_explore_recordings', 'test_diagnose', 'test_controller', 'test_next',
+    'test_node', 'test_equations', 'test_model_check', 'test_explore_recordings', 'test_clock', 'test_stages',
+    'test_node_control', 'test_effects_on_structures', 'test_recorder', 'test_latent', 'test_structure_nodes', 'test_order',
+    'test_explore_page', 'test_challenge', 'test_reference', 'test_diagnose', 'test_controller', 'test_next',
     'test_examples', 'test_inseparable', 'test_explore_robot', 'test_diagnose_stop', 'test_report_html', 'test_stack',
-    'test_explore_page', 'test_beyond_the_module', 'test_trajectory', 'test_calibrate', 'test_optional_packages',
+    'test_explore_focus', 'test_explore_files', 'test_beyond_the_module', 'test_trajectory', 'test_calibrate',
+    'test_optional_packages',
     'test_diagnose_data', 'test_live_feed', 'test_fit_command', 'test_install', 'test_two_effects', 'test_launch',
     'test_untrusted_data', 'test_stamped', 'test_plot', 'test_bags_of_structures', 'test_plausibility',
 )  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def browser():
+    """A browser for the tests of a file, which must leave no error in its console."""
+    with silent_browser() as one:
+        yield one
 
 
 def pytest_configure(config):

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from browser import silent_browser
 from explore_server import refused, serving, until, verb
 from explore_steps import ended, gravity_case, opened
 
@@ -19,12 +18,6 @@ FOREIGN = {  # of the columns of a module: name, scale and offset to ours
     'U_x_m': ('Ux (mm)', 1e-3, 0.0), 'U_y_m': ('Uy (mm)', 1e-3, 0.0), 'alpha_rad': ('angle_deg', np.pi / 180.0, 0.0),
     'F_1_N': ('pull_1', 1.0, 0.0),
 }  # fmt: skip
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with silent_browser() as one:
-        yield one
 
 
 @pytest.fixture(scope='module')

@@ -4,7 +4,6 @@ import json
 from base64 import b64encode
 
 import pytest
-from browser import silent_browser
 from corrupted import TEXT
 from explore_server import ask, refused, serving, until, verb
 from explore_steps import (
@@ -25,12 +24,6 @@ from sma_sim.model.config import read_config
 @pytest.fixture(scope='module')
 def case(tmp_path_factory):
     return gravity_case(tmp_path_factory)
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with silent_browser() as one:
-        yield one
 
 
 @pytest.fixture(scope='module')

@@ -1,19 +1,12 @@
 """The page of `sma-sim explore` by keys: controls are made anew with each change, and nobody loses his place in them."""
 
 import pytest
-from browser import silent_browser
 from explore_server import serving, until
 from explore_steps import STEP, ended, gravity_case, opened
 
 from sma_sim.workflow.data_request import DataRequest
 
 FOCUSED = 'const one = document.activeElement; return one.dataset.begin ?? one.dataset.stop ?? one.ariaLabel ?? one.id'
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with silent_browser() as one:
-        yield one
 
 
 @pytest.fixture(scope='module')

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from browser import silent_browser
 from explore_server import ask, refused, serving, slide, until, verb
 from explore_steps import (
     ERRORS,
@@ -40,12 +39,6 @@ GROWING = 'const place = document.getElementById("growing")?.getBoundingClientRe
 @pytest.fixture(scope='module')
 def case(tmp_path_factory):
     return gravity_case(tmp_path_factory)
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with silent_browser() as one:
-        yield one
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,6 @@ import subprocess
 import sys
 
 import pytest
-from browser import silent_browser
 from explore_server import serving, until
 
 ros_client = pytest.importorskip('ros_client', reason='no ROS here')
@@ -14,12 +13,6 @@ ros_client = pytest.importorskip('ros_client', reason='no ROS here')
 WORDS = ('check.burn_in=0.5', 'check.window=0.5')
 STATE = 'return smaExplore.robot.state'
 PATIENCE = 120.0  # [s]
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with silent_browser() as one:
-        yield one
 
 
 def wait(browser, condition):
