@@ -43,7 +43,9 @@ def test_an_offset_of_strain_is_no_temperature():
 @pytest.mark.parametrize(('beyond', 'taken'), [(float('nan'), True), (0.3, True), (0.15, False)])
 def test_what_an_uncertain_temperature_explains_is_no_finding(beyond, taken):
     one = replace(candidate('polycrystal', 1.5), beyond_temperature=beyond)
-    assert one.predicts_better == taken
+    assert one.predicts_better and one.acceptable == taken
+    only_noise = replace(one, error_reduction=0.0)
+    assert only_noise.leaves_only_noise and not only_noise.predicts_better and only_noise.acceptable == taken
 
 
 @pytest.mark.parametrize(('left', 'expected'), [(0.7, (0.7 - 0.2) / 3.4), (4.0, float('nan'))])

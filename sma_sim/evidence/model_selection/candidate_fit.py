@@ -71,8 +71,13 @@ class CandidateFit:
 
     @property
     def convincing(self) -> bool:
-        """Whether it explains enough or all, whatever its values."""
-        return self.predicts_better or self.leaves_only_noise or self.straightens
+        """Whether it explains enough or all, and more than an uncertain temperature does, whatever its values."""
+        return (self.predicts_better or self.leaves_only_noise or self.straightens) and not self.blurred
+
+    @property
+    def blurred(self) -> bool:
+        """Whether what it explains may as well be the specimen's temperature, which is uncertain."""
+        return self.beyond_temperature < CRITERIA.adequate_reduction
 
     @property
     def leaves_only_noise(self) -> bool:
@@ -84,9 +89,8 @@ class CandidateFit:
 
     @property
     def predicts_better(self) -> bool:
-        """Whether runs left out are predicted better by enough, by more than chance and than an uncertain temperature."""
-        blurred = self.beyond_temperature < CRITERIA.adequate_reduction
-        return self.error_reduction >= self.least_reduction and self.significant and not blurred
+        """Whether runs left out are predicted better by enough, and by more than chance."""
+        return self.error_reduction >= self.least_reduction and self.significant
 
     @property
     def significant(self) -> bool:
