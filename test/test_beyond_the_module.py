@@ -171,6 +171,7 @@ def test_what_is_not_asked_of_a_structure_is_refused(tmp_path, capsys):
         next_experiment(data, model.config, DesignRequest())
 
 
+@pytest.mark.slow
 def test_an_experiment_for_a_slider_heats_only(tmp_path, capsys):
     """One command from 0 to the largest of the recordings, in its column."""
     model = model_of('slider', 'mas')

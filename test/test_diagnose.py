@@ -229,6 +229,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(with_gravity, t
     assert (tmp_path / 'why.html').exists() and reduction_figure(found).data[0].x == labels
 
 
+@pytest.mark.slow
 def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     """Weak commands tell little of the martensite; a strong one is predicted badly, and one model explains them all."""
     truth = scaled(config('mas'), wire__lambda=1.1, wire__c_V=0.93, wire__eps_T=1.5, wire__E_M=0.6)

@@ -182,7 +182,7 @@ def test_normal_equations_of_a_line():
     jacobian, residuals = random.normal(size=(2, 1, 30)), random.normal(size=(1, 30))
     part = normal_equations(LinearizedRun(np.array([0, 1]), residuals, jacobian), robust=False)
     assert part.cost == pytest.approx(0.5 * (residuals**2).sum())
-    cost, gradient, hessian = accumulated([part], np.zeros(2))
+    cost, gradient, hessian = accumulated([part], np.zeros(2), 1.0)
     assert cost == part.cost and hessian == pytest.approx(part.hessian + np.eye(2))
     wide = np.full(2, 1e3)
     A = np.vstack([jacobian[:, 0].T, np.eye(2)])
@@ -196,6 +196,6 @@ def test_normal_equations_of_a_line():
 
 def test_each_run_adds_to_its_own_unknowns():
     parts = [NormalEquations(np.array(at), 1.0, np.ones(2), np.ones((2, 2))) for at in ([0, 1], [0, 2])]
-    cost, gradient, hessian = accumulated(parts, np.zeros(3))
+    cost, gradient, hessian = accumulated(parts, np.zeros(3), 1.0)
     assert cost == 2.0 and gradient.tolist() == [2.0, 1.0, 1.0]
     assert hessian.tolist() == [[3.0, 1.0, 1.0], [1.0, 2.0, 0.0], [1.0, 0.0, 2.0]]

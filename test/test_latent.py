@@ -107,7 +107,7 @@ def test_the_data_of_the_answer(shaken):
 
 
 @pytest.mark.parametrize('name', ['force_U_x', 'moment_alpha', 'heat_1', 'strain_2', 'stress_1', 'power_2', 'stiffness'])
-@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+@pytest.mark.parametrize('model', [pytest.param('hybrid', marks=pytest.mark.slow), 'mas'])
 def test_responses_add_up(name, model):
     """The response to an input is about the sum of those to its knots: what the linear model rests on."""
     start = config(model, solver__rtol=1e-9)

@@ -222,6 +222,7 @@ def designed(rivals, request, on_progress=lambda words: None):
         return best_plan(runs, plan.hypotheses, request, SearchContext(pool, Event(), on_progress))
 
 
+@pytest.mark.slow
 def test_ctrl_c_gives_the_best_so_far(rivals):
     def on_progress(words):
         if 'sequences evaluated' in words:

@@ -135,6 +135,7 @@ def test_accelerations_are_those_of_lagranges_equations():
         assert forces == pytest.approx(Q.ravel(), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_free_undamped_motion_keeps_its_energy():
     """Three soft beams without damping or wires that swing far under gravity."""
     still = dict.fromkeys(('beam__b_x', 'beam__b_y', 'beam__b_alpha'), 0.0)
@@ -166,6 +167,7 @@ def test_ten_modules_hang():
     assert np.ptp(run['alpha_1_rad']) < 1e-5
 
 
+@pytest.mark.slow
 def test_random_stacks_come_to_their_end():
     random = np.random.default_rng(3)
     for turn in range(10):
