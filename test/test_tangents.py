@@ -17,6 +17,7 @@ from sma_sim import (
     simulate,
     wire_input,
 )
+from sma_sim.evidence.estimation import run_tangents
 from sma_sim.evidence.estimation.free_parameters import (
     choose_free,
     declared_parameters,
@@ -26,6 +27,7 @@ from sma_sim.evidence.estimation.free_parameters import (
 )
 from sma_sim.evidence.estimation.problem import Problem, linearize, linearize_by_differences
 from sma_sim.evidence.estimation.residuals import fit_data
+from sma_sim.evidence.estimation.run_tangents import sensitivities_of
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
@@ -236,3 +238,20 @@ def test_isobaric_tests_have_tangents_where_the_transformation_is_gradual(effect
     size = np.sqrt((expected.jacobian**2).mean(axis=(1, 2)))
     error = np.sqrt(((found.jacobian - expected.jacobian) ** 2).mean(axis=(1, 2)))
     assert (size > 0.1).all() and (error < 0.01 * size).all()
+
+
+@pytest.mark.parametrize('size', [float('nan'), 1e200])
+def test_tangents_beyond_all_numbers_give_way_to_differences(monkeypatch, size):
+    """A tangent of 1e200 is a number, but its square, which the normal equations need, is none."""
+    problem = problem_of('hybrid')
+    z = np.full(len(problem.unknowns), 0.1)
+
+    def endless(task):
+        found = sensitivities_of(task)
+        return replace(found, tangents=np.full_like(found.tangents, size))
+
+    monkeypatch.setattr(run_tangents, 'sensitivities_of', endless)
+    with ThreadPoolExecutor(2) as pool:
+        (found,) = linearize(problem, z, pool)
+        (expected,) = linearize_by_differences(problem, z, pool)
+    assert np.array_equal(found.jacobian, expected.jacobian) and np.abs(found.jacobian).max() > 1.0

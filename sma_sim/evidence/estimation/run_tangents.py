@@ -82,11 +82,11 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
     if task.delay >= 0:
         tangents[task.delay] = -task.delay_scale * found.slopes[:, index] * (index > 0)
     tangents[list(task.still)] = 0.0
-    if not all(np.isfinite(array).all() for array in (residuals, tangents, *beside.values())):
-        return None
     jacobian = np.ascontiguousarray(derivatives(task.run, nuisance, shown, tangents))  # to the same bits from any process
     for j, column in beside.items():
         jacobian[j] = column
+    if not np.isfinite(float(np.vdot(residuals, residuals)) + float(np.vdot(jacobian, jacobian))):
+        return None  # or so large that the normal equations would overflow
     return residuals, jacobian
 
 
