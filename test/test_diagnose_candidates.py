@@ -1,6 +1,7 @@
 """Which effects a diagnosis tries and which values it believes; `add` and wrong use on the command line."""
 
 import pytest
+from isobaric_runs import BENCH as ISOBARIC
 from simulated_data import config
 
 from sma_sim import Config, Dataset, UserError, find_effects
@@ -15,12 +16,15 @@ from sma_sim.model.structures.module import STRUCTURE as MODULE
 def test_candidates():
     names = {candidate.name for candidate in candidates_for(Config())}
     acting = {name for name, found in find_effects().items() if acts_on(found.effect, MODULE)}
-    of_wires = {'stress_dependent_transformation_strain', 'grip_toe'}
+    of_wires = {'stress_dependent_transformation_strain', 'grip_toe', 'temperature_gradient'}
     assert set(find_effects()) - acting == {'cubic_stiffness', 'backlash'} | of_wires  # of springs that a beam has not
     of_single_wires = {'r_phase_strain', 'transformation_plasticity', 'nucleation_peak'}
     assert acting - names == {*of_single_wires, 'power_scale', 'thermometer_lag'}
     of_slider = {candidate.name for candidate in candidates_for(Config(system='slider'))}
-    assert of_single_wires | of_wires - {'grip_toe'} <= of_slider and 'grip_toe' not in of_slider
+    assert of_single_wires | {'stress_dependent_transformation_strain'} <= of_slider
+    assert not of_slider & {'grip_toe', 'temperature_gradient'}
+    of_timeless = {candidate.name for candidate in candidates_for(read_config(words=ISOBARIC))}
+    assert 'slack' in of_timeless and not of_timeless & {'guide_friction', 'sensor_lag', 'temperature_gradient'}
     assert 'gravity' not in {candidate.name for candidate in candidates_for(read_config(effects=['gravity']))}
     of_wire = {candidate.name for candidate in candidates_for(Config(system='wire'))}
     assert 'gravity' not in of_wire and 'polycrystal' in of_wire

@@ -118,6 +118,7 @@ EQUATIONS = {  # of state s, parameters p and memory m
         0.5 * p.width_M * (s.x**p.start_M - (1.0 - s.x) ** p.end_M),
     ),
     'stress_dependent_transformation_strain': lambda s, p, m: -EPS_T * m['m'] * s.x,
+    'temperature_gradient': lambda s, p, m: (WIRE.sigma_T * p.dT * (s.x - 0.5),) * 2,
     'thermal_crosstalk': lambda s, p, m: p.G * 0.0957 * s.others * (s.T_other - s.T),
     'thermal_expansion': lambda s, p, m: p.a * (s.T - p.T_ref),
     'thermometer_lag': lambda s, p, m: m['shown'],

@@ -54,7 +54,8 @@ LIBRARY = {
     'wire_heat': 'natural_convection radiation ambient_heating thermal_crosstalk latent_heat_scale',
     'wire_strain': 'thermal_expansion pretension_mismatch attachment_compliance functional_fatigue '
     'stress_dependent_transformation_strain r_phase_strain transformation_plasticity grip_toe',
-    'transformation_stress': 'clausius_clapeyron_mismatch polycrystal smooth_transformation r_phase nucleation_peak',
+    'transformation_stress': 'clausius_clapeyron_mismatch polycrystal smooth_transformation r_phase nucleation_peak '
+    'temperature_gradient',
     'wire_force': 'guide_friction slack',
     'structure_force': 'gravity beam_creep beam_nonlinearity joint_friction',
     'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment thermometer_lag',

@@ -179,6 +179,19 @@ def test_toe_gives_back_what_it_took():
     assert work == pytest.approx(expected, abs=2e-3 * expected.max()) and abs(work[-1]) < 1e-3 * expected.max()
 
 
+def test_a_specimen_with_a_gradient_transforms_over_its_kelvins_both_ways():
+    """x_M is linear in T over dT about the temperature at which all would transform at once; the hysteresis is as wide."""
+    dT, stress = 3.0, 1e8
+    T, run = isobar(bench('stress', 'prescribed', effects=[f'temperature_gradient:dT={dT}']), stress, rows=4001)
+    _, even = isobar(bench('stress', 'prescribed'), stress, rows=4001)
+    for way in (slice(None, np.argmax(T) + 1), slice(np.argmax(T), None)):
+        jump = np.argmax(np.abs(np.diff(even['x_M'][way])))
+        middle, x = 0.5 * (T[way][jump] + T[way][jump + 1]), run['x_M'][way]
+        moving = (x > 0.02) & (x < 0.98)
+        assert moving.sum() > 5
+        assert T[way][moving] == pytest.approx(middle + dT * (0.5 - x[moving]), abs=np.abs(np.diff(T)).max())
+
+
 @pytest.mark.parametrize('rate', [0.1, 10.0])
 def test_rate_does_not_matter_where_stress_and_temperature_are_imposed(rate):
     """Isobaric tests a hundred times faster or slower: the same strain over temperature, memory and peaks included."""

@@ -89,6 +89,7 @@ def test_the_library_is_read_exactly():
         'r_phase_strain',
         'smooth_transformation',
         'stress_dependent_transformation_strain',
+        'temperature_gradient',
     }
     assert not any(uses_time(effect) for effect in effects.values())
     for effect in effects.values():

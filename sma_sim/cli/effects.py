@@ -16,7 +16,11 @@ from sma_sim.model.structures.discovery import find_structures, known_structures
 from sma_sim.model.structures.structure import Structure
 
 EFFECTS = Listed('effect', 'effects', 'effects.paths')
-TRIED_WORDS = {'single wire': 'on structures with one wire', 'never': 'never: switched on, it is part of the model'}
+TRIED_WORDS = {
+    'single wire': 'on structures with one wire',
+    'timed': 'but in quasi-static tests, whose time says nothing',
+    'never': 'never: switched on, it is part of the model',
+}
 LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 

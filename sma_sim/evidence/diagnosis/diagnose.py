@@ -33,7 +33,7 @@ from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, is_ben
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.forward_selection import leaves_something, select_forward, tempered_again
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit, on_uneven_specimen
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
 from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
 from sma_sim.model.config import Config
@@ -240,8 +240,9 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     nominal = nominal_fit(data.training, config, request, context)
     implausible = () if context.stop.is_set() else implausible_in(nominal, context)
     nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
-    steps = select_forward(tempered_again(nominal, context), context)
-    if steps and steps[0].base.problem.differences:
+    base = on_uneven_specimen(nominal, data.training, config, request, context)
+    steps = select_forward(tempered_again(base, context), context)
+    if steps and (steps[0].base.problem.differences or steps[0].accepted is None):
         nominal = steps[0].base
     path, eliminations = model_path(nominal, steps, context)
     end = conclusion(path, data, request, context)

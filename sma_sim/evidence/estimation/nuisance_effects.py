@@ -14,6 +14,8 @@ from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_o
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.errors import UserError
 
+GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
+
 
 def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     """The configuration with the effects that the dataset's map declares, at their neutral values; active ones stay.
@@ -43,6 +45,15 @@ def starting_model(dataset: Dataset, config: Config, is_fitted: bool = True) -> 
     Raises UserError for effects that the map declares and that there are not.
     """
     return started_from_curves(dataset, with_nuisance_effects(config, dataset), is_fitted)[0]
+
+
+def with_temperature_gradient(config: Config) -> Config:
+    """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
+    if any(given.found.effect.name == GRADIENT for given in config.effects):
+        return config
+    found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
+    values = tuple(p.default for p in found.effect.parameters)
+    return replace(config, effects=(*config.effects, ActiveEffect(found, values)))
 
 
 def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> None:

@@ -183,10 +183,10 @@ def linearize(
 
     Differences are one-sided or `central`; `steps` (n,) are theirs (None: DEFAULT_STEP). Bounds are kept.
     """
-    indices, shared = problem.indices(), np.arange(len(problem.shared))
+    indices, shared, config = problem.indices(), np.arange(len(problem.shared)), problem.fitted(z)
     submitted = {
         k: executor.submit(linearized_by_tangents, tangent_task(problem, z, run, indices[k]))
-        for k, run in enumerate(problem.runs) if tangents_apply(problem.config, run)
+        for k, run in enumerate(problem.runs) if tangents_apply(config, run)
     }  # fmt: skip
     found = {k: future.result() for k, future in submitted.items()}
     linear = {k: LinearizedRun(indices[k], *run) for k, run in found.items() if run is not None}

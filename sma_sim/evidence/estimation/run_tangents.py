@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, compared, most_steps, planned_run, weighted_residuals
 from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import Run
@@ -51,8 +52,15 @@ def tangents_apply(config: Config, run: FitData) -> bool:
     A sharp transformation passes samples one by one there, between which no tangent sees it move, and differences do.
     """
     structure = run.on_bench(config).structure.structure
-    is_gradual = any(active.found.effect.gradual for active in config.effects)
-    return has_tangents(structure) or (structure.is_quasi_static and is_gradual)
+    return has_tangents(structure) or (structure.is_quasi_static and any(map(is_gradual, config.effects)))
+
+
+def is_gradual(active: ActiveEffect) -> bool:
+    """Whether an effect spreads the transformation, with the values that it has."""
+    effect = active.found.effect
+    return effect.gradual and any(
+        value != p.neutral for p, value in zip(effect.parameters, active.values, strict=True) if p.neutral is not None
+    )
 
 
 def has_tangents(structure: Structure) -> bool:

@@ -21,7 +21,8 @@ from sma_sim.evidence.model_selection.candidate_fit import (
     SelectionStep,
     best_acceptable,
     candidate_fit,
-    least_reduction,
+    gain_beyond_temperature,
+    is_blurred,
     ordered_by_error,
 )
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -53,7 +54,7 @@ def eliminate_backward(
         fewer = cross_validated(fewer, context)
         if context.stop.is_set():
             break
-        if is_as_good(fewer, last) or takes_too_little(fewer, last):
+        if is_as_good(fewer, last) or is_blurred(gain_beyond_temperature(fewer, last)):
             context.on_progress(f'{effect} explains nothing more beside the others: dropped')
             last = fewer
             continue
@@ -63,12 +64,6 @@ def eliminate_backward(
         eliminations.append(again)
         last = last if again.after is None else again.after
     return last, tuple(eliminations)
-
-
-def takes_too_little(fewer: FitResult, last: FitResult) -> bool:
-    """Whether isobaric tests are explained without an effect as far as one wire can, and little better with it."""
-    reduction = (fewer.prediction_error - last.prediction_error) / max(fewer.prediction_error, 1.0)
-    return CRITERIA.min_error_reduction < least_reduction(fewer) and reduction < least_reduction(fewer)
 
 
 def elimination_step(

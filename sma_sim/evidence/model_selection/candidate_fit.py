@@ -30,9 +30,8 @@ class CandidateFit:
     `not_cross_validated`); `error_reduction`: by how much it is lower, as a fraction of the error or of the noise,
     whichever is larger; `explained`: fraction of the fitted squares; `family_p` of the screening; `std`: standard errors by
     full name (SI); `straightens`: the base is bent, and the fit is not, though it fits better by odds that are no chance;
-    `indistinguishable`: other candidates that explain as well; `least_reduction`: the least `error_reduction` with which it
-    is accepted; `beyond_temperature`: the part of the base's error that it takes away from what no uncertainty of the
-    specimen's temperature explains (NaN where that is no question).
+    `indistinguishable`: other candidates that explain as well; `beyond_temperature`: the part of the base's error that it
+    takes away from what no uncertainty of the specimen's temperature explains (NaN where that is no question).
     """
 
     found: FoundEffect
@@ -46,7 +45,6 @@ class CandidateFit:
     std: Mapping[str, float]
     straightens: bool = False
     indistinguishable: tuple[str, ...] = ()
-    least_reduction: float = CRITERIA.min_error_reduction
     beyond_temperature: float = nan
 
     @property
@@ -77,7 +75,7 @@ class CandidateFit:
     @property
     def blurred(self) -> bool:
         """Whether what it explains may as well be the specimen's temperature, which is uncertain."""
-        return self.beyond_temperature < CRITERIA.adequate_reduction
+        return is_blurred(self.beyond_temperature)
 
     @property
     def leaves_only_noise(self) -> bool:
@@ -90,7 +88,7 @@ class CandidateFit:
     @property
     def predicts_better(self) -> bool:
         """Whether runs left out are predicted better by enough, and by more than chance."""
-        return self.error_reduction >= self.least_reduction and self.significant
+        return self.error_reduction >= CRITERIA.min_error_reduction and self.significant
 
     @property
     def significant(self) -> bool:
@@ -127,19 +125,8 @@ def candidate_fit(
     return CandidateFit(
         found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
         1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
-        straightens(base, fit, context), least_reduction=least_reduction(base),
-        beyond_temperature=gain_beyond_temperature(base, fit),
+        straightens(base, fit, context), beyond_temperature=gain_beyond_temperature(base, fit),
     )  # fmt: skip
-
-
-def least_reduction(base: FitResult) -> float:
-    """What an effect must take away from the error of a model: more where no homogeneous wire could be much better.
-
-    There effects imitate gradients of temperature and texture, which are alike in all tests of a specimen.
-    """
-    span = base.problem.span
-    adequate = not isnan(span) and base.error <= unexplained_above(span)
-    return CRITERIA.adequate_reduction if adequate else CRITERIA.min_error_reduction
 
 
 def gain_beyond_temperature(base: FitResult, fit: FitResult) -> float:
@@ -151,6 +138,11 @@ def gain_beyond_temperature(base: FitResult, fit: FitResult) -> float:
     if isnan(before) or before > unexplained_above(base.problem.span):
         return nan
     return (before - error_beyond_temperature(fit)) / max(base.error, 1.0)
+
+
+def is_blurred(gain: float) -> bool:
+    """Whether a gain beyond the specimen's temperature is so small that the temperature may explain the whole."""
+    return gain < CRITERIA.min_part_beyond_temperature
 
 
 def straightens(base: FitResult, fit: FitResult, context: SearchContext) -> bool:
@@ -207,7 +199,8 @@ def indistinguishable(candidate: CandidateFit, fits: Sequence[CandidateFit]) -> 
 
 
 def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
-    """The acceptable candidate with the least error; among equally good ones no variant, and the fewest parameters.
+    """The acceptable candidate with the least error; among equally good ones no variant, and the fewest parameters, unless
+    another fits better by odds that these do not explain.
 
     Where one leaves only noise in all fitted runs, what leaves clearly more there is out. A variant must fit better than
     every effect by more than chance, too.
@@ -223,7 +216,15 @@ def best_acceptable(fits: Sequence[CandidateFit]) -> CandidateFit | None:
     good = [candidate for candidate in good if not candidate.is_variant or candidate.fit.cost <= limit]
     best = min(candidate.fit.prediction_error for candidate in good)
     close = [candidate for candidate in good if candidate.fit.prediction_error <= (1.0 + CRITERIA.same_error) * best]
-    return min(close, key=simplicity)
+    simple = min(close, key=simplicity)
+    richer = min((one for one in close if one.is_variant == simple.is_variant), key=lambda one: one.fit.cost)
+    return richer if log_odds(richer, simple) > CRITERIA.decisive_log_odds else simple
+
+
+def log_odds(candidate: CandidateFit, other: CandidateFit) -> float:
+    """By which a candidate fits better than another: under the tempered likelihood with what the candidate leaves."""
+    overdispersion = candidate.fit.problem.tempering**2 * (1.0 - candidate.explained)
+    return (other.fit.cost - candidate.fit.cost) / max(1.0, overdispersion)
 
 
 def simplicity(candidate: CandidateFit) -> tuple[bool, int, float]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import isfinite, isnan
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import MODELS, FitOptions, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
+from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects, with_temperature_gradient
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
+from sma_sim.evidence.model_selection.candidate_fit import is_bent
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 
@@ -49,6 +50,22 @@ def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, co
             break
     complete = [fit for fit in fits if isfinite(fit.cross_validated_error)] or fits  # after a stop, the last one is not
     return min(complete, key=comparable_error)
+
+
+def on_uneven_specimen(
+    nominal: FitResult, training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
+) -> FitResult:  # fmt: skip
+    """The base of a search in isobaric tests: fitted with a difference of temperature along the specimen; else `nominal`.
+
+    Without one the model transforms from one sample to the next, where a fit sees no way, and gradual transformation within
+    these kelvins, or what imitates it, would be found in every specimen.
+    """
+    if isnan(nominal.problem.span) or context.stop.is_set():
+        return nominal
+    context.on_progress('with a difference of temperature along the specimen')
+    request = replace(request, model=nominal.problem.config.model)
+    found = nominal_fit(training, with_temperature_gradient(config), request, context)
+    return replace(found, is_bent=is_bent(found, context))
 
 
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:

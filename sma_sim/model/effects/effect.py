@@ -17,7 +17,7 @@ CHAIN = {
     'wire_strain': ('', 'series'),
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
-TRIED = ('everywhere', 'single wire', 'never')
+TRIED = ('everywhere', 'single wire', 'timed', 'never')
 NEEDS = ('coordinate', 'joint', 'spring', 'stiffness', 'gravity')
 
 
@@ -61,7 +61,8 @@ class Effect:
         How many wires it needs.
     tried : str
         Where a diagnosis looks for it, of where it acts: 'everywhere', on structures with a 'single wire', whose strain and
-        stress an antagonist does not hide, or 'never', as what belongs to a bench and is part of a model that says so.
+        stress an antagonist does not hide, where runs are 'timed', as what depends on speed, or 'never', as what belongs to
+        a bench and is part of a model that says so.
     gradual : bool
         Whether it spreads the transformation over a range of temperatures: at a set stress and temperature samples then
         change smoothly with every parameter, while a sharp transformation passes them one by one.

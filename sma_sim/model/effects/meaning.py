@@ -25,8 +25,8 @@ def acts_on(effect: Effect, structure: Structure) -> bool:
 
 def is_tried(effect: Effect, structure: Structure) -> bool:
     """Whether a diagnosis looks for an effect on a structure."""
-    seen = effect.tried == 'everywhere' or effect.tried == 'single wire' and structure.wires == 1
-    return seen and acts_on(effect, structure)
+    seen = {'everywhere': True, 'single wire': structure.wires == 1, 'timed': not structure.is_quasi_static, 'never': False}
+    return seen[effect.tried] and acts_on(effect, structure)
 
 
 def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[int, ...]:

@@ -53,5 +53,12 @@ EFFECT = Effect(
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
     description='grains transform one after the other; inner loops when the wire turns back half way',
     signature='plateaus have a slope and round ends; partial cycles run inside the full loop',
-    confused_with=('smooth_transformation', 'wire.sigma_T', 'plate.W', 'thermal_crosstalk', 'natural_convection'),
+    confused_with=(
+        'smooth_transformation',
+        'wire.sigma_T',
+        'plate.W',
+        'thermal_crosstalk',
+        'natural_convection',
+        'temperature_gradient',
+    ),
 )

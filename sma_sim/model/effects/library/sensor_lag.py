@@ -22,6 +22,7 @@ EFFECT = Effect(
     start=lambda s, w, p: s.value,
     rate=lambda s, w, p, m: (s.value - m.shown) / max(p.tau, FASTEST),
     kernel=lambda s, w, p, m: m.shown if p.tau > FASTEST else s.value,
+    tried='timed',
     description='the motion itself is as modelled',
     signature='the shown pose follows late and rounds off fast motion, at switching on and off alike; temperatures agree',
     confused_with=('delay', 'driver_lag', 'latent_heat_scale', 'beam.b_y'),

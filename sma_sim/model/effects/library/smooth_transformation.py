@@ -47,5 +47,5 @@ EFFECT = Effect(
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',
     description='inner loops when the wire turns back half way, inside the full loop',
     signature='plateaus have a slope and round ends, which differ between the ways and between beginning and end',
-    confused_with=('polycrystal', 'nucleation_peak', 'wire.dsigma', 'wire.sigma_T'),
+    confused_with=('polycrystal', 'nucleation_peak', 'wire.dsigma', 'wire.sigma_T', 'temperature_gradient'),
 )
