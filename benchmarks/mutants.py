@@ -6,9 +6,10 @@
 Which test runs which line, and for how long, is measured once without a fault and kept beside the results: for files of
 model and solver as plain Python (NUMBA_DISABLE_JIT), where coverage sees the kernels. A mutant then runs the tests that
 come to its statement, the shortest first, until one fails or `--budget` seconds of them are over; where the statement
-runs while the file is imported, the tests that come to the file or name it. They run in a fork of one process
-that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is
-not run again. A second run with `--native` takes those of model and solver that survived as plain Python to native code.
+runs while the file is imported, the tests that come to the file, to a file that imports it, or name it. They run in a
+fork of one process that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what
+it holds already is not run again. A second run with `--native` takes those of model and solver that survived as plain
+Python to native code.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -48,6 +50,7 @@ TESTS = {
         'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
         'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
+        'tangents', 'series', 'sampled_channels', 'beyond_the_module',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -55,12 +58,14 @@ TESTS = {
         'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
+        'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
         'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
         'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
-        'differing_recordings',
+        'differing_recordings', 'temperature_uncertainty', 'isobaric_tempering', 'latent', 'next', 'variants',
+        'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data',
     ),
 }  # fmt: skip
 # Runs that take long as plain Python.
@@ -139,11 +144,7 @@ class Reach:
         lines = self.lines.get(mutant.path, {})
         reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
         if not reached:  # it runs while the file is imported
-            stem = Path(mutant.path).stem
-            files = {test.partition('::')[0] for test in self.seconds}
-            naming = {file for file in files if stem in file or stem in (ROOT / file).read_text()}
-            named = {test for test in self.seconds if test.partition('::')[0] in naming}
-            reached = named.union(*lines.values())
+            reached = self.naming(mutant.path) | self.of_import(mutant.path)
         chosen, total = [], 0.0
         for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):
             total += self.seconds[name]
@@ -151,6 +152,33 @@ class Reach:
                 break
             chosen.append(name)
         return chosen
+
+    def naming(self, path: str) -> set[str]:
+        """Tests of the files that name a file, or that it names."""
+        stem = Path(path).stem
+        files = {test.partition('::')[0] for test in self.seconds}
+        naming = {file for file in files if stem in file or stem in (ROOT / file).read_text()}
+        return {test for test in self.seconds if test.partition('::')[0] in naming}
+
+    def of_import(self, path: str) -> set[str]:
+        """Tests that come to a file or to one that imports it, else to one that imports those, and so on."""
+        files, known, found = {path}, set[str](), set[str]()
+        while files and not found:
+            known |= files
+            files = {user for user, used in imports().items() if used & files} - known
+            found = set().union(*(tests for file in known | files for tests in self.lines.get(file, {}).values()))
+        return found
+
+
+@lru_cache(1)
+def imports() -> dict[str, frozenset[str]]:
+    """Which files of the package each one imports from."""
+    files = {file.relative_to(ROOT).as_posix(): file.read_text() for file in (ROOT / 'sma_sim').rglob('*.py')}
+    dotted = {name: name.removesuffix('.py').replace('/', '.') for name in files}
+    return {
+        user: frozenset(name for name, module in dotted.items() if f'from {module} import' in text)
+        for user, text in files.items()
+    }
 
 
 def reach_in(folder: Path, way: str) -> Reach:
