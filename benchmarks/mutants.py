@@ -50,7 +50,7 @@ TESTS = {
         'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
         'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
-        'tangents', 'series', 'sampled_channels', 'beyond_the_module',
+        'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -58,14 +58,16 @@ TESTS = {
         'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
-        'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory',
+        'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
+        'structure_parts',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
         'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
         'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
         'differing_recordings', 'temperature_uncertainty', 'isobaric_tempering', 'latent', 'next', 'variants',
-        'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data',
+        'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data', 'minimization', 'fit_statistics',
+        'curve_features', 'recordings_in_fits', 'runs_left_out',
     ),
 }  # fmt: skip
 # Runs that take long as plain Python.
@@ -75,7 +77,7 @@ SLOW_AS_PYTHON = (
     'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
     'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
-LONGEST, LONGEST_FILE = 6.0, 30.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
+LONGEST, LONGEST_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -374,15 +376,7 @@ def main() -> None:
     given = parser.parse_args()
     done = results_in(given.file)
     wanted = [mutant for mutant in drawn(ROOT, ROOMS, given.count, given.seed) if given.room in mutant.path]
-    if given.native:
-        survived = {
-            key
-            for key, record in done.items()
-            if record['outcome'] in ('survived', 'not covered') and record['way'] == PLAIN
-        }
-        wanted = [mutant for mutant in wanted if mutant.key in survived]
-    else:
-        wanted = [mutant for mutant in wanted if mutant.key not in done]
+    wanted = [mutant for mutant in wanted if (is_open(done.get(mutant.key)) if given.native else mutant.key not in done)]
     with tempfile.TemporaryDirectory() as home:
         trees = [copied(Path(home) / f'tree{k}') for k in range(given.jobs)]
         folder = given.file.resolve().with_suffix('.reach')
