@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from sma_sim import Coordinate, Parameter, Structure
+from sma_sim import Coordinate, Effect, Parameter, Structure, UserError, read_config
 from sma_sim.model.effects.conversion import converted, pull_of, rounded, size_of
-from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.discovery import EffectError, find_effects
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots, is_tried
 from sma_sim.model.parameters import BEAM_PARAMETERS, beam_constants, wire_constants
 from sma_sim.model.structures.beam_links import beam_links
@@ -17,7 +17,9 @@ from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.series import in_series
 from sma_sim.model.structures.structure import MOST_WIRES, numbers, record
 from sma_sim.solver.effect_table import channel_codes, channel_scales, state_scales, states_together
-from sma_sim.solver.kernels import own_kernels, pose_fields
+from sma_sim.solver.fields_read import can_share, fields_read, uses_time
+from sma_sim.solver.kernel_text import OneKernel, parameter_of_channel
+from sma_sim.solver.kernels import kernel_types, outputs_of, own_kernels, pose_fields, returns_tuple
 
 FOUND = package_structures()
 EFFECTS = find_effects()
@@ -272,3 +274,76 @@ def test_axes_of_coordinates_that_tell_none():
     assert axis_of(Coordinate('q', 'm', 1.0, axis='y'), counts) == 'y' and counts == {'rad': 4, '': 4}
     x, y = projected([(1.0, 2.0, 0.0), (1.0, 2.0, 10.0)])
     assert (x[0], y[0]) == (1.0, 2.0) and x[1] > x[0] and y[1] > y[0]
+
+
+def test_a_sensors_effect_in_one_channel_acts_there_alone():
+    for name in ('sensor_lag', 'sensor_bias', 'sensor_gain'):
+        found = EFFECTS[name]
+        for scope in found.effect.scopes:
+            slots = channel_slots(found.in_scope(scope).effect, MODULE)
+            assert [slot >= 0 for slot in slots] == [channel == scope.channel for channel in MODULE.channels]
+
+
+@pytest.mark.parametrize('name', sorted(EFFECTS))
+def test_wires_share_states_of_heat_that_begin_alike(name):
+    effect = EFFECTS[name].effect
+    shared = [scope for scope in effect.scopes if scope.shared]
+    assert can_share(effect) == (effect.port == 'wire_heat' and len(effect.states) > 0 and effect.start is None)
+    assert bool(shared) == (effect.port == 'wire_heat' and len(effect.states) > 0)
+    assert uses_time(effect) == any('t' in fields_read(kernel) for kernel in (effect.kernel, effect.rate))
+
+
+@pytest.mark.parametrize('name', ['sensor_bias', 'sensor_gain'])
+@pytest.mark.parametrize('system', ['module', 'wire', 'spatial', 'lever', 'slider'])
+def test_each_channel_has_its_own_parameter(name, system):
+    """The source that kernels are compiled from, evaluated for the number by which each channel is known."""
+    structure = FOUND[system].structure
+    effect = EFFECTS[name].on(structure).effect
+    text = parameter_of_channel(effect, structure)
+    codes = dict(zip(structure.channels, channel_codes(structure), strict=True))
+    own = [p.name for p in effect.parameters]
+    sensed = [channel for channel in own if channel in codes]
+    assert sensed == [c for c, slot in zip(structure.channels, channel_slots(effect, structure), strict=True) if slot >= 0]
+    for channel in sensed:
+        s_ = [float(codes[channel])] * 30
+        assert eval(text, {'p_': [f'of {p}' for p in own], 's_': s_}) == f'of {channel}'
+
+
+def test_the_state_that_a_driven_kernel_returns_is_counted():
+    """One number for one, a tuple for more; on wire_strain the strain alone will do."""
+    for port, outputs, may_be_one in (
+        ('wire_heat', 1, False),
+        ('transformation_stress', 2, False),
+        ('wire_strain', 3, True),
+    ):
+        for count in (1, 2, 3):
+            value = (lambda s, w, p, n=count: (0.5,) * n) if count > 1 else (lambda s, w, p: 0.5)
+            effect = Effect('odd', port, 'e', 'a test', (), value, stage='')
+            kinds = kernel_types(effect, None)
+            one = OneKernel('value', value, outputs_of(effect, kinds), False)
+            if count == outputs or (count == 1 and may_be_one):
+                assert returns_tuple(effect, one, kinds) == (count > 1)
+            else:
+                with pytest.raises(EffectError, match=f'returns {count} numbers, port {port} takes'):
+                    returns_tuple(effect, one, kinds)
+
+
+def test_a_wire_moves_to_another_bench_with_what_it_is():
+    config = read_config(words=['system=wire', 'wire.E_A=1.3e10'], effects=['natural_convection:k=33'])
+    under_load = config.on_bench('wire_under_load')
+    assert (under_load.system, under_load.parameters['wire.E_A']) == ('wire_under_load', 1.3e10)
+    assert under_load.parameters['bench.lag'] == 1e-4 and under_load.parameters['initial.x_M_1'] == 0.0
+    assert under_load.effects[0].values[0] == 33.0 and config.on_bench('wire') is config
+    back = under_load.on_bench('wire')
+    assert back.parameters['wire.E_A'] == 1.3e10 and math.isnan(back.parameters['initial.x_M_1'])
+
+
+def test_data_that_name_folders_are_asked_for_only_where_something_is_missing():
+    recorded = {'effects.paths': ['/nowhere'], 'effects.active': ['gravity']}
+    assert read_config(recorded=recorded).effects[0].found.effect.name == 'gravity'
+    with pytest.raises(UserError, match='the effect strange is needed, but only data name its folder'):
+        read_config(recorded=recorded | {'effects.active': ['gravity', 'strange']})
+    with pytest.raises(UserError, match='unknown effect strange'):
+        read_config(recorded={'effects.active': ['strange']})
+    with pytest.raises(UserError, match='the structure odd is needed, but only data name its folder'):
+        read_config(recorded={'structures.paths': ['/nowhere'], 'system': 'odd'})
