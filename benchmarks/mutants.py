@@ -79,6 +79,7 @@ SLOW_AS_PYTHON = (
     'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
 LONGEST, LONGEST_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
+OF_DECLARATIONS = 'test_parameters_are_those_of_the_declarations'  # reads what every file declares
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -143,13 +144,16 @@ class Reach:
     seconds: Mapping[str, float]
 
     def tests_of(self, mutant: Mutant, budget: float) -> list[str]:
-        """The tests to run, the shortest first."""
+        """The tests to run: those that come to the statement, the shortest first."""
         lines = self.lines.get(mutant.path, {})
-        reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
-        if not reached:  # it runs while the file is imported
-            reached = self.naming(mutant.path) | self.of_import(mutant.path)
+        own = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
+        first, reached = set[str](), own
+        if not own or mutant.is_outer((ROOT / mutant.path).read_text()):  # it runs while the file is imported
+            first = {name for name in self.seconds if name.endswith(OF_DECLARATIONS)}
+            reached = first | own | self.naming(mutant.path) | self.of_import(mutant.path)
         chosen, total = [], 0.0
-        for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):
+        order = {name: (name not in first, name not in own, self.seconds[name]) for name in reached & self.seconds.keys()}
+        for name in sorted(order, key=order.__getitem__):
             total += self.seconds[name]
             if chosen and total > budget:
                 break

@@ -55,6 +55,10 @@ class Mutant:
         """What a result is found by again."""
         return f'{self.path}:{self.line}: {self.before} -> {self.text}'
 
+    def is_outer(self, source: str) -> bool:
+        """Whether the statement is in no function and no class, so that it runs while the file is imported."""
+        return not source.splitlines()[self.first - 1].startswith(' ')
+
     def applied(self, source: str) -> str:
         """The file's text with the change."""
         return source[: self.begin] + self.text + source[self.end :]
