@@ -24,6 +24,7 @@ from sma_sim.evidence.estimation.run_estimates import (
     WEAK,
     OwnValues,
     ReducedRun,
+    cochran,
     own_values,
     p_words,
     parameter_by_run,
@@ -257,6 +258,12 @@ def test_recordings_that_see_a_parameter_are_compared_by_cochrans_q():
     assert [run.value for run in found.runs] == pytest.approx([A.value(0.1 + a) for a in away])
     assert [(run.value_alone, run.std_alone) for run in found.runs] == [(1.0, 0.1), (2.0, 0.2), (3.0, 0.3)]
     assert found.outlier.run == 'x' and p_words(0.012345) == 'p = 0.012' and p_words(1e-17) == 'p < 1e-16'
+
+
+def test_estimates_that_agree_have_no_spread():
+    correlated = np.array([[1.0, 0.3, 0.1], [0.3, 2.0, 0.2], [0.1, 0.2, 0.5]])
+    assert cochran(np.full(3, 7.0), correlated) == pytest.approx(0.0, abs=1e-12)
+    assert cochran(np.array([1.0, 1.1]), np.diag([1.0, 3.0])) == pytest.approx(0.01 / 4.0)
 
 
 def test_chi_square_tails_are_those_of_scipy():

@@ -79,6 +79,7 @@ def test_every_unknown_has_its_place():
     assert (low[3], high[3], low[5], high[5]) == (-1.0, 1.0, -5.0, 5.0) and problem.samples == 4 * 81
     assert problem.values(z) == {free.name: free.value(x) for free, x in zip(problem.free, z, strict=False)}
     assert problem.fitted(z).parameters['wire.E_A'] == problem.free[0].value(z[0])
+    assert not problem.robust and problem.tempering == 1.0  # plain squares, unless another loss is asked for
     known = replace(problem, delay=0.02)
     assert known.delay_at(z) == 0.02
     assert len(known.unknowns) == 9 and known.shared == problem.free
