@@ -196,8 +196,9 @@ def reach_in(folder: Path, way: str) -> Reach:
     for file in data.measured_files():
         name = file[file.rindex('/sma_sim/') + 1 :] if '/sma_sim/' in file else ''
         if name:
-            contexts = data.contexts_by_lineno(file)
-            lines[name] = {line: frozenset(tests) - {''} for line, tests in contexts.items()}
+            found = lines.setdefault(name, {})  # a file may have been measured in several trees
+            for line, tests in data.contexts_by_lineno(file).items():
+                found[line] = found.get(line, frozenset()) | (frozenset(tests) - {''})
     rows = map(json.loads, (folder / f'{way}.times.jsonl').read_text().splitlines())
     return Reach(lines, {row['test']: row['cpu'] for row in rows})
 
