@@ -49,6 +49,7 @@ def test_a_crossing_is_found_from_the_violated_side(monkeypatch, guard, root):
         assert found == pytest.approx(root, abs=1e-11) and guard(found) > 0.0 and len(looked) <= events.BISECTIONS
         assert looked[0] == end and all(0.0 < theta <= end for theta in looked)
     assert found_crossing(monkeypatch, lambda s: 0.1 + s)[0] == 0.0  # violated from the beginning
+    assert len(found_crossing(monkeypatch, lambda s: np.sin(s - 1.0 / np.pi))[1]) < 10  # smooth ones take a few looks
     jump, _ = found_crossing(monkeypatch, lambda s: 1.0 if s > 0.37 else -1.0)
     assert jump == pytest.approx(0.37, abs=1e-10) and jump > 0.37
 

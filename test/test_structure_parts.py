@@ -85,7 +85,7 @@ def test_springs_of_their_own():
     """Those that hold nothing else and are held by nothing else."""
 
     def stiffness(q, p, part):
-        return part * (2.0 * q.a + q.b), part * (q.a + 3.0 * q.b), part * 4.0 * q.c, 0.0
+        return part * (2.0 * q.a + q.b), part * (q.a + 3.0 * q.b + 0.7), part * 4.0 * q.c, 0.0
 
     coordinates = tuple(Coordinate(name, 'm', 0.01, joint=name != 'c') for name in 'abcd')
     held = Structure(
