@@ -28,7 +28,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from math import inf
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -39,7 +39,7 @@ import pytest
 import scipy.optimize
 import scipy.stats  # noqa: F401
 from coverage import Coverage, CoverageData
-from mutations import Mutant, drawn
+from mutations import Mutant, drawn, imports
 
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATION = 'sma_sim/evidence/estimation'
@@ -80,6 +80,7 @@ SLOW_AS_PYTHON = (
 )  # fmt: skip
 LONGEST, LONGEST_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
 OF_DECLARATIONS = 'test_parameters_are_those_of_the_declarations'  # reads what every file declares
+MOST_WAITING = 2.0  # times its processor time, which a mutant may take on the clock
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -172,20 +173,9 @@ class Reach:
         files, known, found = {path}, set[str](), set[str]()
         while files and not found:
             known |= files
-            files = {user for user, used in imports().items() if used & files} - known
+            files = {user for user, used in imports(ROOT).items() if used & files} - known
             found = set().union(*(tests for file in known | files for tests in self.lines.get(file, {}).values()))
         return found
-
-
-@lru_cache(1)
-def imports() -> dict[str, frozenset[str]]:
-    """Which files of the package each one imports from."""
-    files = {file.relative_to(ROOT).as_posix(): file.read_text() for file in (ROOT / 'sma_sim').rglob('*.py')}
-    dotted = {name: name.removesuffix('.py').replace('/', '.') for name in files}
-    return {
-        user: frozenset(name for name, module in dotted.items() if f'from {module} import' in text)
-        for user, text in files.items()
-    }
 
 
 def reach_in(folder: Path, way: str) -> Reach:
@@ -233,6 +223,7 @@ class Fork:
         self.log = Path(tempfile.mkstemp(suffix='.log')[1])
         self.cache = Path(tempfile.mkdtemp()) if way == NATIVE and record is None else None
         self.begin = time.monotonic()
+        self.end = self.begin + MOST_WAITING * limit if limit else inf
         self.process = os.fork()
         if not self.process:
             code = 3
@@ -265,6 +256,8 @@ class Fork:
         """(killed | timeout | survived | not covered, the test that noticed) once it has ended."""
         process, status = os.waitpid(self.process, os.WNOHANG)
         if not process:
+            if time.monotonic() > self.end:
+                os.killpg(self.process, signal.SIGKILL)  # it waits for something that never comes
             return None
         said = self.log.read_text(errors='replace')
         self.log.unlink()

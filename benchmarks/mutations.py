@@ -1,4 +1,4 @@
-"""Small changes of sources: what a mutant is, and which ones a file has.
+"""Small changes of sources: what a mutant is, which ones a file has, and which files import from which.
 
 Each changes one place: a comparison or an arithmetic operator is exchanged, a number changed, a condition negated, a
 returned value replaced. Left alone is what no result depends on: `frozen=True` of a dataclass and `strict=True` of zip,
@@ -13,6 +13,7 @@ import ast
 import random
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import CodeType
 
@@ -169,3 +170,14 @@ def drawn(root: Path, rooms: Iterable[str], count: int, seed: int) -> list[Mutan
         if not changes_nothing(mutant, (root / mutant.path).read_text()):
             chosen.append(mutant)
     return chosen
+
+
+@lru_cache(1)
+def imports(root: Path) -> dict[str, frozenset[str]]:
+    """Which files of the package each one imports from."""
+    files = {file.relative_to(root).as_posix(): file.read_text() for file in (root / 'sma_sim').rglob('*.py')}
+    dotted = {name: name.removesuffix('.py').replace('/', '.') for name in files}
+    return {
+        user: frozenset(name for name, module in dotted.items() if f'from {module} import' in text)
+        for user, text in files.items()
+    }
