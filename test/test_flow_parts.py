@@ -5,11 +5,16 @@ In plain Python at random states, with and without effects on every port.
 
 import numpy as np
 import pytest
-from systems import active, make_model, random_state
+from scipy.optimize import brentq
+from systems import active, evaluate, make_model, random_state
 
-from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
+from sma_sim.model.material import compliance
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.system import EVERYTHING, depends_on, guard, update_flow, update_guards
 from sma_sim.solver.columns import sample_columns, sampled_numbers
+from sma_sim.solver.effect_table import as_on
 from sma_sim.solver.integrate import observe
 from sma_sim.solver.model import new_findings
 from sma_sim.solver.sampling import needed_for, sample_numbers
@@ -139,3 +144,51 @@ def test_a_run_begins_at_rest(kind):
     assert rates[: p.first_T].max() < 1e-6  # MAS wires at sigma_A transform at once, which heats them
     assert (run.state.y[p.first_T : p.first_T + p.wires] == 305.0).all() and np.isin(run.state.mode, (1, 2, 3)).all()
     assert p.mas or rates.max() < 1e-6
+
+
+@pytest.mark.parametrize('names', [('attachment_compliance', 'r_phase_strain'), ('r_phase_strain', 'attachment_compliance')])
+@pytest.mark.parametrize('more', [(), ('thermal_expansion',)])
+def test_strains_in_series_carry_one_stress(names, more):
+    """Each as its own law has it at the stress that the wire has left, which is solved for by another method."""
+    values = {
+        'attachment_compliance': {'C': 2e-4},
+        'r_phase_strain': {'eps_R': 8e-3, 'T_R': 330.0, 'w': 9.0, 'sigma_R': 5e7},
+    }
+    model = make_model('wire', 'mas', [active(name, **values.get(name, {})) for name in (*names, *more)])
+    p, w = model.compiled, model.compiled.wire
+    alone = make_model('wire', 'mas', [active(name) for name in more]) if more else None
+    for state in states(model, count=6):
+        T, x, eps = state.y[p.first_T], state.y[p.first_x], 0.035 + 0.3 * state.u[0]
+        state.u[0] = eps
+        found, without = (
+            evaluate(one, state.y, state.u, state.du, state.mode, state.x_frozen).obs[0] if one else None
+            for one in (model, alone)
+        )
+        first = 0.0 if without is None else without[O_STRAIN]  # what does not depend on stress
+        c, r = 2e-4 * w.section / w.l0, 1.0 / (1.0 + np.exp((T - 330.0) / 9.0))
+
+        def strain(sigma, c=c, r=r, x=x, first=first):
+            return first + c * sigma + 8e-3 * (1.0 - x) * r * max(sigma, 0.0) / (max(sigma, 0.0) + 5e7)
+
+        def missed(sigma, eps=eps, x=x, strain=strain):
+            return eps - strain(sigma) - w.eps_T * x - sigma * compliance(x, w)
+
+        sigma = brentq(missed, -1e10, 1e10, xtol=1e-4, rtol=1e-14)
+        assert found[O_SIGMA] == pytest.approx(sigma, rel=1e-7, abs=10.0)
+        assert found[O_STRAIN] == pytest.approx(strain(sigma), rel=1e-7, abs=1e-12)
+
+
+@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire'])
+def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
+    """Of the module's declaration a coordinate in m takes U_y's, one in rad alpha's; a structure's own stay as they are."""
+    structure = package_structures()[system].structure
+    given = active('sensor_bias', U_x=1.0, U_y=2.0, alpha=3.0, stress=4.0)
+    found = as_on(given, structure)
+    if system in ('module', 'wire'):
+        assert found.values == given.values
+    else:
+        assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
+        own = ActiveEffect(given.found.on(structure), tuple(range(len(structure.coordinates))))
+        assert as_on(own, structure).values == own.values
+    for plain in (active('gravity'), active('sensor_lag')):
+        assert as_on(plain, structure) is plain
