@@ -9,6 +9,8 @@ from sma_sim import Coordinate, Effect, Parameter, Structure, UserError, read_co
 from sma_sim.model.effects.conversion import converted, pull_of, rounded, size_of
 from sma_sim.model.effects.discovery import EffectError, find_effects
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots, is_tried
+from sma_sim.model.kinetics import mas_rate, transition_rates
+from sma_sim.model.layout import RANGE
 from sma_sim.model.parameters import BEAM_PARAMETERS, beam_constants, wire_constants
 from sma_sim.model.structures.beam_links import beam_links
 from sma_sim.model.structures.discovery import package_structures
@@ -16,10 +18,14 @@ from sma_sim.model.structures.drawing import SPACING, Sketch, axis_of, projected
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.series import in_series
 from sma_sim.model.structures.structure import MOST_WIRES, numbers, record
+from sma_sim.model.system import update_flow
+from sma_sim.solver.compile import reachable
 from sma_sim.solver.effect_table import channel_codes, channel_scales, state_scales, states_together
 from sma_sim.solver.fields_read import can_share, fields_read, uses_time
+from sma_sim.solver.integrate import integrate
 from sma_sim.solver.kernel_text import OneKernel, parameter_of_channel
 from sma_sim.solver.kernels import kernel_types, outputs_of, own_kernels, pose_fields, returns_tuple
+from sma_sim.solver.structure_kernels import new_effects
 
 FOUND = package_structures()
 EFFECTS = find_effects()
@@ -347,3 +353,20 @@ def test_data_that_name_folders_are_asked_for_only_where_something_is_missing():
         read_config(recorded={'effects.active': ['strange']})
     with pytest.raises(UserError, match='the structure odd is needed, but only data name its folder'):
         read_config(recorded={'structures.paths': ['/nowhere'], 'system': 'odd'})
+
+
+def test_all_segments_of_a_series_are_asked_for_at_first():
+    """Behind the drives, the count and the forces of effects: from the first, up to behind the last, twice; then forces."""
+    stack = FOUND['stack'].structure
+    room = new_effects(stack)
+    asked = room[-len(stack.coordinates) - RANGE : -len(stack.coordinates)]
+    assert asked.tolist() == [0.0, 3.0, 0.0, 3.0] and np.count_nonzero(room) == 2
+    assert not new_effects(MODULE).any() and len(new_effects(MODULE)) < len(room)
+
+
+def test_what_is_compiled_with_a_function_is_all_that_it_calls():
+    found = reachable(integrate)
+    assert {integrate, mas_rate, transition_rates, update_flow} <= found
+    assert all(function.__module__.startswith('sma_sim.') for function in found)
+    assert reachable(transition_rates) == {transition_rates} and reachable(mas_rate) == {mas_rate, transition_rates}
+    assert reachable(mas_rate, integrate) == found
