@@ -86,7 +86,7 @@ def test_the_last_two_steps_of_a_stretch_share_it(monkeypatch, h, first):
     assert run.control[C_H] == pytest.approx(max(0.9 * first, 0.0))
 
 
-def test_the_next_step_follows_the_error(monkeypatch):
+def test_the_next_step_is_made_from_the_error(monkeypatch):
     """0.9 error^(-1/4) of the last, between limits; one that a stretch has cut keeps what was planned."""
     for error, factor in ((1.0, 0.9), (0.2, 0.9 * 0.2 ** (-1.0 / ORDER)), (0.0, MOST_GROWTH[0])):
         _, _, run = tried(monkeypatch, [error], 0.1)
@@ -138,7 +138,7 @@ def test_before_a_run_is_given_up_its_rates_are_resolved_once(monkeypatch):
     assert tried(monkeypatch, [1.0], 0.1)[1][0] == STALLED
 
 
-def test_a_wire_that_jumps_to_and_fro_waits_and_is_forgiven():
+def test_a_wire_that_jumps_often_waits_and_is_forgiven():
     """More than BURST jumps in a short time: each further one doubles the wait; a quiet time ends it, of this wire alone."""
     run, jumps = new_state(), np.zeros((5, 3))
     dwell, burst = of_wire(1, C_DWELL), of_wire(1, C_BURST)

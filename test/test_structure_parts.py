@@ -13,6 +13,7 @@ from sma_sim.model.kinetics import mas_rate, transition_rates
 from sma_sim.model.layout import RANGE
 from sma_sim.model.parameters import BEAM_PARAMETERS, beam_constants, wire_constants
 from sma_sim.model.structures.beam_links import beam_links
+from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.drawing import SPACING, Sketch, axis_of, projected
 from sma_sim.model.structures.module import STRUCTURE as MODULE
@@ -340,6 +341,7 @@ def test_a_wire_moves_to_another_bench_with_what_it_is():
     assert (under_load.system, under_load.parameters['wire.E_A']) == ('wire_under_load', 1.3e10)
     assert under_load.parameters['bench.lag'] == 1e-4 and under_load.parameters['initial.x_M_1'] == 0.0
     assert under_load.effects[0].values[0] == 33.0 and config.on_bench('wire') is config
+    assert under_load.effects[0].found.effect.structure.name == 'wire_under_load'
     back = under_load.on_bench('wire')
     assert back.parameters['wire.E_A'] == 1.3e10 and math.isnan(back.parameters['initial.x_M_1'])
 
@@ -370,3 +372,10 @@ def test_what_is_compiled_with_a_function_is_all_that_it_calls():
     assert all(function.__module__.startswith('sma_sim.') for function in found)
     assert reachable(transition_rates) == {transition_rates} and reachable(mas_rate) == {mas_rate, transition_rates}
     assert reachable(mas_rate, integrate) == found
+
+
+def test_a_fault_of_a_declaration_names_the_structure():
+    assert fault_of(one_coordinate()) == ''
+    assert fault_of(one_coordinate(fitted=('wire.x',))) == (
+        "structure 'one': fitted names wire.x, which is no parameter; its own are none"
+    )
