@@ -6,9 +6,10 @@
 Which test runs which line, and for how long, is measured once without a fault and kept beside the results: for files of
 model and solver as plain Python (NUMBA_DISABLE_JIT), where coverage sees the kernels. A mutant then runs the tests that
 come to its statement, the shortest first, until one fails or `--budget` seconds of them are over; where the statement
-runs while the file is imported, the tests that come to the file or name it. They run in a fork of one process
-that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what it holds already is
-not run again. A second run with `--native` takes those of model and solver that survived as plain Python to native code.
+runs while the file is imported, the tests that come to the file, to a file that imports it, or name it. They run in a
+fork of one process that has imported numba and SciPy, in a copy of the tree. Results are appended to the file, and what
+it holds already is not run again. A second run with `--native` takes those of model and solver that survived as plain
+Python to native code.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -37,7 +39,7 @@ import pytest
 import scipy.optimize
 import scipy.stats  # noqa: F401
 from coverage import Coverage, CoverageData
-from mutations import Mutant, drawn
+from mutations import Mutant, drawn, imports
 
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATION = 'sma_sim/evidence/estimation'
@@ -48,6 +50,8 @@ TESTS = {
         'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
         'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
+        'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts', 'jumps_and_starts',
+        'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -55,12 +59,16 @@ TESTS = {
         'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
+        'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
+        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
         'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
         'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
-        'differing_recordings',
+        'differing_recordings', 'temperature_uncertainty', 'isobaric_tempering', 'latent', 'next', 'variants',
+        'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data', 'minimization', 'fit_statistics',
+        'curve_features', 'recordings_in_fits', 'runs_left_out',
     ),
 }  # fmt: skip
 # Runs that take long as plain Python.
@@ -70,7 +78,9 @@ SLOW_AS_PYTHON = (
     'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
     'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
-LONGEST, LONGEST_FILE = 6.0, 30.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
+LONGEST, LONGEST_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
+OF_DECLARATIONS = 'test_parameters_are_those_of_the_declarations'  # reads what every file declares
+MOST_WAITING = 2.0  # times its processor time, which a mutant may take on the clock
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -135,22 +145,37 @@ class Reach:
     seconds: Mapping[str, float]
 
     def tests_of(self, mutant: Mutant, budget: float) -> list[str]:
-        """The tests to run, the shortest first."""
+        """The tests to run: those that come to the statement, the shortest first."""
         lines = self.lines.get(mutant.path, {})
-        reached = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
-        if not reached:  # it runs while the file is imported
-            stem = Path(mutant.path).stem
-            files = {test.partition('::')[0] for test in self.seconds}
-            naming = {file for file in files if stem in file or stem in (ROOT / file).read_text()}
-            named = {test for test in self.seconds if test.partition('::')[0] in naming}
-            reached = named.union(*lines.values())
+        own = set().union(*(lines.get(k, frozenset()) for k in range(mutant.first, mutant.last + 1)))
+        first, reached = set[str](), own
+        if not own or mutant.is_outer((ROOT / mutant.path).read_text()):  # it runs while the file is imported
+            first = {name for name in self.seconds if name.endswith(OF_DECLARATIONS)}
+            reached = first | own | self.naming(mutant.path) | self.of_import(mutant.path)
         chosen, total = [], 0.0
-        for name in sorted(reached & self.seconds.keys(), key=lambda name: self.seconds[name]):
+        order = {name: (name not in first, name not in own, self.seconds[name]) for name in reached & self.seconds.keys()}
+        for name in sorted(order, key=order.__getitem__):
             total += self.seconds[name]
             if chosen and total > budget:
                 break
             chosen.append(name)
         return chosen
+
+    def naming(self, path: str) -> set[str]:
+        """Tests of the files that name a file, or that it names."""
+        stem = Path(path).stem
+        files = {test.partition('::')[0] for test in self.seconds}
+        naming = {file for file in files if stem in file or stem in (ROOT / file).read_text()}
+        return {test for test in self.seconds if test.partition('::')[0] in naming}
+
+    def of_import(self, path: str) -> set[str]:
+        """Tests that come to a file or to one that imports it, else to one that imports those, and so on."""
+        files, known, found = {path}, set[str](), set[str]()
+        while files and not found:
+            known |= files
+            files = {user for user, used in imports(ROOT).items() if used & files} - known
+            found = set().union(*(tests for file in known | files for tests in self.lines.get(file, {}).values()))
+        return found
 
 
 def reach_in(folder: Path, way: str) -> Reach:
@@ -161,8 +186,9 @@ def reach_in(folder: Path, way: str) -> Reach:
     for file in data.measured_files():
         name = file[file.rindex('/sma_sim/') + 1 :] if '/sma_sim/' in file else ''
         if name:
-            contexts = data.contexts_by_lineno(file)
-            lines[name] = {line: frozenset(tests) - {''} for line, tests in contexts.items()}
+            found = lines.setdefault(name, {})  # a file may have been measured in several trees
+            for line, tests in data.contexts_by_lineno(file).items():
+                found[line] = found.get(line, frozenset()) | (frozenset(tests) - {''})
     rows = map(json.loads, (folder / f'{way}.times.jsonl').read_text().splitlines())
     return Reach(lines, {row['test']: row['cpu'] for row in rows})
 
@@ -197,6 +223,7 @@ class Fork:
         self.log = Path(tempfile.mkstemp(suffix='.log')[1])
         self.cache = Path(tempfile.mkdtemp()) if way == NATIVE and record is None else None
         self.begin = time.monotonic()
+        self.end = self.begin + MOST_WAITING * limit if limit else inf
         self.process = os.fork()
         if not self.process:
             code = 3
@@ -229,6 +256,8 @@ class Fork:
         """(killed | timeout | survived | not covered, the test that noticed) once it has ended."""
         process, status = os.waitpid(self.process, os.WNOHANG)
         if not process:
+            if time.monotonic() > self.end:
+                os.killpg(self.process, signal.SIGKILL)  # it waits for something that never comes
             return None
         said = self.log.read_text(errors='replace')
         self.log.unlink()
@@ -346,15 +375,7 @@ def main() -> None:
     given = parser.parse_args()
     done = results_in(given.file)
     wanted = [mutant for mutant in drawn(ROOT, ROOMS, given.count, given.seed) if given.room in mutant.path]
-    if given.native:
-        survived = {
-            key
-            for key, record in done.items()
-            if record['outcome'] in ('survived', 'not covered') and record['way'] == PLAIN
-        }
-        wanted = [mutant for mutant in wanted if mutant.key in survived]
-    else:
-        wanted = [mutant for mutant in wanted if mutant.key not in done]
+    wanted = [mutant for mutant in wanted if (is_open(done.get(mutant.key)) if given.native else mutant.key not in done)]
     with tempfile.TemporaryDirectory() as home:
         trees = [copied(Path(home) / f'tree{k}') for k in range(given.jobs)]
         folder = given.file.resolve().with_suffix('.reach')

@@ -1,4 +1,4 @@
-"""Write docs/reference/parameters.md: every parameter of the model, its structures and its effects, from their declarations.
+"""Write docs/reference/parameters.md: parameters of the model, its structures and effects, and coordinates, as declared.
 
 python docs/make_parameters.py
 """
@@ -6,6 +6,7 @@ python docs/make_parameters.py
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from math import isfinite
 from pathlib import Path
 
 from sma_sim.model.effects.discovery import find_effects
@@ -18,6 +19,7 @@ from sma_sim.model.parameters import (
     Parameter,
 )
 from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.structures.structure import Coordinate, Structure
 
 PAGE = Path(__file__).resolve().parent / 'reference' / 'parameters.md'
 HEAD = """# Parameters
@@ -31,6 +33,16 @@ COLUMNS = '| parameter | default | unit | allowed | what it is |\n|---|---|---|-
 EFFECT_COLUMNS = (
     '| parameter | default | unit | allowed | in practice | nothing at | what it is |\n|---|---|---|---|---|---|---|'
 )
+COORDINATE_COLUMNS = (
+    '| coordinate | unit | usual change | of what its sensor shows | stable up to | in a joint or rail | what it is |\n'
+    '|---|---|---|---|---|---|---|'
+)
+COORDINATES = """
+## Coordinates
+
+The usual change at the default parameters is what the solver's errors, the noise of the live check and the parameters of
+effects are relative to. Beyond `stable up to` a run ends.
+"""
 GROUPS = (
     ('Wires', 'wire', WIRE_PARAMETERS),
     ('Environment', 'environment', ENVIRONMENT_PARAMETERS),
@@ -59,6 +71,18 @@ def effect_row(p: Parameter) -> str:
     )
 
 
+def coordinate_row(coordinate: Coordinate, structure: Structure) -> str:
+    """A coordinate of a structure."""
+    constants = structure.default_constants
+    size, shown = coordinate.size(constants), coordinate.sensor_size(constants)
+    limit = f'{coordinate.limit:.4g}' if isfinite(coordinate.limit) else ''
+    guided = 'yes' if coordinate.joint else ''
+    return (
+        f'| `{coordinate.name}` | {coordinate.unit} | {size:.4g} | {shown:.4g} | {limit} | {guided} | '
+        f'{coordinate.description} |'
+    )
+
+
 def section(title: str, columns: str, rows: Iterable[str]) -> str:
     """A heading and its table."""
     return '\n'.join([f'\n{title}\n', columns, *rows, ''])
@@ -74,6 +98,12 @@ def sections() -> Iterator[str]:
         own = found.structure.declared
         if own:
             yield section(f'### {name}', COLUMNS, [row(full, p) for full, p in own.items()])
+    yield COORDINATES
+    for name, found in sorted(package_structures().items()):
+        structure = found.structure
+        if structure.coordinates:
+            rows = [coordinate_row(coordinate, structure) for coordinate in structure.coordinates]
+            yield section(f'### Coordinates of {name}', COORDINATE_COLUMNS, rows)
     yield '\n## Effects\n\nTheir parameters are `effects.NAME.PARAMETER`.\n'
     for name, effect in find_effects().items():
         yield section(f'### {name}', EFFECT_COLUMNS, map(effect_row, effect.effect.parameters))

@@ -221,6 +221,23 @@ def test_stress_falls_with_the_fraction(name):
         assert (np.diff(gap, axis=0) < 0.0).all()
 
 
+@pytest.mark.parametrize('name', [name for name in STRESS_EFFECTS if find_effects()[name].effect.gradual])
+def test_gradual_transformation_has_no_corner_where_a_phase_ends(name):
+    """A step may try fractions a little outside 0 to 1: there strain and stresses go straight on."""
+    effect = find_effects()[name].effect
+    given = [p.default * (1.0 + 0.15 * k) if p.unit == '-' and p.neutral is None else p.default
+             for k, p in enumerate(effect.parameters)]  # fmt: skip
+    model, h = make_model('wire', 'hybrid', [active(name, given)]), 1e-5
+    point = Point(model, np.random.default_rng(2))
+    slopes = []
+    for end in (0.0, 1.0):
+        before, at, after = (np.array(offsets(0, 320.0, end + k * h, point.y, point.p)) for k in (-1, 0, 1))
+        slopes.append(((at - before) / h, (after - at) / h))
+    size = np.abs(slopes).max(axis=(0, 1)) + [1e-4, 1e5, 1e5]
+    for below, above in slopes:
+        assert (np.abs(above - below) < 0.02 * size).all()
+
+
 def fatigue():
     """Strain that grows with all transformation so far: memory on the strain port, driven by |dx_M/dt|."""
     return Effect(

@@ -1,6 +1,11 @@
 """Parts of a fit, each against what it must be: coordinates, ports, rows of an input, weights, workers, normal equations."""
 
+import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from threading import Event, Lock
 
 import numpy as np
 import pytest
@@ -10,7 +15,8 @@ from sma_sim import Config, Dataset, Input, Recording, module_input, wire_input
 from sma_sim.evidence.estimation import executors, homogeneity
 from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
-from sma_sim.evidence.estimation.injection_points import ports_of
+from sma_sim.evidence.estimation.injection_points import STIFFNESS, ports_of, small_force
+from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.levenberg_marquardt import (
     NormalEquations,
     accumulated,
@@ -32,6 +38,7 @@ from sma_sim.evidence.estimation.residuals import (
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 
 def recording(values=(0.0, 0.0, 5.0, 5.0, 2.0), **more):
@@ -199,3 +206,86 @@ def test_each_run_adds_to_its_own_unknowns():
     cost, gradient, hessian = accumulated(parts, np.zeros(3), 1.0)
     assert cost == 2.0 and gradient.tolist() == [2.0, 1.0, 1.0]
     assert hessian.tolist() == [[3.0, 1.0, 1.0], [1.0, 2.0, 0.0], [1.0, 0.0, 2.0]]
+
+
+def test_probes_of_what_may_be_missing_are_small_parts_of_what_is_there():
+    """Of springs 2 %, else 1 % of the pull at a usual stress; of sensors 1/75 of angles and a tenth of what else changes."""
+    slider = Config(system='slider')
+    structure, values = slider.structure.structure, slider.parameters
+    ports = {port.name: port for port in ports_of(slider, structure.channels)}
+    size = structure.coordinates[0].size(structure.constants_of(values))
+    force = ports['force_position']
+    assert force.probe == pytest.approx(0.02 * values['slider.k'] * size) and (force.unit, force.component) == ('N', 0)
+    free = replace(slider, parameters={**values, 'slider.k': 0.0})
+    pull = 1e8 * values['wire.n'] * np.pi * values['wire.r0'] ** 2
+    assert small_force(free, 0) == pytest.approx(0.01 * pull, rel=1e-6)
+    probes = {port.column: port.probe for port in ports.values() if port.hook == 'sensing'}
+    assert probes == pytest.approx({'position_m': 0.1 * size, 'F_N': 0.2, 'T_K': 1.0})
+    module = {port.name: port for port in ports_of(Config(), CHANNELS)}
+    alpha = MODULE.coordinates[2].sensor_size(MODULE.default_constants)
+    assert module['sense_alpha'].probe == pytest.approx(alpha / 75.0) and module['sense_U_x'].unit == 'm'
+    assert module['stiffness'].component == STIFFNESS < 0 and module['stiffness'].variable == 'alpha'
+    for port in module.values():
+        wire = port.name[-1] if port.hook not in ('sensing', 'structure_force') else ''
+        assert not wire or (port.component, port.name) == (int(wire) - 1, f'{port.group}_{wire}')
+    assert module['force_U_x'].component == 0 and (module['moment_alpha'].unit, module['force_U_y'].unit) == ('N m', 'N')
+
+
+def test_what_may_be_missing_on_benches():
+    """No heat where the temperature is set, no force where the strain is; nothing over time in an isobaric test."""
+    wire, at_T, isobaric = (
+        [port.group for port in ports_of(Config(system=name), ('stress', 'R'))]
+        for name in ('wire', 'wire_at_T', 'wire_under_load_at_T')
+    )
+    assert wire == ['heat', 'strain', 'stress', 'power', 'sense_stress'] and at_T == ['strain', 'stress', 'sense_stress']
+    assert isobaric == []
+    probes = {port.group: port.probe for port in ports_of(Config(system='wire'), ('stress',))}
+    assert probes == {'heat': 0.02, 'strain': 1e-4, 'stress': 5e5, 'power': 0.02, 'sense_stress': 1e6}
+
+
+def test_the_first_interrupt_asks_for_an_end_and_the_second_interrupts():
+    before = signal.getsignal(signal.SIGINT)
+    with stoppable() as stop:
+        with stoppable() as inner:
+            assert inner is stop and not stop.is_set()
+        signal.raise_signal(signal.SIGINT)
+        assert stop.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with stoppable() as ignored:
+            signal.raise_signal(signal.SIGINT)
+            assert not ignored.is_set()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(signal_in_thread).result() is before
+
+
+def signal_in_thread():
+    """In another thread than the main one nothing changes."""
+    with stoppable():
+        return signal.getsignal(signal.SIGINT)
+
+
+def test_jobs_answer_in_their_order_and_so_many_run_at_once():
+    running, most, lock = [0], [0], Lock()
+
+    def job(k):
+        with lock:
+            running[0] += 1
+            most[0] = max(most[0], running[0])
+        time.sleep(0.01)
+        with lock:
+            running[0] -= 1
+        return k
+
+    jobs = [partial(job, k) for k in range(6)]
+    for at_once, expected in ((1, 1), (3, 3), (None, 6)):
+        most[0] = 0
+        assert executors.run_in_threads(jobs, Event(), at_once) == list(range(6)) and most[0] <= expected
+    assert executors.run_in_threads([], Event()) == []
+    client = type('Client', (), {'nthreads': lambda _: {'a': 4, 'b': 2}})()
+    assert executors.workers_of(type('Cluster', (), {'_client': client})()) == 6

@@ -69,20 +69,28 @@ def starting_values(features: CurveFeatures) -> dict[str, float]:
     sigma_T = float(np.clip(np.mean(slopes) if slopes else USUAL_SLOPE, *SLOPES))
     widths = [sigma_T * test.hysteresis for test in features.isobaric]
     widths += [test.hysteresis for test in features.isothermal if np.isfinite(test.hysteresis)]
+    dsigma = max(LEAST_WIDTH * sigma_T, float(np.median(widths)) if widths else 0.0)
     middles = [(float(np.mean(test.middles)), test.stress) for test in features.isobaric]
-    middles += [(test.temperature, 0.5 * (test.loading + test.unloading)) for test in features.isothermal]
-    T0, level = (float(value) for value in np.nanmean(middles, axis=0))
+    middles += [(test.temperature, middle_stress(test, dsigma)) for test in features.isothermal]
+    T0, level = (float(value) for value in np.mean(middles, axis=0))
     E_A = austenite_modulus(features)
     strains = [test.recovered for test in features.isobaric] + [test.plateau_strain for test in features.isothermal]
     return {
         'wire.T0': T0,
         'wire.sigma_MW0': level,
         'wire.sigma_T': sigma_T,
-        'wire.dsigma': max(LEAST_WIDTH * sigma_T, float(np.median(widths)) if widths else 0.0),
+        'wire.dsigma': dsigma,
         'wire.E_A': E_A,
         'wire.E_M': MARTENSITE_OVER_AUSTENITE * E_A,
         'wire.eps_T': float(np.clip(max(strains), *STRAINS)),
     }
+
+
+def middle_stress(test: IsothermalTest, dsigma: float) -> float:
+    """The middle of the plateaus [Pa]; from the width of the hysteresis `dsigma` [Pa] where unloading has none."""
+    if np.isfinite(test.unloading):
+        return 0.5 * (test.loading + test.unloading)
+    return test.loading - 0.5 * dsigma
 
 
 def austenite_modulus(features: CurveFeatures) -> float:

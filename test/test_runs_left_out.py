@@ -1,0 +1,248 @@
+"""Which runs a search sees, where it starts, and how well runs that it has not seen are predicted: without simulations."""
+
+from dataclasses import replace
+from threading import Event
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_recordings_in_fits import module_run, problem_of
+
+from sma_sim import Config, Dataset
+from sma_sim.evidence.estimation import calibrate as calibration
+from sma_sim.evidence.estimation import cross_validation
+from sma_sim.evidence.estimation.calibrate import FitOptions, starting_points
+from sma_sim.evidence.estimation.cross_validation import (
+    INITIAL_GUESSES,
+    RunFit,
+    cross_validated,
+    folds,
+    interpolated,
+    left_out_errors,
+    pooled_error,
+    predict_runs,
+    with_starts,
+)
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
+from sma_sim.solver.simulate import SimulationError
+
+
+def test_a_subset_is_spread_over_the_runs_from_the_first_to_the_last():
+    problem = problem_of(20)
+    subset = run_subset(problem)
+    assert len(subset.runs) == MAX_SUBSET_RUNS == 8
+    assert (subset.runs[0], subset.runs[-1]) == (problem.runs[0], problem.runs[-1])
+    z = np.arange(float(len(problem.unknowns)))
+    part = to_subset(problem, z)
+    for run, at in zip(subset.runs, subset.indices(), strict=True):
+        k = problem.runs.index(run)
+        assert (part[at] == z[problem.indices()[k]]).all()
+    again = from_subset(problem, z, -part)
+    assert (again[subset_indices(problem)] == -part).all() and (np.abs(again) == z).all()
+    assert (again > 0.0).sum() == len(z) - len(part) and len(run_subset(problem_of(3)).runs) == 3
+
+
+def test_further_starts_are_spread_about_the_middle_where_runs_can_be_made(monkeypatch):
+    problem, asked = problem_of(), []
+
+    def feasible(_, z, __):
+        asked.append(z)
+        return len(asked) % 3 == 0
+
+    monkeypatch.setattr(calibration, 'feasible', feasible)
+    found = starting_points(problem, FitOptions(starts=40, seed=5), None)
+    assert len(found) == 40 and not found[0].any() and len(asked) == 3 * 39
+    assert np.std([z[:3] for z in asked]) == pytest.approx(0.25, rel=0.15)
+    assert (np.array(found[1]) == asked[2]).all()
+    asked.clear()
+    monkeypatch.setattr(calibration, 'feasible', lambda *_: asked.append(0))
+    assert len(starting_points(problem, FitOptions(starts=3), None)) == 1 and len(asked) == 40
+
+
+def test_every_run_is_left_out_once():
+    for count in (2, 5, 13):
+        groups = folds(count)
+        assert len(groups) == min(count, 5) and sorted(k for group in groups for k in group) == list(range(count))
+        assert max(map(len, groups)) - min(map(len, groups)) <= 1
+    assert folds(7, 7) == [[k] for k in range(7)]
+
+
+def test_levels_between_others_judge():
+    nan = float('nan')
+    assert interpolated({'a': 1.0, 'b': 2.0, 'c': 3.0, 'd': nan}) == ['b', 'd']
+    assert interpolated({'a': 1.0, 'b': 1.0, 'c': 3.0}) == ['a', 'b']
+    assert interpolated({'a': 1.0, 'b': 2.0}) == ['a', 'b'] == interpolated({'a': nan, 'b': nan})
+
+
+def test_runs_left_out_are_predicted_by_what_the_others_say(monkeypatch):
+    problem = problem_of(3)
+    z = np.arange(float(len(problem.unknowns)))
+    seen = []
+
+    def minimize(fewer, start, _, __):
+        seen.append(([run.name for run in fewer.runs], start.tolist()))
+        return SimpleNamespace(config=Config(), delay=0.5, error=2.0)
+
+    def predict(_, out, delay, __, error):
+        assert (delay, error) == (0.5, 2.0)
+        return tuple(SimpleNamespace(name=run.name, error=float(run.name[-1])) for run in out)
+
+    monkeypatch.setattr(cross_validation, 'minimize', minimize)
+    monkeypatch.setattr(cross_validation, 'predict_runs', predict)
+    context = SearchContext(None, Event())
+    assert left_out_errors(problem, z, context) == {'run0': 0.0, 'run1': 1.0, 'run2': 2.0}
+    for names, start in seen:
+        kept = [k for k, run in enumerate(problem.runs) if run.name in names]
+        own = [x for k in kept for x in problem.indices()[k][3:]]
+        assert len(kept) == 2 and start == [0.0, 1.0, 2.0, *own]
+    fit = FitResult(problem, z, 1.0)
+    assert cross_validated(fit, context).cross_validated_error == pytest.approx(np.sqrt(5.0 / 3.0))
+    assert np.isnan(cross_validated(replace(fit, problem=problem_of(1)), context).cross_validated_error)
+    monkeypatch.setattr(cross_validation, 'minimize', raising)
+    assert cross_validated(fit, context).cross_validated_error == np.inf
+    context.stop.set()
+    assert np.isnan(cross_validated(fit, context).cross_validated_error)
+
+
+def raising(*_):
+    raise SimulationError('no run')
+
+
+@pytest.mark.parametrize(
+    ('errors', 'expected'), [((1.05, 0.1, 0.2), 1.05), ((3.0, 1.5, 2.0), 1.5), ((3.0, 1.05, 0.2), 1.05)]
+)
+def test_a_predicted_run_begins_in_several_places_until_one_is_good(monkeypatch, errors, expected):
+    tried = []
+
+    def minimize(_, z, *__):
+        tried.append(z.tolist())
+        return SimpleNamespace(z=z)
+
+    def fitted(_, z, __):
+        return (RunFit('run', (), (), (), {}, errors[len(tried) - 1]),)
+
+    monkeypatch.setattr(cross_validation, 'minimize', minimize)
+    monkeypatch.setattr(cross_validation, 'run_fits', fitted)
+    run = replace(module_run(exact_commands=False), ambient_std=1.0)
+    (found,) = predict_runs(Config(), (run,), 0.0, SearchContext(None, Event()))
+    assert found.error == expected and len(tried) == (3 if min(errors[:2]) > 1.1 else errors.index(expected) + 1)
+    assert [z[:2] for z in tried] == [[guess, guess] for guess in INITIAL_GUESSES[: len(tried)]]
+    assert all(z[2:] == [0.0] * 3 for z in tried)
+    tried.clear()
+    assert predict_runs(Config(), (run,), 0.0, SearchContext(None, Event()), 9.0)[0].error == errors[0] and len(tried) == 1
+
+
+def test_errors_of_runs_are_pooled_by_channel():
+    fits = [
+        RunFit('a', (), (0.2, 0.4), (), {'alpha': 3.0, 'F_1': 1.0}, 1.0),
+        RunFit('b', (), (0.4, 0.6), (), {'alpha': 4.0}, 1.0),
+    ]
+    error, by_channel = pooled_error(fits)
+    assert by_channel == {'alpha': pytest.approx(np.sqrt(12.5)), 'F_1': 1.0} and error == pytest.approx(np.sqrt(6.75))
+    started = with_starts(Config(), (*fits, RunFit('c', (), (), (), {}, 1.0))).parameters
+    assert (started['initial.x_M_1'], started['initial.x_M_2']) == pytest.approx((0.3, 0.5))
+
+
+def fit_of(problem, error, cost=1.0, left_out=float('nan'), model='hybrid'):
+    """A fit with this error over noise, at z = 0, and what it makes of runs that are left out."""
+    problem = replace(problem, config=replace(problem.config, model=model))
+    z = np.zeros(len(problem.unknowns))
+    return FitResult(problem, z, 0.5 * problem.samples * error**2 if cost is None else cost, 3, True, left_out)
+
+
+def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch):
+    """All but the first damped less; runs beyond a subset join where it has ended."""
+    problem, made, labels = problem_of(10), [], []
+
+    def minimized(subset, z, criteria, _, label):
+        made.append((len(subset.runs), criteria.damping, float(z[0])))
+        labels.append(label)
+        return FitResult(subset, z + 1.0, {0.0: 9.0, 0.1: 7.5, 0.2: 2.0 + 7.5}[float(z[0])], 4)
+
+    def starts(subset, options, _):
+        return [np.full(len(subset.unknowns), 0.1 * k) for k in range(options.starts)]
+
+    def continued(fit, whole, z, criteria, _, label):
+        made.append((len(whole.runs), criteria.damping, label))
+        return replace(fit, problem=whole, z=z, iterations=11)
+
+    monkeypatch.setattr(calibration, 'problem_for', lambda *_: problem)
+    monkeypatch.setattr(calibration, 'starting_points', starts)
+    monkeypatch.setattr(calibration, 'minimize', minimized)
+    monkeypatch.setattr(calibration, 'continued_fit', continued)
+    recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
+    context = SearchContext(None, Event())
+    found = calibration.multistart_search(Dataset(recordings, {}), Config(), FitOptions(starts=3), context)
+    assert sorted(made[:3], key=lambda one: one[2]) == [
+        (8, FROM_PRIORS.damping, 0.0), (8, WEAKLY_DAMPED.damping, 0.1), (8, WEAKLY_DAMPED.damping, 0.2),
+    ]  # fmt: skip
+    assert sorted(labels) == [f'hybrid, start {k}' for k in (1, 2, 3)]
+    assert made[3:] == [(10, calibration.JOINING_DAMPING, 'all runs')] and found.iterations == 11
+    assert found.z[:3].tolist() == [1.1] * 3 and len(found.problem.runs) == 10
+    assert [(round(other.excess, 9), other.same) for other in found.other_starts] == [(1.5, True), (2.0, False)]
+
+
+@pytest.mark.parametrize(
+    ('errors', 'stages'), [((0.2,), 1), ((0.05, 0.02, 1.0), 2), ((0.05, 0.001, 0.0001, 0.0), 4), ((0.05, 0.011, 0.5), 2)]
+)
+def test_where_the_error_is_far_below_the_noise_weights_grow(monkeypatch, errors, stages):
+    """Ten, a hundred, a thousand times, as long as it stays a tenth of them; the cost is under the weights as they were."""
+    problem, weights, left = problem_of(1), [], list(errors)
+
+    def continued(fit, given, z, criteria, _, label):
+        weights.append(given.runs[0].weight.max() / problem.runs[0].weight.max())
+        return fit_of(given, left.pop(0), None)
+
+    monkeypatch.setattr(calibration, 'full_problem', lambda *_: problem)
+    monkeypatch.setattr(calibration, 'continued_fit', continued)
+    monkeypatch.setattr(calibration, 'cost_at', lambda given, *_: 0.5 * given.samples * errors[len(weights) - 1] ** 2)
+    found = calibration.final_fit(None, fit_of(problem, 1.0), FitOptions(), SearchContext(None, Event()))
+    assert weights == pytest.approx([1.0, 10.0, 100.0, 1000.0][:stages])
+    assert (
+        found.error == pytest.approx(errors[stages - 1])
+        and found.problem.runs[0].weight.max() == problem.runs[0].weight.max()
+    )
+    assert found.problem.config.parameters['solver.rtol'] == (1e-6 if stages == 1 else 1e-7)
+
+
+def test_of_two_kinetics_the_one_that_predicts_better_is_taken(monkeypatch):
+    problem, tried = problem_of(2), []
+
+    def search(_, config, __, ___):
+        tried.append(config.model)
+        return fit_of(problem, 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.model], model=config.model)
+
+    def judged(fit, _):
+        return replace(fit, cross_validated_error={'hybrid': 1.2, 'mas': 1.5}[fit.config.model])
+
+    monkeypatch.setattr(calibration, 'multistart_search', search)
+    monkeypatch.setattr(calibration, 'cross_validated', judged)
+    context = SearchContext(None, Event())
+    found = calibration.fits_by_model(None, Config(), FitOptions(), context)
+    assert tried == ['hybrid', 'mas'] and [fit.cross_validated_error for fit in found] == [1.2, 1.5]
+    (one,) = calibration.fits_by_model(None, Config(), FitOptions(model='mas'), context)
+    assert one.config.model == 'mas' and np.isnan(one.cross_validated_error)
+    monkeypatch.setattr(calibration, 'check', lambda *_: None)
+    monkeypatch.setattr(calibration, 'on_leading_bench', lambda config, _: config)
+    monkeypatch.setattr(calibration, 'starting_model', lambda _, config, __: config)
+    chosen = []
+    monkeypatch.setattr(calibration, 'final_calibration', lambda _, best, *__: chosen.append(best) or reported(best))
+    for errors, expected in (((1.2, 1.5), 'hybrid'), ((1.5, 1.2), 'mas'), ((float('nan'),) * 2, 'mas')):
+        fits = [replace(fit, cross_validated_error=e) for fit, e in zip(found, errors, strict=True)]
+        monkeypatch.setattr(calibration, 'fits_by_model', lambda *_, fits=fits: fits)
+        result = calibration.calibrate(Dataset((), {}), Config(), FitOptions())
+        assert chosen[-1].config.model == expected
+        assert dict(result.cross_validation) == (
+            {} if np.isnan(errors[0]) else dict(zip(('hybrid', 'mas'), errors, strict=True))
+        )
+        assert result.config.parameters['solver.rtol'] == 1e-5
+
+
+def reported(fit):
+    """A calibration of which only the configuration is known."""
+    return calibration.Calibration(
+        fit.config, (), (), {}, 0.0, (), {}, 1.0, 1.0, 1, True, False, (), {}, (), None, 0.0
+    )  # fmt: skip
