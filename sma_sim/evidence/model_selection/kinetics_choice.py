@@ -31,8 +31,10 @@ def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf)
     if context.stop.is_set() or (fit.error < CRITERIA.other_kinetics_above and target == inf):
         return fit
     problem, z = with_other_kinetics(fit)
-    other = refit(problem, z, context, FROM_PRIORS, target)
-    if other is None or other.error > (1.0 + CRITERIA.same_error) * fit.error:
+    most = (1.0 + CRITERIA.same_error) * fit.error
+    worst = 0.5 * (problem.samples * most**2 + problem.tempering**2 * float(z @ z))
+    other = refit(problem, z, context, FROM_PRIORS, min(target, worst))
+    if other is None or other.error > most:
         return fit
     other = cross_validated(other, context)
     if context.stop.is_set() or other.prediction_error >= fit.prediction_error:
