@@ -33,6 +33,11 @@ def cannot_reach(target: float, max_iterations: int, costs: Sequence[float]) -> 
     return (before - last) * (max_iterations - len(costs) + 1) < last - target
 
 
+def cost_with(error: float, problem: Problem, z: Vector) -> float:
+    """The cost of a fit that leaves this error over noise, with the prior of one at z."""
+    return 0.5 * (problem.samples * error**2 + problem.tempering**2 * float(z @ z))
+
+
 def refit(
     problem: Problem, z: Vector, context: SearchContext, criteria: StopCriteria = ADDED_EFFECT, target: float = math.inf
 ) -> FitResult | None:
