@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import inf, isnan, nan
+from math import inf, isfinite, isnan, nan
 from threading import Event
 
 import numpy as np
@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.residuals import (
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starts import with_start
-from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS, RUNS_LEFT_OUT
+from sma_sim.evidence.estimation.stop_criteria import KNOWN_RUN_UNKNOWNS, RUN_UNKNOWNS, RUNS_LEFT_OUT
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
@@ -118,32 +118,36 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
 
 
 def predict_runs(
-    config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext, fitted_error: float = 1.0
+    config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext, fitted_error: float = 1.0,
+    own: Sequence[Vector | None] | None = None,
 ) -> tuple[RunFit, ...]:  # fmt: skip
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
     From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
     errors of a run that cannot be made are infinite. `fitted_error`: of the runs to which the model was fitted; one that is
-    predicted as well needs no other start.
+    predicted as well needs no other start, nor does one whose unknowns are known from a fit to it (`own`, by run).
     """
 
-    def predicted(run: FitData) -> RunFit:
+    def predicted(run: FitData, known: Vector | None) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
         if not problem.unknowns:
             return run_fits(problem, start_point(problem), context.pool)[0]
-        found: list[RunFit] = []
+        starts = [(start_point(problem, known), KNOWN_RUN_UNKNOWNS)] if known is not None else []
         for guess in INITIAL_GUESSES:
             z = start_point(problem)
             z[: problem.wires(run)] = guess
+            starts.append((z, RUN_UNKNOWNS))
+        found: list[RunFit] = []
+        for z, criteria in starts:
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
-                z = minimize(problem, z, RUN_UNKNOWNS, context).z
+                z = minimize(problem, z, criteria, context).z
             found.append(run_fits(problem, z, context.pool)[0])
-            if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0):
+            if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0) or (known is not None and isfinite(found[-1].error)):
                 break
         return min(found, key=lambda fit: fit.error)
 
     with ThreadPoolExecutor(len(runs)) as threads:
-        return tuple(threads.map(predicted, runs))
+        return tuple(threads.map(predicted, runs, own or [None] * len(runs)))
 
 
 def evaluate_held_out(
@@ -240,7 +244,8 @@ def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict
         start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
         refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
         out = tuple(problem.runs[k] for k in left_out)
-        fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error)
+        own = [z[indices[k]][shared:] for k in left_out]
+        fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error, own)
         return [(run.name, run.error) for run in fits]
 
     with ThreadPoolExecutor(MAX_FOLDS) as threads:

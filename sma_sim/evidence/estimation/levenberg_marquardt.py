@@ -27,6 +27,7 @@ MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did no
 CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
 WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
+SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
@@ -173,16 +174,18 @@ def minimize(
 
 
 def secant_minimum(
-    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], limits: tuple[float, float], context: SearchContext
-) -> FitResult:
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], limits: tuple[float, float], context: SearchContext,
+    target: float = np.inf,
+) -> FitResult:  # fmt: skip
     """Where minimisation from z leads without another linearisation: `linear` is one at z, or near it.
 
     Each step corrects the derivatives (Broyden, Math. Comp. 19, 1965) and costs one run of the model, where a linearisation
     costs one by unknown. It ends near the optimum, seldom on it. `limits`: the damping of the first step, and the predicted
-    decrease of the cost below which none is made.
+    decrease of the cost below which none is made. It is given up where the cost falls too slowly to come down to `target`.
     """
     (damping, min_decrease), (low, high) = limits, problem.limits()
     cost, gradient, hessian = quadratic_model(problem, linear, z)
+    costs = list[float]()
     for iteration in range(MAX_SECANT_STEPS):
         try:
             step = bounded_step(gradient, hessian, damping, low - z, high - z)
@@ -190,7 +193,8 @@ def secant_minimum(
             damping *= DAMPING_INCREASE
             continue
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
-        if expected <= min_decrease or context.stop.is_set():
+        costs.append(cost)
+        if expected <= min_decrease or context.stop.is_set() or is_too_slow(costs, target):
             return FitResult(problem, z, cost, iteration)
         shown = residuals_at(problem, z + step, context.pool)
         gained = cost - cost_of(problem, shown, z + step)
@@ -203,6 +207,14 @@ def secant_minimum(
         damping *= SECANT_DAMPING if gained < 0.25 * expected else 1.0 / SECANT_DAMPING if gained > 0.5 * expected else 1.0
         cost, gradient, hessian = quadratic_model(problem, linear, z)
     return FitResult(problem, z, cost, MAX_SECANT_STEPS, False)
+
+
+def is_too_slow(costs: Sequence[float], target: float) -> bool:
+    """Whether a cost that falls as in the last steps cannot come down to `target` in the steps that are left."""
+    if len(costs) <= SECANT_WARM_UP:
+        return False
+    left = (MAX_SECANT_STEPS - len(costs) + 1) / PACE_STEPS
+    return costs[-1] - target > left * (costs[-1 - PACE_STEPS] - costs[-1])
 
 
 def quadratic_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:

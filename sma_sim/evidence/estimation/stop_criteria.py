@@ -44,4 +44,6 @@ ALL_SAMPLES = StopCriteria(
 )
 # The unknowns of a run under fixed parameters: few of them, found from far away, to the end.
 RUN_UNKNOWNS = replace(FROM_PRIORS, min_decrease=ALL_SAMPLES.min_decrease, relative_decrease=0.0)
+# The same from near their optimum.
+KNOWN_RUN_UNKNOWNS = replace(RUN_UNKNOWNS, damping=1.0, secant=True)
 SKETCH_DECREASE = 1e-3  # predicted decrease at which a sketch of a fit ends, as a fraction of the cost or of the samples

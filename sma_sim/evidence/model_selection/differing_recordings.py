@@ -17,12 +17,12 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, WEAKLY_DAMPED, StopCriteria
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, WEAKLY_DAMPED
 from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.refit import cost_with, refit
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.model_selection.sketches import at_prior_means
 from sma_sim.solver.effect_table import channel_scales
@@ -56,7 +56,11 @@ def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> 
     found += [one for one in promises(problem, starts[1][0], context) if one.difference.lost_side]
     found = [one for one in found if one.gain >= 2.0 * CRITERIA.decisive_log_odds]
     tried = [one.difference for one in sorted(found, key=lambda one: -one.part)][: CRITERIA.first_refits]
-    jobs = [partial(fit_with, problem, z, one, criteria, context) for one in tried for z, criteria in starts]
+    target = min(cost_with(CRITERIA.noise_only, problem, base.z), rival.cost)
+    jobs = [
+        partial(refit, *with_difference(problem, z, one), context, criteria, target)
+        for one in tried for z, criteria in starts
+    ]  # fmt: skip
     fits = [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
     best = min(fits, key=lambda fit: fit.cost, default=None)
     if best is None or best.error > CRITERIA.noise_only or best.cost > rival.cost - CRITERIA.decisive_log_odds:
@@ -66,16 +70,6 @@ def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> 
         return None
     context.on_progress(f'{best.problem.differences[-1].words} differs: error over noise {best.error:.2f}')
     return best
-
-
-def fit_with(
-    problem: Problem, z: Vector, difference: RecordingDifference, criteria: StopCriteria, context: SearchContext
-) -> FitResult | None:
-    """The fit with a difference from z; None where the model cannot be run there."""
-    try:
-        return minimize(*with_difference(problem, z, difference), criteria, context)
-    except SimulationError:
-        return None
 
 
 def with_difference(problem: Problem, z: Vector, difference: RecordingDifference) -> tuple[Problem, Vector]:

@@ -25,7 +25,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_abov
 from sma_sim.evidence.model_selection.differing_recordings import differing_fit
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
 from sma_sim.evidence.model_selection.nominal_fit import report_model
-from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, refit
+from sma_sim.evidence.model_selection.refit import at_finite_step, best_refits, cost_with, refit
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit, within_realistic_range, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered
@@ -60,10 +60,11 @@ def tempered_again(fit: FitResult, context: SearchContext) -> FitResult:
     return found if found is fit else cross_validated(found, context)
 
 
-def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
+def selection_step(base: FitResult, context: SearchContext, limit: float = math.inf) -> SelectionStep:
     """Screen all candidates, refit the best, and see whether one is to be accepted.
 
-    Where what differs between the recordings explains them, that joins the base.
+    Where what differs between the recordings explains them, that joins the base. `limit`: the cost that sketches must not
+    exceed.
     """
     candidates = candidates_for(base.problem.config, context.folders)
     context.on_progress(f'screening {len(candidates)} effects')
@@ -75,10 +76,10 @@ def selection_step(base: FitResult, context: SearchContext) -> SelectionStep:
     if base.effects and base.error <= 1.0:  # less than noise: nothing in the fitted runs asks for another effect
         return step
     if promising and promising[0].gain >= least_gain(base):
-        step = step_with(base, screened, promising, context)
+        step = step_with(base, screened, promising, context, limit=limit)
     differing = differing_fit(base, base if step.accepted is None else step.accepted.fit, context)
     if differing is not None:
-        return selection_step(differing, context)
+        return selection_step(differing, context, limit)
     return with_further_candidates(step, candidates, context)
 
 
@@ -280,7 +281,8 @@ def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionS
     best, stopped = (1.0 - CRITERIA.strong_error_reduction) * first.base.prediction_error, False
     for candidate in sorted(significant, key=lambda c: c.fit.cost)[: CRITERIA.pair_candidates]:
         context.on_progress(f'{candidate.name} may explain beside another effect')
-        second = selection_step(candidate.fit, context)
+        fitted = CRITERIA.sketch_cost_ratio * cost_with(best, candidate.fit.problem, candidate.fit.z)
+        second = selection_step(candidate.fit, context, fitted)  # runs are not predicted better than fitted
         stopped = stopped or second.stopped
         if second.accepted is not None and second.accepted.fit.prediction_error <= best:
             best = second.accepted.fit.prediction_error

@@ -13,9 +13,8 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter, values_of
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.refit import cost_with, refit
 
 Vector = NDArray[np.float64]
 
@@ -31,8 +30,9 @@ def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf)
     if context.stop.is_set() or (fit.error < CRITERIA.other_kinetics_above and target == inf):
         return fit
     problem, z = with_other_kinetics(fit)
-    other = refit(problem, z, context, FROM_PRIORS, target)
-    if other is None or other.error > (1.0 + CRITERIA.same_error) * fit.error:
+    most = (1.0 + CRITERIA.same_error) * fit.error
+    other = refit(problem, z, context, target=min(target, cost_with(most, problem, z)))
+    if other is None or other.error > most:
         return fit
     other = cross_validated(other, context)
     if context.stop.is_set() or other.prediction_error >= fit.prediction_error:

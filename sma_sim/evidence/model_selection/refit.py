@@ -33,6 +33,11 @@ def cannot_reach(target: float, max_iterations: int, costs: Sequence[float]) -> 
     return (before - last) * (max_iterations - len(costs) + 1) < last - target
 
 
+def cost_with(error: float, problem: Problem, z: Vector) -> float:
+    """The cost of a fit that leaves this error over noise, with the prior of one at z."""
+    return 0.5 * (problem.samples * error**2 + problem.tempering**2 * float(z @ z))
+
+
 def refit(
     problem: Problem, z: Vector, context: SearchContext, criteria: StopCriteria = ADDED_EFFECT, target: float = math.inf
 ) -> FitResult | None:
@@ -75,8 +80,8 @@ def best_refits(
     if len(subset.runs) < len(base.problem.runs):
         few = replace(base, problem=subset, z=to_subset(base.problem, base.z))
         return on_all_runs(base, candidates, best_refits(few, candidates, context, below=below), most, context)
-    sketches = [fits[0] if fits else None for fits in sketched(base, candidates, context)]
     limit = below * cost_at(base.problem, base.z, context.pool)
+    sketches = best_sketches(base, candidates, limit, context)
     ahead = [(k, fit) for k, fit in sorted_by_cost(sketches) if fit.cost <= limit][: CRITERIA.refitted_candidates]
     led = dict(ahead)
     first = CRITERIA.first_refits
@@ -86,10 +91,10 @@ def best_refits(
     again, near = (FROM_PRIORS, list(enumerate(sketches))) if cheap else (WEAKLY_DAMPED, ahead[: CRITERIA.retried_refits])
     for criteria, which in ((ADDED_EFFECT, ahead[:first]), (ADDED_EFFECT, ahead[first:]), (again, near)):
         target = least_plausible_cost(best, candidates)
-        retried = criteria is again
+        retried, reached = criteria is again, min(target, least_plausible_cost(sketches, candidates))
         chosen = [
             k for k, sketch in which
-            if sketch is not None and (may_decide(best[k] or sketch, target) if retried else is_near(sketch, target))
+            if sketch is not None and (may_decide(best[k] or sketch, target) if retried else is_near(sketch, reached))
         ]  # fmt: skip
         starts = [middle[k] if retried else (led[k].problem, led[k].z) for k in chosen]
         # a fit from far away may fall slowly for a while before it falls below all others
@@ -101,6 +106,18 @@ def best_refits(
         for k, found in zip(chosen, run_in_threads(jobs, context.stop), strict=True):
             best[k] = min((fit for fit in (best[k], found) if fit), key=lambda fit: fit.cost, default=None)
     return best
+
+
+def best_sketches(
+    base: FitResult, candidates: Sequence[ScreeningResult], limit: float, context: SearchContext
+) -> list[FitResult | None]:  # fmt: skip
+    """By candidate, its best sketch. The first ones tell which cost the others must come down to for a refit."""
+    first = CRITERIA.first_refits
+    ahead = [fits[0] if fits else None for fits in sketched(base, candidates[:first], context, limit)]
+    if len(candidates) <= first:
+        return ahead
+    target = min(limit, CRITERIA.retry_cost_ratio * least_plausible_cost(ahead, candidates[:first]))
+    return ahead + [fits[0] if fits else None for fits in sketched(base, candidates[first:], context, target)]
 
 
 def sorted_by_cost(fits: Sequence[FitResult | None]) -> list[tuple[int, FitResult]]:

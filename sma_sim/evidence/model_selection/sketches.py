@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,14 +71,14 @@ def at_defaults(problem: Problem) -> Vector:
 
 
 def sketched(
-    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext
+    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext, target: float = inf
 ) -> list[list[FitResult]]:  # fmt: skip
     """By candidate, its sketches: from the fit without it, and from the middle of all priors; the best first.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
     """
     by_start = [
-        sketches_from(start, damping, candidates, context)
+        sketches_from(start, damping, candidates, context, target)
         for start, damping in ((base, ADDED_EFFECT.damping), (at_prior_means(base), FROM_PRIORS.damping))
     ]
     return [
@@ -86,20 +87,25 @@ def sketched(
 
 
 def sketches_from(
-    start: FitResult, damping: float, candidates: Sequence[ScreeningResult], context: SearchContext
+    start: FitResult, damping: float, candidates: Sequence[ScreeningResult], context: SearchContext, target: float = inf
 ) -> list[FitResult | None]:
-    """By candidate, its sketch from one point of the model without it; None where that cannot be run."""
+    """By candidate, its sketch from one point of the model without it; None where that cannot be run.
+
+    One that falls too slowly to reach the cost `target` is given up.
+    """
     try:
         linear = linearize(start.problem, start.z, context.pool)
     except SimulationError:
         return [None] * len(candidates)
-    return run_in_threads([partial(sketch, start, linear, damping, one, context) for one in candidates], context.stop)
+    jobs = [partial(sketch, start, linear, (damping, target), one, context) for one in candidates]
+    return run_in_threads(jobs, context.stop)
 
 
 def sketch(
-    start: FitResult, linear: Sequence[LinearizedRun], damping: float, screened: ScreeningResult, context: SearchContext
-) -> FitResult | None:
-    """The sketch of one candidate; None where the model cannot be run at its start."""
+    start: FitResult, linear: Sequence[LinearizedRun], limits: tuple[float, float], screened: ScreeningResult,
+    context: SearchContext,
+) -> FitResult | None:  # fmt: skip
+    """The sketch of one candidate; None where the model cannot be run at its start. `limits`: damping and target."""
     problem, z = with_candidate(start, screened)
     first = len(start.problem.free)
     own = range(first, len(problem.free))
@@ -117,7 +123,8 @@ def sketch(
         jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
         joint.append(LinearizedRun(indices, here, jacobian))
     least = SKETCH_DECREASE * min(start.cost, float(problem.samples))
-    return secant_minimum(problem, z, joint, (damping, least), context)
+    damping, target = limits
+    return secant_minimum(problem, z, joint, (damping, least), context, target)
 
 
 def moved_along(problem: Problem, z: Vector, k: int) -> Vector:

@@ -22,6 +22,7 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
+from sma_sim.evidence.symbolic_regression.response_basis import by_combination, follows_slow_states
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
@@ -150,7 +151,7 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup) -> list[TermFi
         for term in single.terms for shapes in shape_grid(term, ranges)
         if (size := max(rms_value(term, shapes, states) for states in ranges.visited)) > 0.0
     ]  # fmt: skip
-    by_location = [linearized.responses(location, trials) for location in group.singles]
+    by_location = [responses_at(linearized, location, trials) for location in group.singles]
     best: dict[tuple[str, str], TermFit] = {}
     for k, trial in enumerate(trials):
         responses = [of_trials[k] for of_trials in by_location]
@@ -163,6 +164,17 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup) -> list[TermFi
             if fit and fit.error_reduction > (best[key].error_reduction if key in best else 0.0):
                 best[key] = replace(fit, limits=tuple(shape_limits(shape, ranges) for shape in trial.term.shapes))
     return list(best.values())
+
+
+def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
+    """The responses to all trials at a location, most of them combinations of the others."""
+    visited = linearized.ranges(location).visited
+    columns = [
+        np.concatenate([trial.coefficient * term_values(trial.term, trial.shapes, states) for states in visited])
+        if follows_slow_states(trial.term) else None
+        for trial in trials
+    ]  # fmt: skip
+    return by_combination(lambda chosen: linearized.responses(location, [trials[k] for k in chosen]), columns)
 
 
 def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, response: Vector | None) -> TermFit | None:

@@ -23,6 +23,11 @@ from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 Vector = NDArray[np.float64]
 MAX_STATES_PER_RUN = 150  # instants at which terms are evaluated in Python: enough for a range and a mean square
+# What expressions of terms call, for all instants at once.
+ARRAY_FUNCTIONS = {
+    'math': SimpleNamespace(exp=np.exp, sin=np.sin, tanh=np.tanh, copysign=np.copysign, pi=math.pi),
+    'abs': np.abs, 'max': np.maximum, 'min': np.minimum,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -119,14 +124,17 @@ def term_values(term: Term, shapes: Sequence[float], states: VisitedStates) -> V
     """A term along a run, (k,); its state is integrated by Euler's rule at the samples."""
     values = {f'q_{k}': float(shape) for k, shape in enumerate(shapes)}
     names = {shape.name: f'p.q_{k}' for k, shape in enumerate(term.shapes)}
-    scope: dict[str, Any] = {'math': math, 'p': SimpleNamespace(**values), 'abs': abs, 'max': max, 'min': min}
+    parameters = SimpleNamespace(**values)
     value = compiled_expression(term.text('value', **names))
-    samples = states.samples
+    time = states.fields['t']
     if not term.rate:
-        return np.array([eval(value, {**scope, 's': s}) for s in samples], dtype=float)
+        at_once = eval(value, {**ARRAY_FUNCTIONS, 'p': parameters, 's': SimpleNamespace(**states.fields)})
+        return np.broadcast_to(np.asarray(at_once, dtype=float), time.shape)
+    scope: dict[str, Any] = {'math': math, 'p': parameters}
+    samples = states.samples
     rate, memory = compiled_expression(term.text('rate', **names)), SimpleNamespace(z=0.0)
     memory.z = float(eval(compiled_expression(term.text('start', **names)), {**scope, 's': samples[0]}))
-    along, time = np.zeros(len(samples)), states.fields['t']
+    along = np.zeros(len(samples))
     for k, s in enumerate(samples):
         along[k] = eval(value, {**scope, 's': s, 'm': memory})
         if k + 1 < len(samples):
