@@ -124,7 +124,8 @@ def write_runs(kind: str, config: Config, folder: Path, random: np.random.Genera
         )
         linear = (False, False) if kind == 'slider' else (True, False, False)
         samples = np.arange(0.0, end, 0.05)
-        run = simulate(Model(config), Input(t, np.column_stack(columns), linear), np.maximum(samples - delay, 0.0))
+        late = np.append(t[0], t[1:] + delay)
+        run = simulate(Model(config), Input(late, np.column_stack(columns), linear), samples)
         rows = np.searchsorted(t, samples, side='right') - 1
         shown = measured(kind, run, random, len(samples))
         text = ['time_s,power,' + ','.join(shown)]
