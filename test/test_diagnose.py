@@ -17,7 +17,8 @@ from sma_sim.challenge.files import recording_columns
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.diagnosis.diagnose import diagnose, predicts_best, verdict_after_removal
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.diagnosis.judgement import is_contradicted, predicts_best, verdict_after_removal
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -149,6 +150,20 @@ def test_a_second_look_begins_some_way_from_nothing():
 )
 def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdict):
     assert verdict_after_removal(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
+
+
+@pytest.mark.parametrize(
+    ('bare', 'last', 'best', 'contradicted'),
+    [
+        ((0.9, 0.7), (0.5, 5.0), 0, True),  # predicted without the effect, and not with it
+        ((3.0, 4.0), (1.0, 5.0), 0, False),  # explained where they were fitted, and further runs by neither
+        ((3.0, 4.0), (2.0, 5.0), 0, True),
+        ((3.0, 4.0), (1.0, 1.0), 1, False),
+    ],
+)
+def test_held_out_runs_contradict_an_effect(bare, last, best, contradicted):
+    stages = [SimpleNamespace(train=train, held_out=held) for train, held in (bare, last)]
+    assert is_contradicted(stages, best) == contradicted
 
 
 def cannot_be_made(run):

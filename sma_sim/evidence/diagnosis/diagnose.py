@@ -13,11 +13,17 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from math import isnan
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
+from sma_sim.evidence.diagnosis.judgement import (
+    is_contradicted,
+    predicts_best,
+    reaches_beyond_fitted,
+    verdict_after_removal,
+    verdict_of,
+)
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
 from sma_sim.evidence.estimation.calibrate import Calibration, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
@@ -31,7 +37,7 @@ from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, is_bent
 from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
-from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import leaves_something, select_forward, tempered_again
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit, on_uneven_specimen
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
@@ -306,7 +312,7 @@ def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, cont
         return Conclusion('unknown_effect', last, tuple(stages), None, proposal)
     (kind, last), best = path[-1], predicts_best(stages)
     verdict, pooled = verdict_of(stages[-1], None, data.limit), None
-    if verdict == 'unknown_effect' and best < len(path) - 1 and not reaches_beyond_fitted(stages[-1], data.limit):
+    if verdict == 'unknown_effect' and is_contradicted(stages, best, data.limit):
         context.on_progress('the held-out runs are predicted better with fewer effects')
         kind, last = 'taken_back', path[best][1]
         stages.append(stages[best])
@@ -357,43 +363,3 @@ def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, 
         candidate.name: pooled_error(data.predicted_by(candidate.fit, context))[0] for candidate in first.candidate_fits
     }
     return {name: error / nominal.held_out for name, error in errors.items()}
-
-
-def predicts_best(stages: Sequence[ModelStage]) -> int:
-    """The last stage that takes a part worth naming from the held-out error; the last of all without held-out runs.
-
-    What imitates something else takes little, or comes and goes with the run that is held out. A stage without more effects
-    (one was replaced or dropped) is undone only if it costs as much.
-    """
-    if isnan(stages[-1].held_out):
-        return len(stages) - 1
-    best = 0
-    for k, stage in enumerate(stages):
-        more = len(stage.effects) > len(stages[best].effects)
-        reduction = CRITERIA.min_named_reduction if more else -CRITERIA.min_named_reduction
-        if stage.held_out <= (1.0 - reduction) * stages[best].held_out:
-            best = k
-    return best
-
-
-def reaches_beyond_fitted(last: ModelStage, limit: float = CRITERIA.unexplained) -> bool:
-    """Whether the fitted runs are explained, and those held out are not."""
-    return last.train <= max(CRITERIA.noise_only, fits_all(limit)) and last.held_out > limit
-
-
-def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRITERIA.unexplained) -> str:
-    """`none`, `missing_effect`, or `unknown_effect` where much is left unexplained.
-
-    Without a held-out run the error of the fitted ones counts: that of runs left out in turn is large where one run alone
-    cannot determine the parameters, which is no sign of an effect. Nor is a held-out run that the model explains when it is
-    fitted to all runs (`pooled`).
-    """
-    error = last.train if isnan(last.held_out) else last.held_out
-    if error > limit and not (pooled is not None and pooled.explained(limit)):
-        return 'unknown_effect'
-    return 'missing_effect' if last.effects else 'none'
-
-
-def verdict_after_removal(last: ModelStage, limit: float = CRITERIA.unexplained) -> str:
-    """The verdict on a model from which effects were taken back: what is left in the fitted runs asked for them."""
-    return 'unknown_effect' if last.train > limit else verdict_of(last, None, limit)
