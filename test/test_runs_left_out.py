@@ -86,8 +86,10 @@ def test_runs_left_out_are_predicted_by_what_the_others_say(monkeypatch):
         seen.append(([run.name for run in fewer.runs], start.tolist()))
         return SimpleNamespace(config=Config(), delay=0.5, error=2.0)
 
-    def predict(_, out, delay, __, error):
+    def predict(_, out, delay, __, error, own):
         assert (delay, error) == (0.5, 2.0)
+        for run, known in zip(out, own, strict=True):  # what the fit to all runs says of it
+            assert known.tolist() == z[problem.indices()[int(run.name[-1])]][3:].tolist()
         return tuple(SimpleNamespace(name=run.name, error=float(run.name[-1])) for run in out)
 
     monkeypatch.setattr(cross_validation, 'minimize', minimize)

@@ -86,7 +86,7 @@ def test_variants_that_gain_more_than_their_effects_are_tried():
 def fit(error, prediction, effects=(), cost=100.0):
     config_ = SimpleNamespace(system='module', effects=())
     runs = (SimpleNamespace(channels=('alpha',)),)
-    problem = SimpleNamespace(free=(1,) * len(effects), config=config_, runs=runs, samples=1000)
+    problem = SimpleNamespace(free=(1,) * len(effects), config=config_, runs=runs, samples=1000, tempering=1.0)
     return SimpleNamespace(
         error=error, prediction_error=prediction, effects=effects, problem=problem, cost=cost, squares=2.0 * cost, z=(),
         is_bent=False, values_of=lambda name: {},
@@ -213,3 +213,12 @@ def test_the_listed_effect_with_the_most_similar_signature(monkeypatch):
     similar = confounding.most_similar('formula', first, None)
     assert similar.effect.name == 'gravity' and similar.cosine == pytest.approx(1.0)
     assert confounding.most_similar('formula', SimpleNamespace(base='base', candidate_fits=[]), None) is None
+
+
+@pytest.mark.parametrize(('cost', 'tempering', 'richer'), [(85.0, 1.0, True), (92.0, 1.0, False), (85.0, 9.0, False)])
+def test_of_those_that_predict_equally_well_the_richer_one_wins_by_odds(cost, tempering, richer):
+    """More parameters, a better fit: by e^15 and e^8; where what is left is no white noise, odds count less."""
+    simple, rich = candidate('polycrystal', 1.0), candidate('smooth_transformation', 1.0, cost)
+    simple.fit.problem.tempering = rich.fit.problem.tempering = tempering
+    rich.fit.problem.free = (1,) * 6
+    assert best_acceptable([simple, rich]) is (rich if richer else simple)
