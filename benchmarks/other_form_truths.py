@@ -108,6 +108,11 @@ FORMS: dict[str, OtherForm] = {
         (drawn_parameter('tau', 's', 0.4, 2.0, 'time constant'),),
         lambda s, w, p, m: m.P if s.wire < 0.5 else s.J, stage='lag', states=('P',), scale=(0.5,),
         rate=lambda s, w, p, m: ((s.J - m.P) / p.tau,))),
+    'rate_limited_driver': form('driver_lag', ('',), law(
+        'rate_limited_driver', 'actuation', "P' = clip((J - P)/10 ms, -r, r)",
+        (drawn_parameter('r', 'W/s', 0.15, 1.0, 'largest rate of the power of one wire'),),
+        lambda s, w, p, m: m.P, stage='lag', states=('P',), scale=(0.5,),
+        rate=lambda s, w, p, m: (max(-p.r, min(p.r, (s.J - m.P) / 0.01)),))),
     'wire_1_fatigue': form('functional_fatigue', ('wire_1',), law(
         'wire_1_fatigue', 'transformation_stress', "z' = |x'| (1 - z)/N, both stresses of wire 1 fall by s z",
         (drawn_parameter('s', 'Pa', 1.5e7, 4e7, 'loss'), drawn_parameter('N', '-', 1.0, 4.0, 'transformations')),

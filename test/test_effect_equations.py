@@ -127,7 +127,7 @@ EQUATIONS = {  # of state s, parameters p and memory m
 RATES = {
     'ambient_heating': lambda s, p, m: (p.R * 10.0 * 450.0 * A_S * (s.T - s.T_E - m['Theta']) - m['Theta']) / p.tau,
     'beam_creep': lambda s, p, m: (np.array([s.U_x, s.U_y, s.alpha]) - m['z']) / p.tau,
-    'driver_lag': lambda s, p, m: (s.J - m['P']) / p.tau,
+    'driver_lag': lambda s, p, m: tanh(p.rise * (s.J - m['P']) / (p.tau + 0.005 * p.rise)) / p.rise,
     'functional_fatigue': lambda s, p, m: abs(s.dx),
     'stress_dependent_transformation_strain': lambda s, p, m: (
         (missing_share(s, p) - m['m']) * s.dx / s.x if s.dx > 0.0 else 0.0

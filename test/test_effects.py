@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from flows import MODES, Point, active, admitted, called, make_model, neutral
+from scipy.integrate import quad
 
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
@@ -301,16 +302,32 @@ def test_sensor_lag_shows_the_past_only():
     assert shown['alpha_rad'][:398] == pytest.approx(np.array(lagging[::50]), abs=2e-4)
 
 
-def test_driver_lag_is_a_first_order_filter_of_the_heating():
+def heat_taken(lag):
+    """Heat [J] that a wire without losses has taken 1 s after 0.2 W were switched on."""
     source = Input(np.array([0.0, 1.0]), np.array([[0.0, 0.2, 298.0], [0.0, 0.2, 298.0]]), (True, False, False))
+    model = make_model('wire', 'hybrid', [lag], wire__lambda=0.0, initial__x_M_1=0.0, solver__rtol=1e-8)
+    end, w = simulate(model, source, np.array([1.0]))['T_K'][0], model.compiled.wire
+    return (end - 298.0) * w.volume * (w.rho * w.c_V + 0.5 * (298.0 + end) * w.d * w.sigma_T**2)
+
+
+def test_driver_lag_is_a_first_order_filter_of_the_heating():
     tau = 0.3
-    lag = [active('driver_lag', [tau])]
-    model = make_model('wire', 'hybrid', lag, wire__lambda=0.0, initial__x_M_1=0.0, solver__rtol=1e-8)
-    end = simulate(model, source, np.array([1.0]))['T_K'][0]
-    w = model.compiled.wire
     heat = 0.2 * (1.0 - tau * (1.0 - math.exp(-1.0 / tau)))
-    capacity = w.volume * (w.rho * w.c_V + 0.5 * (298.0 + end) * w.d * w.sigma_T**2)
-    assert end - 298.0 == pytest.approx(heat / capacity, rel=1e-5)
+    assert heat_taken(active('driver_lag', [tau, 0.0])) == pytest.approx(heat, rel=1e-5)
+
+
+@pytest.mark.parametrize('tau', [0.0, 0.1])
+def test_driver_of_limited_rate_takes_its_time(tau):
+    rise = 3.0  # [s/W]
+    g = rise / (tau + 0.005 * rise)  # sinh(g (J - P)) decays at the rate g/rise
+    lacking = quad(lambda t: math.asinh(math.sinh(0.2 * g) * math.exp(-g * t / rise)) / g, 0.0, 1.0)[0]
+    assert heat_taken(active('driver_lag', [tau, rise])) == pytest.approx(0.2 - lacking, rel=1e-5)
+
+
+def test_driver_of_limited_rate_lags_without_a_limit():
+    assert heat_taken(active('driver_lag', [0.3, 1e-4])) == pytest.approx(
+        heat_taken(active('driver_lag', [0.3, 0.0])), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize(
