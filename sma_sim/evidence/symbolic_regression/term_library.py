@@ -86,6 +86,8 @@ def heat_terms() -> tuple[Term, ...]:
         times(fraction, above),
         times(Term('speed', 'abs(s.deps)', '1/s', ('deps',)), above),
         Term('exchange', 's.T_other - s.T', 'K', ('T_other', 'T')),
+        Term('forming', 'max(0.0, s.dx)', '1/s', ('dx',)),
+        Term('reverting', 'max(0.0, -s.dx)', '1/s', ('dx',)),
         *of_time(),
         *(times(above, term) for term in of_time()),
         averaged_term('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
@@ -102,6 +104,7 @@ def power_terms() -> tuple[Term, ...]:
         Term('J_bent', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (
             ShapeParameter('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
         times(command, Term('x', 's.x', '-', ('x',))),
+        times(command, Term('x_square', 's.x ** 2', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
         *(times(command, term) for term in of_time()),
         averaged_term('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
@@ -171,9 +174,11 @@ def coordinate_terms(on: CoordinateVariable, wires: int) -> tuple[Term, ...]:
     shapes = of_variable(on.name, f's.{on.name}', on.unit, on.name)
     value = Term(on.name, f's.{on.name}', on.unit, (on.name,))
     gradient = [Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',))] if wires == 2 else []
+    width = ShapeParameter('width', on.unit, 'width', on.name, description='width')
     return (
         CONSTANT,
         *(shapes if on.guided else shapes[:6]),
+        Term(f'{on.name}_saturating', f'math.tanh(s.{on.name} / {{width}})', '-', (on.name,), (width,)),
         *friction('hinge' if turns else 'slide', f's.{on.rate}', on.unit, on.name, scale),
         Term('warmth', mean_temperature(wires), 'K', ('T',)),
         *(gradient if on.guided else ()),
