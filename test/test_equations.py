@@ -18,7 +18,7 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
-from sma_sim.evidence.symbolic_regression.propose import propose
+from sma_sim.evidence.symbolic_regression.propose import FormulaSearch, propose
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, shape_grid
 from sma_sim.evidence.symbolic_regression.stability import stabilities
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial
@@ -139,7 +139,7 @@ def ripple():
         context = SearchContext(pool, Event())
         request = DiagnosisRequest('mas')
         nominal = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), context)
-        return case, nominal, propose([nominal], context)
+        return case, nominal, propose([nominal], FormulaSearch(context))
 
 
 def test_the_equation_of_a_hidden_effect_is_found(ripple):

@@ -41,7 +41,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import leaves_something, select_forward, tempered_again
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit, on_uneven_specimen
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
-from sma_sim.evidence.symbolic_regression.propose import Proposal, propose
+from sma_sim.evidence.symbolic_regression.propose import FormulaSearch, Proposal, propose
 from sma_sim.model.config import Config
 
 ModelPath = list[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
@@ -247,11 +247,12 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     implausible = () if context.stop.is_set() else implausible_in(nominal, context)
     nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
     base = on_uneven_specimen(nominal, data.training, config, request, context)
-    steps = select_forward(tempered_again(base, context), context)
+    formulas = FormulaSearch(context) if request.equation else None
+    steps = select_forward(tempered_again(base, context), context, formulas.explains if formulas else None)
     if steps and (steps[0].base.problem.differences or steps[0].accepted is None):
         nominal = steps[0].base
     path, eliminations = model_path(nominal, steps, context)
-    end = conclusion(path, data, request, context)
+    end = conclusion(path, data, request, formulas, context)
     ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
     confounding = {
         step.accepted.name: confoundings(step, context.pool)
@@ -299,13 +300,15 @@ class Conclusion:
     proposal: Proposal | None
 
 
-def conclusion(path: ModelPath, data: StageData, request: DiagnosisRequest, context: SearchContext) -> Conclusion:
+def conclusion(
+    path: ModelPath, data: StageData, request: DiagnosisRequest, formulas: FormulaSearch | None, context: SearchContext
+) -> Conclusion:
     """Let formulas compete with the effects where these leave more than noise, and read the held-out runs."""
     stages = [provisional_stage(data, kind, fit, context) for kind, fit in path]
     fits, proposal = [fit for _, fit in path], None
-    if request.equation and not context.stop.is_set():
+    if formulas is not None and not context.stop.is_set():
         fits[-1] = replace(fits[-1], is_bent=is_bent(fits[-1], context))
-        proposal = propose(fits, context) if leaves_room(fits[-1], data.limit) else None
+        proposal = propose(fits, formulas) if leaves_room(fits[-1], data.limit) else None
     if proposal is not None:
         last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
         stages.append(final_stage(data, 'formula', proposal.fit, context))

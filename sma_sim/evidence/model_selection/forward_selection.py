@@ -6,7 +6,7 @@ What later effects say of earlier ones is asked in the end (`backward_eliminatio
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from sma_sim.evidence.estimation.cross_validation import cross_validated
@@ -33,12 +33,21 @@ from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.model.effects.discovery import FoundEffect
 
 
-def select_forward(nominal: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
-    """Steps until nothing more is gained; the last one accepts nothing (unless stopped or full)."""
+def select_forward(
+    nominal: FitResult, context: SearchContext, unlisted_explains: Callable[[FitResult], bool] | None = None
+) -> tuple[SelectionStep, ...]:
+    """Steps until nothing more is gained; the last one accepts nothing (unless stopped or full).
+
+    `unlisted_explains`: whether a law that is not listed explains alone, beside a base, all that effects do not. It is asked
+    before effects are put together (`points_beyond_library`); then no effect is accepted.
+    """
     base, steps = nominal, list[SelectionStep]()
     while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
         step = selection_step(base, context)
         steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
+        first = [*steps, step][0]
+        if unlisted_explains and points_beyond_library(step, len(steps)) and unlisted_explains(first.base):
+            return (replace(first, accepted=None, after=None),)
         full = len(steps) + 2 > CRITERIA.max_effects
         steps += [step] if step.accepted is not None or full else pair_steps(step, context)
         accepted = steps[-1].accepted
@@ -52,6 +61,19 @@ def select_forward(nominal: FitResult, context: SearchContext) -> tuple[Selectio
         if not (leaves_something(base) or base.is_bent):
             return (*steps, SelectionStep(base, (), (), None))
     return tuple(steps)
+
+
+def points_beyond_library(step: SelectionStep, accepted_before: int) -> bool:
+    """Whether a step leaves so much, for all that listed effects do, that a law which is not listed may explain it alone.
+
+    It leaves what no model of the system may leave, and is no longer the first one, or accepts nothing, or an effect that
+    leaves at most half of that has unrealistic values: it imitates.
+    """
+    left = (step.base if step.accepted is None else step.accepted.fit).error
+    if step.stopped or left <= unexplained_above(step.base.problem.span):
+        return False
+    imitating = min((one.fit.error for one in step.candidate_fits if not one.plausible), default=math.inf)
+    return accepted_before > 0 or step.accepted is None or imitating <= CRITERIA.imitation_error_ratio * left
 
 
 def tempered_again(fit: FitResult, context: SearchContext) -> FitResult:

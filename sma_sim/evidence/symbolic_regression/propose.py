@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sma_sim.evidence.data.tables import write_whole
@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, is_bent
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import step_with
+from sma_sim.evidence.model_selection.forward_selection import leaves_something, step_with
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.formula import Formula
@@ -102,15 +102,35 @@ class Proposal:
         return path
 
 
-def propose(path: Sequence[FitResult], context: SearchContext) -> Proposal | None:
+@dataclass
+class FormulaSearch:
+    """Searches for formulas, each model's once."""
+
+    context: SearchContext
+    rankings: list[tuple[FitResult, list[FormulaFit]]] = field(default_factory=list)
+
+    def ranking(self, base: FitResult) -> list[FormulaFit]:
+        """The formulas that were refitted on a model, by their cross-validated error."""
+        for known, ranking in self.rankings:
+            if known.problem is base.problem and known.z is base.z:
+                return ranking
+        self.rankings.append((base, refitted_formulas(base, self.context)))
+        return self.rankings[-1][1]
+
+    def explains(self, base: FitResult) -> bool:
+        """Whether a formula alone leaves nothing that another explanation could be seen to explain better."""
+        return any(not leaves_something(one.candidate.fit) for one in self.ranking(base)[:1])
+
+
+def propose(path: Sequence[FitResult], search: FormulaSearch) -> Proposal | None:
     """Find a formula that explains better than known effects, instead of them or beside them.
 
     Parameters
     ----------
     path
         Fits to the training runs: the nominal model, then those with known effects, to the last.
-    context
-        Runs the simulations; its `seed` is that of the random halves of the data.
+    search
+        Searches for formulas; the `seed` of its context is that of the random halves of the data.
 
     Returns
     -------
@@ -122,9 +142,9 @@ def propose(path: Sequence[FitResult], context: SearchContext) -> Proposal | Non
     first, best, found = path[0], path[-1], None
     beside = [path[-1]] if len(path) > 1 and path[-1].error > CRITERIA.noise_only else []
     for base in (first, *beside):
-        if context.stop.is_set() or (found is not None and best.error <= CRITERIA.noise_only):
+        if search.context.stop.is_set() or (found is not None and best.error <= CRITERIA.noise_only):
             break
-        proposal = proposal_for(base, best, context)
+        proposal = proposal_for(base, best, search)
         if proposal is not None:
             best, found = proposal.fit, replace(proposal, error_before=path[-1].prediction_error)
     return found
@@ -151,9 +171,9 @@ def is_better(fit: FitResult, known: FitResult) -> bool:
     return fit.prediction_error <= (1.0 - least) * known.prediction_error
 
 
-def proposal_for(base: FitResult, known: FitResult, context: SearchContext) -> Proposal | None:
+def proposal_for(base: FitResult, known: FitResult, search: FormulaSearch) -> Proposal | None:
     """The best formula on a model, if it is better than the effects of the last one."""
-    ranking = refitted_formulas(base, context)
+    ranking, context = search.ranking(base), search.context
     if not ranking:
         return None
     best = ranking[0].candidate.fit
