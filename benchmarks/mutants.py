@@ -370,11 +370,11 @@ def main() -> None:
     parser.add_argument('--budget', type=float, default=60.0, help='most processor time of the tests of a mutant [s]')
     parser.add_argument('--minutes', type=float, default=600.0, help='no mutant starts later')
     parser.add_argument('--native', action='store_true', help='run those that survived as plain Python again')
-    parser.add_argument('--room', default='', help='only files whose path contains this')
+    parser.add_argument('--room', default='', help='draw from files whose path contains this')
     parser.add_argument('--file', type=Path, default=Path('mutants.jsonl'))
     given = parser.parse_args()
     done = results_in(given.file)
-    wanted = [mutant for mutant in drawn(ROOT, ROOMS, given.count, given.seed) if given.room in mutant.path]
+    wanted = drawn(ROOT, ROOMS, given.count, given.seed, given.room)
     wanted = [mutant for mutant in wanted if (is_open(done.get(mutant.key)) if given.native else mutant.key not in done)]
     with tempfile.TemporaryDirectory() as home:
         trees = [copied(Path(home) / f'tree{k}') for k in range(given.jobs)]
