@@ -1,4 +1,4 @@
-"""Rows of samples, rows of inputs, starts and fixed steps by themselves, in plain Python: against differences and each other."""
+"""Samples, inputs, starts and fixed steps by themselves, in plain Python: against differences and against each other."""
 
 import numpy as np
 import pytest
@@ -120,12 +120,11 @@ def test_inputs_that_are_none():
     times, values = np.array([0.0, 1.0]), np.zeros((2, 2))
     assert Input(times, values, (False, False)).names == ()
     for wrong in (
-        (times, values[:, :1], (False, False)), (times, values[:1], (False, False)), (times[None, :], values, (False, False)),
-        (times[:0], values[:0], (False, False)), (np.zeros(2), values, (False, False)), (times[::-1], values, (False, False)),
-        (np.array([0.0, np.inf]), values, (False, False)), (times, values + np.nan, (False, False)),
+        (times, values[:, :1]), (times, values[:1]), (times[None, :], values), (times[:0], values[:0]),
+        (np.zeros(2), values), (times[::-1], values), (np.array([0.0, np.inf]), values), (times, values + np.nan),
     ):  # fmt: skip
         with pytest.raises(ValueError, match='input: '):
-            Input(*wrong)
+            Input(*wrong, (False, False))
 
 
 def test_steps_of_an_imposed_strain_are_those_one_by_one():
