@@ -52,6 +52,7 @@ TESTS = {
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
         'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts', 'jumps_and_starts',
         'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents', 'solver_parts', 'compile',
+        'paper_parts',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -60,7 +61,7 @@ TESTS = {
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
         'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
-        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents', 'solver_parts',
+        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents', 'solver_parts', 'paper_parts',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',

@@ -5,6 +5,7 @@ import pytest
 from systems import WHOLE_ROWS, active, make_model
 
 from sma_sim import Config, Input, Model, module_input, wire_input
+from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_F, SystemState
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import numbers, record
@@ -13,6 +14,7 @@ from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
 from sma_sim.solver.inputs import pieces
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUMNS, observe, of_wire
+from sma_sim.solver.linear import eliminate, elimination, solve_eliminated
 from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.simulate import new_run, new_work
 from sma_sim.solver.stepper import Segment
@@ -201,14 +203,30 @@ def test_heating_of_each_wire_of_a_bundle():
     assert heating_of_wire(wire, {'J_W': J}, 0) is J
 
 
-def test_a_requested_start_is_where_the_run_begins():
-    for fractions in ([0.2, 0.7], [0.0, 1.0]):
-        for kind in ('hybrid', 'mas'):
-            model = make_model('module', kind, initial__x_M_1=fractions[0], initial__x_M_2=fractions[1])
-            run, p = new_run(model, np.array([7.0, 305.0]), new_work(model)), model.compiled
-            assert run.state.y[p.first_T : p.first_T + 2].tolist() == [305.0, 305.0]  # unheated
-            x = run.state.y[p.first_x : p.first_x + 2] if p.mas else run.state.x_frozen
-            assert x.tolist() == run.state.x_frozen.tolist() and not run.state.y[3:6].any()
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_a_requested_fraction_that_is_admitted_is_that_of_the_start(kind):
+    """Those between the two at which the stress lies on an edge of the hysteresis; each wire for itself."""
+    model, u = make_model('module', kind), np.array([7.0, 305.0])
+    p = model.compiled
+    edges = [new_run(model, u, new_work(model), np.full(2, which)).state.x_frozen[0] for which in (np.nan, np.inf)]
+    low, high = min(edges), max(edges)
+    assert 0.0 < high - low < 1.0
+    for part in (0.3, 0.8):
+        requested = low + (high - low) * np.array([part, 1.0 - part])
+        run = new_run(model, u, new_work(model), requested)
+        assert run.state.x_frozen == pytest.approx(requested, abs=1e-12) and (run.state.mode == INNER).all()
+        assert run.state.y[p.first_T : p.first_T + 2].tolist() == [305.0, 305.0] and not run.state.y[3:6].any()
+        assert not p.mas or run.state.y[p.first_x : p.first_x + 2].tolist() == run.state.x_frozen.tolist()
+
+
+def test_elimination_of_whole_numbers():
+    """Factors of one and of zero are factors too; what has no entry stays as it was."""
+    J = -np.array([[2.0, 1.0, 0.0], [2.0, 3.0, 4.0], [4.0, 0.0, 7.0]])
+    e = elimination(J != 0.0, np.arange(3), np.zeros(0, dtype=bool))
+    A, x = np.full((3, 3), np.nan), np.array([1.0, 2.0, 3.0])
+    assert eliminate(J, 0.0, A, e)
+    solve_eliminated(A, e, x)
+    assert x == pytest.approx(np.linalg.solve(-J, [1.0, 2.0, 3.0])) and np.isnan(A[0, 2])
 
 
 def test_wires_have_commands_and_ambient_temperatures_of_one_value_or_many():
