@@ -6,16 +6,18 @@ from systems import WHOLE_ROWS, active, make_model
 
 from sma_sim import Config, Input, Model, module_input, wire_input
 from sma_sim.model.automaton import INNER
-from sma_sim.model.layout import O_DL, O_F, SystemState
+from sma_sim.model.layout import O_DL, O_F, O_X, SystemState
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import numbers, record
 from sma_sim.solver.columns import named_columns, new_samples, places, sample_columns, sampled_numbers
-from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.effect_table import channel_scales, own_scratch, state_scales
+from sma_sim.solver.events import remember_fraction
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
 from sma_sim.solver.inputs import pieces
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUMNS, observe, of_wire
-from sma_sim.solver.linear import eliminate, elimination, solve_eliminated
+from sma_sim.solver.linear import DENSE, eliminate, elimination, solve_eliminated
 from sma_sim.solver.sampling import needed_for, sample_numbers
+from sma_sim.solver.series import elimination_of
 from sma_sim.solver.simulate import new_run, new_work
 from sma_sim.solver.stepper import Segment
 from sma_sim.solver.wire_columns import heating_of_wire
@@ -150,11 +152,11 @@ def test_steps_of_an_imposed_strain_are_those_one_by_one():
 def test_a_clock_that_is_set_back_shows_the_same():
     model = make_model('module')
     run = FixedRateRun(model, 1000.0, np.array([0.0, 298.0]))
-    run.step(np.array([20.0, 298.0]), 30)
+    run.step(np.array([20.0, 298.0]), 8)
     shown, jumped = run.sample.copy(), run.run.control.copy()
     run.restart_clock(np.array([20.0, 298.0]))
     assert run.time == 0.0 and (run.sample == shown).all()
-    moved = dict.fromkeys((C_WINDOW, of_wire(0, C_LAST_JUMP), of_wire(1, C_LAST_JUMP)), 0.03)  # all that is a time
+    moved = dict.fromkeys((C_WINDOW, of_wire(0, C_LAST_JUMP), of_wire(1, C_LAST_JUMP)), 0.008)  # all that is a time
     assert jumped - run.run.control == pytest.approx([moved.get(k, 0.0) for k in range(len(jumped))])
 
 
@@ -234,3 +236,40 @@ def test_wires_have_commands_and_ambient_temperatures_of_one_value_or_many():
     assert source.values.tolist() == [[0.0, 0.5, 300.0], [0.02, 0.0, 300.0]] and source.linear == (True, False, False)
     heated = module_input([0.0, 1.0], [3.0, 0.0], T_E=[290.0, 310.0], linear=True)
     assert heated.values.tolist() == [[3.0, 290.0], [0.0, 310.0]] and heated.linear == (True, False)
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_segments_on_which_an_effect_acts_are_eliminated_as_dense_ones(kind):
+    """Whatever its port: an effect may let a segment depend on any other."""
+    for effect in ('', 'thermal_expansion', 'sensor_lag', 'driver_lag'):
+        effects = (active(effect),) if effect else ()
+        model = Model(Config({'stack.modules': 2.0}, 'stack', kind, effects))
+        found = elimination_of(model.compiled, model.structure, len(model.scales))
+        assert (found is DENSE) == bool(effect)
+        assert effect or sorted(found.order.tolist()) == list(range(len(model.scales)))
+
+
+def test_fractions_are_remembered_where_they_follow_from_the_stress():
+    model = make_model('module')
+    obs = np.zeros((2, O_DL))
+    obs[:, O_X] = 0.3, 0.6
+    for modes, kept in (((4, 3), [0.3, 0.8]), ((1, 5), [0.8, 0.6]), ((2, 3), [0.8, 0.8]), ((5, 4), [0.3, 0.6])):
+        state = SystemState(np.zeros(8), np.array(modes), np.full(2, 0.8))
+        remember_fraction(state, model.compiled, obs)
+        assert state.x_frozen.tolist() == kept
+    remember_fraction(state, make_model('module', 'mas').compiled, np.zeros_like(obs))
+    assert state.x_frozen.tolist() == kept
+
+
+@pytest.mark.parametrize('system', ['module', 'wire', 'lever', 'spatial'])
+def test_what_lags_behind_a_sensor_has_the_size_of_what_it_shows(system):
+    """A coordinate and a temperature that are shown late are controlled as they are themselves."""
+    model = Model(Config(system=system, effects=(active('sensor_lag'),)))
+    p, channels = model.compiled, model.structure.channels
+    sizes = dict(zip(channels, channel_scales(model.structure), strict=True))
+    for i, suffix in enumerate(model.structure.wire_suffixes):
+        assert sizes[f'T{suffix}'] == model.scales[p.first_T + i]
+    for coordinate in model.structure.coordinates:
+        assert sizes[coordinate.name] == coordinate.sensor_size(model.structure.default_constants)
+    lagging = model.scales[p.first_T + p.wires :]
+    assert len(lagging) == len(state_scales(active('sensor_lag').found.effect, model.structure)) > 0
