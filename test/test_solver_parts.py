@@ -1,14 +1,18 @@
 """Samples, inputs, starts and fixed steps by themselves, in plain Python: against differences and against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from systems import WHOLE_ROWS, active, make_model
 
-from sma_sim import Config, Input, Model, module_input, wire_input
+from sma_sim import Config, Input, Model, module_input, simulate, wire_input
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_F, O_X, SystemState
-from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import numbers, record
+from sma_sim.solver import simulate as simulation
 from sma_sim.solver.columns import named_columns, new_samples, places, sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import channel_scales, own_scratch, state_scales
 from sma_sim.solver.events import remember_fraction
@@ -18,8 +22,9 @@ from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUM
 from sma_sim.solver.linear import DENSE, eliminate, elimination, solve_eliminated
 from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.series import elimination_of
-from sma_sim.solver.simulate import new_run, new_work
+from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.stepper import Segment
+from sma_sim.solver.structure_kernels import check_gradients
 from sma_sim.solver.wire_columns import heating_of_wire
 
 MOVING = sorted(name for name, found in package_structures().items() if found.structure.coordinates)
@@ -273,3 +278,62 @@ def test_what_lags_behind_a_sensor_has_the_size_of_what_it_shows(system):
         assert sizes[coordinate.name] == coordinate.sensor_size(model.structure.default_constants)
     lagging = model.scales[p.first_T + p.wires :]
     assert len(lagging) == len(state_scales(active('sensor_lag').found.effect, model.structure)) > 0
+
+
+def test_jumps_of_fixed_steps_are_taken_once():
+    """Those since they were asked for last, as the run of many steps at once has them."""
+    model = make_model('module')
+    run, whole = (FixedRateRun(model, 1000.0, np.array([0.0, 298.0])) for _ in range(2))
+    run.step(np.array([15.0, 298.0]), 400)
+    taken = run.take_jumps()
+    assert taken and run.take_jumps() == ()
+    run.step(np.array([-15.0, 298.0]), 400)
+    whole.step(np.array([15.0, 298.0]), 400)
+    assert whole.take_jumps() == taken and all(0.0 < jump.t <= 0.4 for jump in taken)
+    later = run.take_jumps()
+    assert later and all(0.4 <= jump.t <= 0.8 for jump in later)
+
+
+@pytest.mark.parametrize('name', [name for name in MOVING if package_structures()[name].structure.lengths])
+def test_a_wrong_gradient_is_told_by_its_wire_and_coordinate(name):
+    """Right ones pass; one that is off by a thousandth, anywhere, does not."""
+    structure = package_structures()[name].structure
+    structure = structure.segment or structure
+    constants, n = structure.default_constants, len(structure.coordinates)
+    scales = np.array([coordinate.size(constants) for coordinate in structure.coordinates])
+
+    def slopes(q, p, off=None):
+        made, pose = type(q), np.array(q)
+        found = np.zeros((structure.wires, n))
+        for j in range(n):
+            for weight, k in ((45.0 / 60.0, 1), (-9.0 / 60.0, 2), (1.0 / 60.0, 3)):
+                step = 0.01 * k * scales[j] * (np.arange(n) == j)
+                ahead, behind = (np.array(numbers(structure.lengths(made(*(pose + s * step)), p))) for s in (1.0, -1.0))
+                found[:, j] += weight * (ahead - behind) / (0.01 * scales[j])
+        if off is not None:
+            found[off] += 1e-3 * np.abs(found).max()
+        return tuple(found.ravel())
+
+    check_gradients(replace(structure, gradients=slopes), constants)
+    for i in range(structure.wires):
+        for j in range(n):
+            wrong = replace(structure, gradients=lambda q, p, off=(i, j): slopes(q, p, off))
+            with pytest.raises(StructureError, match=f'for wire {i + 1} in {structure.coordinate_names[j]}'):
+                check_gradients(wrong, constants)
+
+
+def test_errors_are_weighed_by_the_tolerance_and_the_sizes_of_states():
+    """Difference steps too, and what counts as stalled: the step that a method of fourth order makes at a tolerance."""
+    for rtol, shorter in ((1e-4, 1.0), (1e-2, 1.0), (1e-4 / 16.0, 0.5)):
+        model = make_model('module', 'mas', solver__rtol=rtol * DEFAULTS['solver.rtol'].default / 1e-4)
+        work = new_work(model)
+        assert work.weight == pytest.approx(model.config.parameters['solver.rtol'] * model.scales)
+        assert work.increment == pytest.approx(1e-7 * model.scales)
+        assert stall_step(model) == pytest.approx(1e-6 * shorter)
+
+
+def test_progress_is_the_share_of_rows_that_are_done(monkeypatch):
+    monkeypatch.setattr(simulation, 'PIECES_AT_ONCE', 2)
+    source, told = module_input(np.linspace(0.0, 0.05, 6).tolist(), [0.0, 1.0, 2.0, 3.0, 4.0, 4.0]), []
+    assert simulate(make_model('module'), source, 100.0, progress=told.append).completed
+    assert told == pytest.approx([2.0 / 6.0, 4.0 / 6.0, 1.0])
