@@ -245,7 +245,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
     best, *others = found.findings
     assert found.error > 2.0 and found.verdict == 'power' and best.error < 1.2
     assert set(found.indistinguishable) == {'heat'} and all(finding.error > 1.08 * best.error for finding in others)
-    assert 1.0 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
+    assert 0.8 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
     assert all(finding.error > 1.3 for finding in others if not finding.name.startswith('heat')) and set(
         best.parameters
     ) >= {'wire.lambda', 'beam.E'}
