@@ -1,4 +1,4 @@
-"""Python programs that start in a tenth of a second: forks of a process that has imported what they import.
+"""Python programs that start for a quarter of the processor time: forks of a process that has imported what they import.
 
 A node imports for a second and more before it does anything, and the tests start a hundred. `Program` stands in for
 `subprocess.Popen`; each program has its own environment, folder, arguments and streams, and ends as one that was started
