@@ -51,7 +51,8 @@ TESTS = {
         'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
         'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts', 'jumps_and_starts',
-        'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents',
+        'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents', 'solver_parts', 'compile',
+        'paper_parts',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -60,7 +61,7 @@ TESTS = {
         'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
         'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
-        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents',
+        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents', 'solver_parts', 'paper_parts',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
@@ -370,11 +371,11 @@ def main() -> None:
     parser.add_argument('--budget', type=float, default=60.0, help='most processor time of the tests of a mutant [s]')
     parser.add_argument('--minutes', type=float, default=600.0, help='no mutant starts later')
     parser.add_argument('--native', action='store_true', help='run those that survived as plain Python again')
-    parser.add_argument('--room', default='', help='only files whose path contains this')
+    parser.add_argument('--room', default='', help='draw from files whose path contains this')
     parser.add_argument('--file', type=Path, default=Path('mutants.jsonl'))
     given = parser.parse_args()
     done = results_in(given.file)
-    wanted = [mutant for mutant in drawn(ROOT, ROOMS, given.count, given.seed) if given.room in mutant.path]
+    wanted = drawn(ROOT, ROOMS, given.count, given.seed, given.room)
     wanted = [mutant for mutant in wanted if (is_open(done.get(mutant.key)) if given.native else mutant.key not in done)]
     with tempfile.TemporaryDirectory() as home:
         trees = [copied(Path(home) / f'tree{k}') for k in range(given.jobs)]

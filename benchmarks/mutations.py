@@ -160,9 +160,10 @@ def same_code(first: CodeType, second: CodeType) -> bool:
     return all(same_code(a, b) if isinstance(a, CodeType) else repr(a) == repr(b) for a, b in pairs)
 
 
-def drawn(root: Path, rooms: Iterable[str], count: int, seed: int) -> list[Mutant]:
-    """So many different ones of all rooms, in an order that a seed decides."""
-    every = [mutant for room in rooms for path in sorted((root / room).rglob('*.py')) for mutant in mutants_of(path, root)]
+def drawn(root: Path, rooms: Iterable[str], count: int, seed: int, part: str = '') -> list[Mutant]:
+    """So many different ones of all files in rooms whose path contains a part, in an order that a seed decides."""
+    files = [path for room in rooms for path in sorted((root / room).rglob('*.py'))]
+    every = [mutant for path in files if part in path.relative_to(root).as_posix() for mutant in mutants_of(path, root)]
     chosen: list[Mutant] = []
     for mutant in random.Random(seed).sample(every, len(every)):
         if len(chosen) == count:

@@ -1,30 +1,40 @@
 """Compiling: what is compiled, when it is loaded instead, in several threads and processes, and what a person reads."""
 
+import ctypes
 import json
 import os
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
+import compiled_helpers as helpers
 import numba
 import numpy as np
 import pytest
+from compiled_helpers import doubled
 
 from sma_sim import Input, Model, simulate
 from sma_sim.cli.main import main
 from sma_sim.solver import first_start
+from sma_sim.solver.by_reference import is_large, size_of
 from sma_sim.solver.compile import (
     OUT_OF_LINE,
     Compiler,
+    cache_folder,
+    carray,
     content_key,
+    first_lines_of,
+    is_compiled,
     package_compiler,
     reachable,
     user_cache,
     write_source,
 )
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.fragments import on_compiled
+from sma_sim.solver.fragments import ENTRY, FRAGMENT, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -71,6 +81,39 @@ def main():
 """
 
 
+class Small(NamedTuple):
+    a: float
+    b: float
+
+
+class Large(NamedTuple):
+    flag: bool
+    small: Small
+    table: np.ndarray
+    more: tuple[float, float, float, float, float]
+    count: int
+
+
+class Larger(NamedTuple):
+    large: Large
+    factor: float
+
+
+def in_part(k, one, small):
+    return one.table[k, 1] * one.count + small.b + one.more[k] if one.flag else 0.0
+
+
+def in_whole(k, both, out):
+    out[0] = in_part(k, both.large, both.large.small)
+    out[1] = helpers.doubled(in_part(1, both.large, both.large.small))
+    return both.factor * both.large.small.a
+
+
+def five_addresses(a, b, c, d, out):
+    written = carray(out, 2)
+    written[1] = doubled(carray(a, 2)[1])
+
+
 @pytest.fixture
 def started(tmp_path):
     """Start the user's program with a cache of its own; its process."""
@@ -78,10 +121,6 @@ def started(tmp_path):
     environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONPATH': f'{ROOT}{os.pathsep}{tmp_path}'}
     words = [sys.executable, '-c', 'import user; user.main()']
     return lambda: subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
-
-
-def doubled(number):
-    return 2.0 * number
 
 
 def result_of(process):
@@ -96,6 +135,49 @@ def test_processes_that_start_at_once_share_a_cache(started):
         *values, _, versions = result_of(process)
         assert values[:3] == values[3:] == [8.0, 25.0, 14.0] and versions <= 1
     assert result_of(started())[-2:] == [1, 0]
+
+
+def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
+    """In this process, with the compiler switched on: large and small records, helpers in another module, a C function."""
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    one = Larger(Large(True, Small(1.5, 2.5), np.arange(8.0).reshape(4, 2), (1.0, 2.0, 3.0, 4.0, 5.0), 7), 3.0)
+    numbers_in = numba.typeof(one)
+    assert size_of(numbers_in) == 11 and is_large(numbers_in) and not is_large(numbers_in[0][1])
+    made, work = Compiler('own', (__name__, helpers.__name__)), []
+    on_compiled.append(work.append)
+    try:
+        out, expected = np.zeros(2), np.zeros(2)
+        assert made.function(in_whole)(3, one, out) == in_whole(3, one, expected) == 4.5
+        assert out.tolist() == expected.tolist() == [7 * 7 + 2.5 + 4.0, 2.0 * (3 * 7 + 2.5 + 2.0)]
+        assert made.function(in_whole)(3, one._replace(large=one.large._replace(flag=False)), out) == 4.5 and not out.any()
+    finally:
+        on_compiled.remove(work.append)
+    assert sorted(work) == [FRAGMENT] * 3 + [ENTRY]  # the entry, and once each what it calls
+    native, numbers = made.native(five_addresses, doubled), np.array([3.0, 4.0, 0.0, 0.0])
+    pointers = [ctypes.c_void_p(numbers[k:].ctypes.data) for k in (0, 0, 0, 0, 2)]
+    ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)(native.address)(*pointers)
+    assert numbers.tolist() == [3.0, 4.0, 0.0, 8.0]
+
+
+def test_what_is_compiled_is_known_before_it_is_loaded(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    assert not is_compiled()
+    kept = cache_folder(content_key()) / '__pycache__'
+    kept.mkdir()
+    (kept / 'start.start-1.py311.nbi').write_text('')
+    assert is_compiled() and kept.is_relative_to(tmp_path)
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 1)
+    assert is_compiled()
+    monkeypatch.setenv('XDG_CACHE_HOME', str(kept / 'start.start-1.py311.nbi'))  # a file, in which there is no folder
+    assert cache_folder('key').is_relative_to(tempfile.gettempdir())
+
+
+def test_the_first_lines_of_an_error_say_what_is_wrong():
+    said = 'Failed in nopython mode\n\nNo implementation of f\n  File "a.py", line 3:\n^^^\nfor x\nhere\nthere\n'
+    assert first_lines_of(ValueError(said)) == 'No implementation of f for x here'
+    assert first_lines_of(ValueError('')) == 'ValueError'
 
 
 def test_threads_do_not_take_each_others_cache_folder(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ import time
 from contextlib import contextmanager
 from functools import cache
 
+import fork_server
 import numpy as np
 import pytest
 
@@ -64,9 +65,8 @@ def worst(one, channel, begin=0):
 def beside(one, *arguments):
     """`sma_model_check` in the domain of a running robot; gives a list that holds its log afterwards."""
     words = [sys.executable, '-m', CHECK, '--ros-args', *QUICK, *arguments]
-    process = subprocess.Popen(
-        words, cwd=ros_client.ROOT, env=one.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    piped = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
+    process = fork_server.started(words, cwd=ros_client.ROOT, env=one.environment, **piped)
     log = []
     try:
         one.until(lambda: one.seen['error_over_noise'], ros_client.FIRST_MESSAGE)

@@ -164,7 +164,7 @@ def test_a_design_tells_more_than_the_default_and_keeps_all_limits(rivals):
         'stress': 'a tenth above what the recordings reached in the model',
     }  # fmt: skip
     data = json.loads(json.dumps(plan_data(plan), allow_nan=False))
-    assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == 20.0
+    assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == SHORT['length']
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']
 
 
@@ -242,14 +242,14 @@ def write_runs(folder, runs):
 
 
 def test_the_command_knows_parameters_better(tmp_path, capsys):
-    write_runs(tmp_path / 'data', measured('', seconds=20.0))
+    write_runs(tmp_path / 'data', measured('', seconds=12.0))
     out, told, page = (tmp_path / name for name in ('next.csv', 'next.json', 'next.html'))
-    words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '20', '--tries', '12']
+    words = ['next', str(tmp_path / 'data'), '--parameters', 'wire.lambda', 'beam.E', '--length', '12', '--tries', '8']
     assert main([*words, '--model', 'mas', '-o', str(out), '--json', str(told), '--report', str(page)]) == 0
     shown = capsys.readouterr().out
     assert 'wire.lambda' in shown and 'time above limits: none' in shown and 'temperature of wire 1 (T_1)' in shown
     source = read_input_file(out, Config(), False)
-    assert source.times[-1] == 20.0 and source.values[-1, 0] == 0.0
+    assert source.times[-1] == 12.0 and source.values[-1, 0] == 0.0
     data = json.loads(told.read_text())
     assert data['kind'] == 'parameters' and data['information_nat']['designed'] > data['information_nat']['default'] > 0.0
     for parameter in data['parameters'].values():
@@ -284,7 +284,7 @@ def test_mistakes_that_need_the_fit(rivals):
     with pytest.raises(UserError, match='beam.E'):
         parameter_combinations(plan.hypotheses[0], DesignRequest((), ('beam.X',), **SHORT))
     with pytest.raises(UserError, match='--max-temperature'):
-        designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **(SHORT | {'length': 4.0})))
+        designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **(SHORT | {'length': 4.0, 'budget': 4})))
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
 

@@ -66,6 +66,8 @@ def test_tangents_of_a_short_run_are_those_of_differences(kinetics):
         slope = (ahead[column] - behind[column]) / 2e-6
         smooth = np.abs(found.slopes[c][inner] - slope) < 0.02 * np.abs(slope).max()
         assert smooth.mean() > 0.9  # not where a row begins
+    before = run_at(config, source, times[-1:] - 1e-4, channels)['T_K']
+    assert found.slopes[channels.index('T')][-1] == pytest.approx((plain['T_K'][-1:] - before)[0] / 1e-4, rel=1e-3)
 
 
 def test_shifts_of_rows_are_derivatives_of_their_times():

@@ -10,6 +10,7 @@ from simulated_data import config, dataset, scaled
 
 from sma_sim import find_effects
 from sma_sim.evidence.estimation.calibrate import FitOptions
+from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.backward_elimination import best_replacement, eliminate_backward
 from sma_sim.evidence.model_selection.candidate_fit import best_acceptable
@@ -58,7 +59,8 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
 @pytest.mark.slow
 def test_a_rival_takes_the_place_of_what_was_accepted_while_another_effect_was_missing(place, first):
     by_name = {one.name: one for one in first.candidate_fits}
-    wrong = replace(first, accepted=by_name['sensor_bias'], after=by_name['sensor_bias'].fit)
+    bias = cross_validated(by_name['sensor_bias'].fit, place)  # as one that is accepted has been
+    wrong = replace(first, accepted=replace(by_name['sensor_bias'], fit=bias), after=bias)
     right = by_name['gravity'].fit
     second = selection_step(wrong.after, place)
     assert second.accepted.name == 'driver_lag'
