@@ -153,4 +153,26 @@ FORMS: dict[str, OtherForm] = {
         'wire_1_friction', 'wire_force', "F_1 -> F_1 (1 + m tanh(v/w))",
         (drawn_parameter('m', '-', 0.03, 0.2, 'friction'), drawn_parameter('w', 'm/s', 3e-5, 3e-4, 'speed')),
         lambda s, w, p: (1.0 - s.wire) * s.F * p.m * math.tanh(s.v / p.w))),
+    'saturating_hinge': form('beam_nonlinearity', ('rotation', ''), law(
+        'saturating_hinge', 'structure_force', 'M = -c tanh(alpha/w)',
+        (drawn_parameter('c', 'N m', 0.005, 0.03, 'largest moment'), drawn_parameter('w', 'rad', 0.02, 0.08, 'angle')),
+        lambda s, b, p: (0.0, 0.0, -p.c * math.tanh(s.alpha / p.w))), 'alpha_saturating'),
+    'forming_heat': form('latent_heat_scale', ('',), law(
+        'forming_heat', 'wire_heat', "Q = q max(x', 0)",
+        (drawn_parameter('q', 'J', 0.15, 0.4, 'further latent heat of one way'),),
+        lambda s, w, p: p.q * max(s.dx, 0.0)), 'forming'),
+    'curved_slopes': form('clausius_clapeyron_mismatch', ('',), law(
+        'curved_slopes', 'transformation_stress', 'both stresses rise by g (T - T_E)^2',
+        (drawn_parameter('g', 'Pa/K^2', 8e3, 3e4, 'curvature of the phase diagram'),),
+        lambda s, w, p: (p.g * (s.T - s.T_E) ** 2, p.g * (s.T - s.T_E) ** 2)), 'T_square', 'T_abs'),  # the same above T_E
+    'wire_1_heating': form('ambient_heating', ('wire_1',), law(
+        'wire_1_heating', 'wire_heat', "tau y' = R n h A_s (T_1 - T_E - y) - y, Q_1 = h A_s y",
+        (drawn_parameter('R', 'K/W', 2.0, 12.0, 'of the air'), drawn_parameter('tau', 's', 8.0, 40.0, 'time constant')),
+        lambda s, w, p, m: (1.0 - s.wire) * w.lambda_ * w.area * m.y, states=('y',), scale=(10.0,),
+        rate=lambda s, w, p, m: ((p.R * w.n * w.lambda_ * w.area * (s.T - s.T_E - m.y) - m.y) / p.tau,))),
+    'wire_1_r_phase': form('r_phase', ('wire_1',), law(
+        'wire_1_r_phase', 'transformation_stress', 'both stresses of wire 1 rise by q max(T_R - T, 0)',
+        (drawn_parameter('q', 'Pa/K', 1e6, 4e6, 'slope'), drawn_parameter('T_R', 'K', 305.0, 320.0, 'begin')),
+        lambda s, w, p: (
+            (1.0 - s.wire) * p.q * max(p.T_R - s.T, 0.0), (1.0 - s.wire) * p.q * max(p.T_R - s.T, 0.0)))),
 }  # fmt: skip
