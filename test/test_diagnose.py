@@ -153,17 +153,21 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
 
 
 @pytest.mark.parametrize(
-    ('bare', 'last', 'best', 'contradicted'),
+    ('bare', 'last', 'contradicted'),
     [
-        ((0.9, 0.7), (0.5, 5.0), 0, True),  # predicted without the effect, and not with it
-        ((3.0, 4.0), (1.0, 5.0), 0, False),  # explained where they were fitted, and further runs by neither
-        ((3.0, 4.0), (2.0, 5.0), 0, True),
-        ((3.0, 4.0), (1.0, 1.0), 1, False),
+        ((0.9, 0.7), (0.5, 5.0), True),  # predicted without the effect, and not with it
+        ((3.0, 4.0), (1.0, 5.0), False),  # explained where they were fitted, and further runs by neither
+        ((3.0, 4.0), (2.0, 5.0), True),
+        ((3.0, 4.0), (1.0, 1.0), False),
+        ((1.5, 1.1), (1.0, 1.2), False),  # predicted by both
     ],
 )
-def test_held_out_runs_contradict_an_effect(bare, last, best, contradicted):
-    stages = [SimpleNamespace(train=train, held_out=held) for train, held in (bare, last)]
-    assert is_contradicted(stages, best) == contradicted
+def test_held_out_runs_contradict_an_effect(bare, last, contradicted):
+    stages = [
+        SimpleNamespace(train=train, held_out=held, effects=effects)
+        for (train, held), effects in ((bare, ()), (last, ('gravity',)))
+    ]
+    assert is_contradicted(stages) == contradicted
 
 
 def cannot_be_made(run):

@@ -7,6 +7,7 @@ import pytest
 
 from sma_sim.evidence.diagnosis import verdict_text
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.diagnosis.proposed_equation import error_words
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.uncertainty import Interval
@@ -185,3 +186,18 @@ def test_every_effect_of_the_library_completes_the_sentence():
     titles = {name: effect.title for name, effect in EFFECTS.items()}
     assert {n: t for n, t in titles.items() if not t or '_' in t or t.endswith('.') or len(t) >= 60} == {}
     assert replace(EFFECTS['driver_lag'], title='').phrase == 'driver lag'
+
+
+def test_a_share_that_an_effect_does_not_explain_is_not_said():
+    worse = diagnosis('missing_effect', candidate('gravity'), errors=(2.0, 3.0))
+    bare, last = worse.stages
+    last.train = 1.0
+    assert 'it explains 75 % of the squared error in the fitted runs, nothing in the held-out runs' in headline(worse)
+    assert (
+        '-' not in headline(diagnosis('missing_effect', candidate('gravity'), errors=(2.0, 1.0))).rpartition('explains')[2]
+    )
+
+
+@pytest.mark.parametrize(('last', 'verb'), [(1.0, 'falls from 2.00 to 1.00'), (3.0, 'rises from 2.00 to 3.00')])
+def test_an_error_that_rises_is_said_to_rise(last, verb):
+    assert f'of the held-out runs {verb} times the noise' in error_words(stage((), 2.0), stage(('f',), last))

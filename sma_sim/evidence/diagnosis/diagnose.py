@@ -311,11 +311,13 @@ def conclusion(
         proposal = propose(fits, formulas) if leaves_room(fits[-1], data.limit) else None
     if proposal is not None:
         last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
-        stages.append(final_stage(data, 'formula', proposal.fit, context))
-        return Conclusion('unknown_effect', last, tuple(stages), None, proposal)
+        stage = final_stage(data, 'formula', proposal.fit, context)
+        if not is_contradicted([*stages, stage], data.limit):
+            return Conclusion('unknown_effect', last, (*stages, stage), None, proposal)
+        context.on_progress('the held-out runs are predicted better without the formula')
     (kind, last), best = path[-1], predicts_best(stages)
-    verdict, pooled = verdict_of(stages[-1], None, data.limit), None
-    if verdict == 'unknown_effect' and is_contradicted(stages, best, data.limit):
+    pooled = None
+    if is_contradicted(stages, data.limit):
         context.on_progress('the held-out runs are predicted better with fewer effects')
         kind, last = 'taken_back', path[best][1]
         stages.append(stages[best])

@@ -128,7 +128,10 @@ def error_words(before: ModelStage, after: ModelStage) -> str:
     kind, first, last = 'held-out', before.held_out, after.held_out
     if not math.isfinite(first + last):
         kind, first, last = 'fitted', before.train, after.train
-    return f'With it the error of the {kind} runs falls from {error_number(first)} to {error_number(last)} times the noise.'
+    changes = 'falls' if last <= first else 'rises'
+    return (
+        f'With it the error of the {kind} runs {changes} from {error_number(first)} to {error_number(last)} times the noise.'
+    )
 
 
 def error_number(value: float) -> str:

@@ -123,9 +123,15 @@ def missing_phrases(diagnosis: Diagnosis) -> list[str]:
 def explained_share(before: ModelStage, after: ModelStage) -> str:
     """Share of the squared error that a model removes, of the held-out runs where there are any."""
     held_out = math.isfinite(before.held_out + after.held_out)
-    first, then = (before.held_out, after.held_out) if held_out else (before.train, after.train)
-    share = 100.0 * (1.0 - (then / first) ** 2)
-    return f'{share:.0f} % of the squared error in the {"held-out" if held_out else "fitted"} runs'
+    if held_out and after.held_out <= before.held_out:
+        return f'{removed_percent(before.held_out, after.held_out):.0f} % of the squared error in the held-out runs'
+    share = f'{removed_percent(before.train, after.train):.0f} % of the squared error in the fitted runs'
+    return f'{share}, nothing in the held-out runs' if held_out else share
+
+
+def removed_percent(before: float, after: float) -> float:
+    """The part of a squared error that is gone, in per cent."""
+    return 100.0 * (1.0 - (after / before) ** 2)
 
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
