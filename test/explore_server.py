@@ -6,8 +6,6 @@ import json
 import time
 from threading import Thread
 
-from fork_server import forked_jobs
-
 from sma_sim.explore.application import Application
 from sma_sim.explore.server import PageServer
 from sma_sim.explore.session import Start, open_session
@@ -30,7 +28,7 @@ if (arguments[2]) slider.dispatchEvent(new Event('change'));
 @contextlib.contextmanager
 def serving(folder, **start):
     """A server with a session in `folder`."""
-    with forked_jobs(), open_session(folder, Start(**start)) as session, PageServer(0) as server:
+    with open_session(folder, Start(**start)) as session, PageServer(0) as server:
         folders = effect_folders_of(None, start.get('words', ()))
         server.application = Application(session, folders, server.tabs.announce)
         thread = Thread(target=server.serve_forever, kwargs={'poll_interval': 0.02})

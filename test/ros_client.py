@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
-import fork_server
 import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install "sma_sim[kilted]"')
@@ -55,8 +54,9 @@ class Simulation:
         self.environment = os.environ | {'ROS_DOMAIN_ID': str(any_domain())}
         command = [sys.executable, '-m', module, '--ros-args', *arguments]
         environment = {'PYTHONPATH': str(ROOT), **self.environment}
-        piped = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
-        self.process = fork_server.started(command, cwd=folder, env=environment, **piped)
+        self.process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
         self.node = rclpy.create_node('client', context=self.context, namespace=namespace)

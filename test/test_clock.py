@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import fork_server
 import numpy as np
 import pytest
 
@@ -143,8 +142,8 @@ def test_two_modules_in_one_domain():
     with ros_client.Simulation('-r', '__ns:=/left', topics=topics) as one:
         one.until(lambda: one.seen['/left/joint_states'], ros_client.FIRST_MESSAGE)
         words = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '__ns:=/right']
-        piped = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
-        other = fork_server.started(words, cwd=ROOT, env=one.environment, **piped)
+        piped = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, 'text': True}
+        other = subprocess.Popen(words, cwd=ROOT, env=one.environment, **piped)
         try:
             one.until(lambda: one.seen['/right/joint_states'], ros_client.FIRST_MESSAGE)
             command = one.publisher(Float64, '/right/J_eq')
@@ -190,8 +189,7 @@ def test_two_nodes_with_one_name_and_a_command_of_another_type():
         one.node.create_publisher(Float32, 'J_eq', 10)
         # The other's diagnosis goes elsewhere, so that what is seen is what the first node found.
         words = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '/diagnostics:=/elsewhere']
-        silent = {'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
-        other = fork_server.started(words, cwd=ROOT, env=one.environment, **silent)
+        other = subprocess.Popen(words, cwd=ROOT, env=one.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             told = one.seen['/diagnostics']
             for words in ('another node publishes joint_states', 'std_msgs/msg/Float32 is published on J_eq'):
@@ -205,7 +203,8 @@ def test_two_nodes_with_one_name_and_a_command_of_another_type():
 
 def play(one, folder, *words):
     command = [sys.executable, '-m', 'sma_sim.cli.main', 'play', *words]
-    return fork_server.ended(command, cwd=folder, env=one.environment)
+    return subprocess.run(command, cwd=folder, env=one.environment | {'PYTHONPATH': str(ROOT)}, capture_output=True,
+                          text=True, timeout=60)  # fmt: skip
 
 
 def test_play_sends_a_file_in_time(tmp_path):

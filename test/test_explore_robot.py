@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 
-import fork_server
 import pytest
 from explore_server import serving, until
 
@@ -25,7 +24,7 @@ def node_again(environment):
     """The same node, started anew where it was."""
     command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '__ns:=/robot_1']
     output = subprocess.DEVNULL
-    with fork_server.started(command, cwd=ros_client.ROOT, env=environment, stdout=output, stderr=output) as process:
+    with subprocess.Popen(command, cwd=ros_client.ROOT, env=environment, stdout=output, stderr=output) as process:
         yield
         process.send_signal(signal.SIGINT)
 

@@ -7,7 +7,6 @@ import time
 from contextlib import contextmanager
 from functools import cache
 
-import fork_server
 import numpy as np
 import pytest
 
@@ -65,8 +64,9 @@ def worst(one, channel, begin=0):
 def beside(one, *arguments):
     """`sma_model_check` in the domain of a running robot; gives a list that holds its log afterwards."""
     words = [sys.executable, '-m', CHECK, '--ros-args', *QUICK, *arguments]
-    piped = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
-    process = fork_server.started(words, cwd=ros_client.ROOT, env=one.environment, **piped)
+    process = subprocess.Popen(
+        words, cwd=ros_client.ROOT, env=one.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     log = []
     try:
         one.until(lambda: one.seen['error_over_noise'], ros_client.FIRST_MESSAGE)

@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import fork_server
 import numpy as np
 import pytest
 import yaml
@@ -162,7 +161,7 @@ def test_sensing_effect_shows_both_poses(tmp_path):
 )
 def test_wrong_parameters_stop_the_node(words, message):
     command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', *words]
-    done = fork_server.ended(command, cwd=ROOT)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
     assert 'Traceback' not in done.stderr

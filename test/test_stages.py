@@ -10,7 +10,6 @@ import time
 import numpy as np
 import pytest
 from corrupted import TEXT, with_cell
-from fork_server import forked_jobs
 from measured_runs import truth, write_module_runs
 
 from sma_sim import UserError
@@ -40,7 +39,7 @@ def case(tmp_path_factory):
 def engine(case, tmp_path_factory):
     """A session that has been checked, compared and calibrated."""
     start = Start(words=('model=mas',), data=DataRequest((case,), hold_out=('run3',)))
-    with forked_jobs(), open_session(tmp_path_factory.mktemp('session') / 's', start) as session:
+    with open_session(tmp_path_factory.mktemp('session') / 's', start) as session:
         engine = Engine(session)
         for stage, options in (('check', {}), ('compare', {}), ('calibrate', FIT)):
             assert engine.wait(engine.start(stage, **options), PATIENCE).state == 'done', engine.jobs[-1].words

@@ -2,11 +2,11 @@
 
 import importlib
 import math
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-import fork_server
 import numpy as np
 import pytest
 
@@ -190,5 +190,6 @@ def test_recorded_commands_are_played_to_a_node(tmp_path):
 def played(one, folder, *words):
     """`sma-sim play` in the domain of a node."""
     command = [sys.executable, '-m', 'sma_sim.cli.main', 'play', *words]
-    done = fork_server.ended(command, cwd=folder, env=one.environment)
+    environment = one.environment | {'PYTHONPATH': str(EXAMPLE.parents[1])}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and 'heating off' in done.stdout, done.stderr

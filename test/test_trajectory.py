@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import fork_server
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
@@ -92,8 +91,9 @@ class Followed(ros_client.Simulation):
         topics = ((JointState, 'joint_states'), (Float64, 'J_eq'), (JointTrajectoryPoint, f'{NODE}/desired'))
         super().__init__('-p', f'node.real_time_factor:={speed}', topics=topics)
         command = [sys.executable, str(EXAMPLE), '--ros-args', *words]
-        piped = subprocess.PIPE
-        self.control = fork_server.started(command, env=self.environment, stdout=piped, stderr=subprocess.STDOUT)
+        self.control = subprocess.Popen(
+            command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
         self.trajectories = self.node.create_publisher(JointTrajectory, f'{NODE}/joint_trajectory', 10)
         self.until(lambda: self.seen['J_eq'] and self.seen['joint_states'], ros_client.FIRST_MESSAGE)
         self.until(lambda: self.trajectories.get_subscription_count() == 1)
