@@ -1,10 +1,14 @@
 """The rules by which formulas compete with listed effects, and one replaces the other."""
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 from sma_sim.evidence.diagnosis.diagnose import leaves_room
+from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
+from sma_sim.evidence.model_selection.forward_selection import points_beyond_library
 from sma_sim.evidence.symbolic_regression.propose import is_better
 
 
@@ -22,7 +26,31 @@ from sma_sim.evidence.symbolic_regression.propose import is_better
 ])  # fmt: skip
 def test_formulas_compete_where_effects_leave_more_than_noise(effects, fitted, predicted, limit, bent, room):
     last = SimpleNamespace(effects=effects, error=fitted, prediction_error=predicted, is_bent=bent)
-    assert leaves_room(last, limit) == room
+    assert leaves_room(SimpleNamespace(error=5.0), last, limit) == room
+
+
+@pytest.mark.parametrize(('bare', 'room'), [(5.0, True), (60.0, False)])
+def test_no_formula_is_sought_for_the_last_per_cent_of_an_effect(bare, room):
+    """0.2 beyond the noise are a twenty-fifth of an error of 5, and no hundredth of one of 60."""
+    last = SimpleNamespace(effects=('slack',), error=1.02, prediction_error=1.02, is_bent=False)
+    assert leaves_room(SimpleNamespace(error=bare), last, 1.3) == room
+
+
+@pytest.mark.parametrize(('accepted', 'imitating', 'before', 'beyond'), [
+    (1.2, 1.1, 1, False),  # nothing that a model of the system may not leave
+    (3.0, 1.4, 0, True),  # an unrealistic value explains most
+    (3.0, 2.0, 0, False),
+    (3.0, None, 0, False),
+    (3.0, None, 1, True),  # a second effect
+    (None, None, 0, True),  # no effect
+])  # fmt: skip
+def test_where_a_law_that_is_not_listed_may_explain_alone(accepted, imitating, before, beyond):
+    fits = [SimpleNamespace(plausible=False, fit=SimpleNamespace(error=error)) for error in (imitating,) if error]
+    chosen = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=accepted)) if accepted else None
+    base = SimpleNamespace(error=5.0, problem=SimpleNamespace(span=math.nan))
+    step = SelectionStep(base, (), (*fits, *([chosen] if chosen else [])), chosen)
+    assert points_beyond_library(step, before) == beyond
+    assert not points_beyond_library(replace(step, stopped=True), before)
 
 
 @pytest.mark.parametrize(('known', 'formula', 'better'), [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 
 from sma_sim.evidence.data.tables import write_whole
@@ -109,17 +110,22 @@ class FormulaSearch:
     context: SearchContext
     rankings: list[tuple[FitResult, list[FormulaFit]]] = field(default_factory=list)
 
-    def ranking(self, base: FitResult) -> list[FormulaFit]:
-        """The formulas that were refitted on a model, by their cross-validated error."""
-        for known, ranking in self.rankings:
-            if known.problem is base.problem and known.z is base.z:
+    def ranking(self, base: FitResult, known: FitResult) -> list[FormulaFit]:
+        """The formulas that were refitted on a model, by their cross-validated error.
+
+        Beside one `known` effect that leaves only noise, those that begin near that are continued alone: of as many causes
+        the listed one stands, unless a formula explains better by more than its freedom does.
+        """
+        for searched, ranking in self.rankings:
+            if searched.problem is base.problem and searched.z is base.z:
                 return ranking
-        self.rankings.append((base, refitted_formulas(base, self.context)))
+        stands = len(known.effects) == 1 and known.error <= CRITERIA.noise_only
+        self.rankings.append((base, refitted_formulas(base, self.context, CRITERIA.unexplained if stands else inf)))
         return self.rankings[-1][1]
 
     def explains(self, base: FitResult) -> bool:
         """Whether a formula alone leaves nothing that another explanation could be seen to explain better."""
-        return any(not leaves_something(one.candidate.fit) for one in self.ranking(base)[:1])
+        return any(not leaves_something(one.candidate.fit) for one in self.ranking(base, base)[:1])
 
 
 def propose(path: Sequence[FitResult], search: FormulaSearch) -> Proposal | None:
@@ -173,7 +179,7 @@ def is_better(fit: FitResult, known: FitResult) -> bool:
 
 def proposal_for(base: FitResult, known: FitResult, search: FormulaSearch) -> Proposal | None:
     """The best formula on a model, if it is better than the effects of the last one."""
-    ranking, context = search.ranking(base), search.context
+    ranking, context = search.ranking(base, known), search.context
     if not ranking:
         return None
     best = ranking[0].candidate.fit
@@ -198,13 +204,14 @@ def simplicity(fit: FormulaFit) -> tuple[int, bool, float]:
     return len(fit.formula.parameters), fit.formula.location.hook in MATERIAL_HOOKS, fit.error
 
 
-def refitted_formulas(base: FitResult, context: SearchContext) -> list[FormulaFit]:
-    """The best formulas of the search as effects, by their cross-validated error; none where no model can be run.
+def refitted_formulas(base: FitResult, context: SearchContext, most: float = inf) -> list[FormulaFit]:
+    """The best formulas of the search as effects, by their cross-validated error; none where no model can be run, or comes
+    down to an error of `most`.
 
     They are refitted and judged as effects are, from where the best sketch has led.
     """
     try:
-        sketches = search_formulas(base, context)
+        sketches = search_formulas(base, context, most)
     except SimulationError:
         return []
     criteria, structure = TERM_SEARCH_CRITERIA, base.problem.config.structure.structure

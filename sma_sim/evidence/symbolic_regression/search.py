@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.refit import cost_with
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, sketched_formulas
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, fit_all_terms
 
 
-def search_formulas(nominal: FitResult, context: SearchContext) -> list[AugmentedFit]:
-    """Sketches of fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError."""
+def search_formulas(nominal: FitResult, context: SearchContext, most: float = inf) -> list[AugmentedFit]:
+    """Sketches of fits with an equation, the best first; `nominal` is the fit without. Raises SimulationError.
+
+    `most`: the error over noise that the first sketches must come down to, to be continued.
+    """
     criteria = TERM_SEARCH_CRITERIA
     base, tempering = tempered_fit(nominal, context)
     context.on_progress('fitting the terms of an equation at every port')
     terms = best_by_location(terms_at(base, tempering, context))
-    fits = sketched_formulas(base, terms[: criteria.max_first_terms], context)
+    target = cost_with(most, base.problem, base.z)
+    fits = sketched_formulas(base, terms[: criteria.max_first_terms], context, target=target)
+    fits = [fit for fit in fits if fit.fitted.error <= most]
     for lead in exchange_candidates(fits):
         if lead.fitted.error > criteria.good_fit_error and not context.stop.is_set():
             fits += with_exchanged_term(base, lead, context)
