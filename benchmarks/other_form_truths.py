@@ -82,7 +82,7 @@ FORMS: dict[str, OtherForm] = {
     'sideways_damper': form('', ('',), law(
         'sideways_damper', 'structure_force', "F_y = -b U_y'",
         (drawn_parameter('b', 'N s/m', 20.0, 200.0, 'damping'),),
-        lambda s, b, p: (0.0, -p.b * s.dU_y, 0.0))),
+        lambda s, b, p: (0.0, -p.b * s.dU_y, 0.0)), 'slide_damping'),
     'wire_1_convection': form('natural_convection', ('wire_1',), law(
         'wire_1_convection', 'wire_heat', 'Q_1 = -h A_s (T - T_E)',
         (drawn_parameter('h', 'W/(m^2 K)', 40.0, 150.0, 'further convection'),),

@@ -132,7 +132,7 @@ def strain_terms() -> tuple[Term, ...]:
 
 
 def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> list[Term]:
-    """Dry friction, and hysteresis that begins elastically and may relax at rest."""
+    """Damping, dry friction, and hysteresis that begins elastically and may relax at rest."""
     speed = ShapeParameter('w', f'{unit}/s', 'fixed', values=(scale, 10.0 * scale), description='speed of full friction')
     reach = ShapeParameter(
         'z_0', unit, 'fixed', values=(0.3 * scale, scale, 3.0 * scale), description='travel over which it builds up'
@@ -140,6 +140,7 @@ def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> li
     leak = ShapeParameter('tau', 's', 'time_constant', description='time in which it decays at rest')
     on = (f'd{variable}', 'memory')
     return [
+        Term(f'{name}_damping', rate, f'{unit}/s', on[:1]),
         Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
         Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=scale),
         Term(f'{name}_leaking', 'm.z / {z_0}', '-', on, (reach, leak),
