@@ -39,15 +39,17 @@ def test_no_formula_is_sought_for_the_last_per_cent_of_an_effect(bare, room):
 @pytest.mark.parametrize(('accepted', 'imitating', 'before', 'beyond'), [
     (1.2, 1.1, 1, False),  # nothing that a model of the system may not leave
     (3.0, 1.4, 0, True),  # an unrealistic value explains most
-    (3.0, 2.0, 0, False),
+    (3.0, 2.5, 0, False),
     (3.0, None, 0, False),
     (3.0, None, 1, True),  # a second effect
     (None, None, 0, True),  # no effect
 ])  # fmt: skip
 def test_where_a_law_that_is_not_listed_may_explain_alone(accepted, imitating, before, beyond):
-    fits = [SimpleNamespace(plausible=False, fit=SimpleNamespace(error=error)) for error in (imitating,) if error]
-    chosen = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=accepted)) if accepted else None
-    base = SimpleNamespace(error=5.0, problem=SimpleNamespace(span=math.nan))
+    fits = [
+        SimpleNamespace(plausible=False, fit=SimpleNamespace(error=error, cost=error**2)) for error in (imitating,) if error
+    ]
+    chosen = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=accepted, cost=accepted**2)) if accepted else None
+    base = SimpleNamespace(error=5.0, cost=25.0, problem=SimpleNamespace(span=math.nan))
     step = SelectionStep(base, (), (*fits, *([chosen] if chosen else [])), chosen)
     assert points_beyond_library(step, before) == beyond
     assert not points_beyond_library(replace(step, stopped=True), before)

@@ -358,7 +358,7 @@ def leaves_room(bare: FitResult, last: FitResult, limit: float) -> bool:
         return last.is_bent or leaves_something(last)
     if last.effects:
         beyond_noise = sqrt(max(0.0, last.error**2 - 1.0))
-        return last.error > CRITERIA.other_kinetics_above and beyond_noise > CRITERIA.negligible_remainder * bare.error
+        return last.error > CRITERIA.other_kinetics_above and beyond_noise > CRITERIA.min_error_reduction * bare.error
     return last.is_bent or (last.error > CRITERIA.pooled_noise_only and last.prediction_error > CRITERIA.noise_only)
 
 

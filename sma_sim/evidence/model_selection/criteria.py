@@ -81,12 +81,6 @@ class SelectionCriteria:
     decisive_log_odds: float = 10.0
     """Half the squares by which a variant must fit better than every acceptable effect, and the best candidate than those
     that predict no run left out either: chance does not do that where both leave only noise."""
-    negligible_remainder: float = 0.02
-    """Part of the error without an effect that it may leave beyond the noise, for no formula to be sought in its place: its
-    law, like each other parameter, is right to some per cent only."""
-    imitation_error_ratio: float = 0.5
-    """Ratio of the error of an effect with unrealistic values to that of the best realistic one, up to which it shows that a
-    law acts which is not listed: realistic effects, put together, would imitate that one at length."""
     max_effects: int = 4
     """Most effects of a model: it bounds the time of a search, and recordings of few runs seldom tell more."""
 

@@ -66,14 +66,14 @@ def select_forward(
 def points_beyond_library(step: SelectionStep, accepted_before: int) -> bool:
     """Whether a step leaves so much, for all that listed effects do, that a law which is not listed may explain it alone.
 
-    It leaves what no model of the system may leave, and is no longer the first one, or accepts nothing, or an effect that
-    leaves at most half of that has unrealistic values: it imitates.
+    It leaves what no model of the system may leave, and is no longer the first one, or accepts nothing, or lies too far
+    behind an effect with unrealistic values to decide: that one imitates.
     """
-    left = (step.base if step.accepted is None else step.accepted.fit).error
-    if step.stopped or left <= unexplained_above(step.base.problem.span):
+    last = step.base if step.accepted is None else step.accepted.fit
+    if step.stopped or last.error <= unexplained_above(step.base.problem.span):
         return False
-    imitating = min((one.fit.error for one in step.candidate_fits if not one.plausible), default=math.inf)
-    return accepted_before > 0 or step.accepted is None or imitating <= CRITERIA.imitation_error_ratio * left
+    imitating = min((one.fit.cost for one in step.candidate_fits if not one.plausible), default=math.inf)
+    return accepted_before > 0 or step.accepted is None or last.cost > CRITERIA.retry_cost_ratio * imitating
 
 
 def tempered_again(fit: FitResult, context: SearchContext) -> FitResult:
