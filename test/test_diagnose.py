@@ -163,10 +163,8 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
     ],
 )
 def test_held_out_runs_contradict_an_effect(bare, last, contradicted):
-    stages = [
-        SimpleNamespace(train=train, held_out=held, effects=effects)
-        for (train, held), effects in ((bare, ()), (last, ('gravity',)))
-    ]
+    both = zip((bare, last), ((), ('gravity',)), strict=True)
+    stages = [SimpleNamespace(train=train, held_out=held, effects=names) for (train, held), names in both]
     assert is_contradicted(stages) == contradicted
 
 
