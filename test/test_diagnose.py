@@ -18,7 +18,7 @@ from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.judgement import is_contradicted, predicts_best, verdict_after_removal
+from sma_sim.evidence.diagnosis.judgement import helps_little, is_contradicted, predicts_best, verdict_after_removal
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -153,19 +153,19 @@ def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdic
 
 
 @pytest.mark.parametrize(
-    ('bare', 'last', 'contradicted'),
+    ('bare', 'last', 'little', 'contradicted'),
     [
-        ((0.9, 0.7), (0.5, 5.0), True),  # predicted without the effect, and not with it
-        ((3.0, 4.0), (1.0, 5.0), False),  # explained where they were fitted, and further runs by neither
-        ((3.0, 4.0), (2.0, 5.0), True),
-        ((3.0, 4.0), (1.0, 1.0), False),
-        ((1.5, 1.1), (1.0, 1.2), False),  # predicted by both
+        ((0.9, 0.7), (0.5, 5.0), True, True),  # predicted without the effect, and not with it
+        ((3.0, 4.0), (1.0, 5.0), True, False),  # explained where they were fitted, and further runs by neither
+        ((3.0, 4.0), (2.0, 5.0), True, True),
+        ((3.0, 4.0), (2.0, 3.0), False, False),  # a part
+        ((1.5, 1.1), (1.0, 1.2), False, False),  # predicted by both
     ],
 )
-def test_held_out_runs_contradict_an_effect(bare, last, contradicted):
+def test_held_out_runs_contradict_an_effect(bare, last, little, contradicted):
     both = zip((bare, last), ((), ('gravity',)), strict=True)
     stages = [SimpleNamespace(train=train, held_out=held, effects=names) for (train, held), names in both]
-    assert is_contradicted(stages) == contradicted
+    assert (helps_little(stages), is_contradicted(stages)) == (little, contradicted)
 
 
 def cannot_be_made(run):

@@ -19,6 +19,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
 from sma_sim.evidence.diagnosis.judgement import (
+    helps_little,
     is_contradicted,
     predicts_best,
     reaches_beyond_fitted,
@@ -313,9 +314,9 @@ def conclusion(
     if proposal is not None:
         last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
         stage = final_stage(data, 'formula', proposal.fit, context)
-        if not is_contradicted([*stages, stage], data.limit):
+        if not helps_little([*stages, stage], data.limit):
             return Conclusion('unknown_effect', last, (*stages, stage), None, proposal)
-        context.on_progress('the held-out runs are predicted better without the formula')
+        context.on_progress('the held-out runs are predicted as well without the formula')
     (kind, last), best = path[-1], predicts_best(stages)
     pooled = None
     if is_contradicted(stages, data.limit):

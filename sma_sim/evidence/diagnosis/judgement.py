@@ -32,15 +32,20 @@ def reaches_beyond_fitted(last: ModelStage, limit: float = CRITERIA.unexplained)
     return last.train <= max(CRITERIA.noise_only, fits_all(limit)) and last.held_out > limit
 
 
-def is_contradicted(stages: Sequence[ModelStage], limit: float = CRITERIA.unexplained) -> bool:
-    """Whether the last stage leaves much in the held-out runs, and these speak against what was added after the stage that
-    predicts them best.
+def helps_little(stages: Sequence[ModelStage], limit: float = CRITERIA.unexplained) -> bool:
+    """Whether the last stage leaves much in the held-out runs, and takes no part worth naming from it."""
+    return verdict_of(stages[-1], None, limit) == 'unknown_effect' and predicts_best(stages) < len(stages) - 1
 
-    Where all fitted runs are explained and no stage predicts those held out, these may only go further than the fitted ones.
+
+def is_contradicted(stages: Sequence[ModelStage], limit: float = CRITERIA.unexplained) -> bool:
+    """Whether held-out runs that are left unexplained speak against effects that were added after the stage that predicts
+    them best.
+
+    Where all fitted runs are explained and no stage predicts those held out, these may only go further than the fitted ones:
+    a fit to all runs tells.
     """
-    best = predicts_best(stages)
-    beyond = reaches_beyond_fitted(stages[-1], limit) and stages[best].held_out > limit
-    return verdict_of(stages[-1], None, limit) == 'unknown_effect' and best < len(stages) - 1 and not beyond
+    beyond = reaches_beyond_fitted(stages[-1], limit) and stages[predicts_best(stages)].held_out > limit
+    return helps_little(stages, limit) and not beyond
 
 
 def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRITERIA.unexplained) -> str:
