@@ -36,7 +36,7 @@ import math
 from sma_sim import Effect, Parameter
 EFFECT = Effect(
     name='ripple', port='structure_force', equation='F = F_0 sin(k x)', source='a test', systems=('slider',),
-    parameters=(Parameter('F_0', 0.015, 'N', (-9.0, 9.0), '', '', 0.0), Parameter('k', 2000.0, '1/m', (0.0, 1e6), '')),
+    parameters=(Parameter('F_0', 0.015, 'N', (-9.0, 9.0), '', '', 0.0), Parameter('k', 5000.0, '1/m', (0.0, 1e6), '')),
     kernel=lambda s, b, p: p.F_0 * math.sin(p.k * s.position),
 )
 """

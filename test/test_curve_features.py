@@ -161,7 +161,8 @@ def test_starting_values_of_points_on_two_parallel_lines():
         assert found['wire.sigma_MW0'] - slope * (found['wire.T0'] - T0) == pytest.approx(level)
         assert found['wire.E_M'] == pytest.approx(MARTENSITE_OVER_AUSTENITE * found['wire.E_A'])
         assert found['wire.E_A'] == pytest.approx(5e10 if features.isothermal else 6e10)
-        assert found['wire.eps_T'] == pytest.approx(0.04 if features.isobaric else 0.035)
+        softer = loops[0].loading * (1.0 / found['wire.E_M'] - 1.0 / found['wire.E_A'])
+        assert found['wire.eps_T'] == pytest.approx(0.04 if features.isobaric else 0.035 - softer)
     points = CurveFeatures(tests, (isothermal(320.0, 1e8, float('nan')),)).points
     assert [len(way) for way in points] == [3, 2] and points[0][-1] == (320.0, 1e8)
 

@@ -114,3 +114,14 @@ def test_differences_are_named_and_nothing_is_missing(recordings, words, expecte
     held_out = replace(dataset, recordings=dataset.recordings[-1:])
     review = reviewed(found, replace(dataset, recordings=dataset.recordings[:-1]), held_out)
     assert max(review.remaining.comparison.runs[-1].measured) and review.diagnosis is found
+
+
+def test_a_held_out_run_in_another_room_is_no_effect():
+    """Nothing differs between the fitted runs, so that the room of the last one can be told when all are fitted only."""
+    found = diagnosed(recorded(0), recorded(1), recorded(2), recorded(3, T_E=303.0))[1]
+    assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out > 1.3
+    assert found.pooled_errors is not None and found.pooled_errors.explained()
+    ambient = dict(found.pooled_errors.ambient)
+    warmest = ambient.pop('run4')
+    assert warmest - np.mean(list(ambient.values())) == pytest.approx(5.0, abs=0.5)
+    assert any(f'run4 {warmest:+.2g}' in line for line in as_text(found))

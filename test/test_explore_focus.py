@@ -59,6 +59,7 @@ def test_what_is_being_typed_and_chosen_outlasts_a_change_from_another_tab(brows
     press(browser, 'half a na')
     options = 'document.querySelector("[data-stage=diagnose] details")'
     switch = f'[...{options}.querySelectorAll("input")].at(-1)'
+    until(browser, f'return {options} !== null')
     browser.execute_script(f'{options}.open = true; {switch}.click();')
     number = server.application.session.change({'beam.E': 2.2e9}).number
     server.application.changed()

@@ -62,8 +62,8 @@ def test_a_drifting_zero_is_that_of_the_load_cell(tmp_path):
     assert min(run.error for run in evaluate_held_out(config, shifted)) > 5.0
 
 
-def test_a_drift_stays_within_twice_its_prior(tmp_path):
-    dataset = dataset_of(heated(tmp_path, offsets=OFFSETS), 'stress_Pa: {column: stress_Pa, drift_std: 1e6}')
+def test_a_drift_stays_within_four_times_its_prior(tmp_path):
+    dataset = dataset_of(heated(tmp_path, offsets=OFFSETS), 'stress_Pa: {column: stress_Pa, drift_std: 5e5}')
     found = evaluate_held_out(read_config(words=BENCH), dataset)
     assert [run.drifts['stress'] for run in found] == pytest.approx([-2e6, 2e6, 2e6]) and not found[0].zeros
 

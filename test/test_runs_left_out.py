@@ -11,7 +11,8 @@ from test_recordings_in_fits import module_run, problem_of
 from sma_sim import Config, Dataset
 from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import cross_validation
-from sma_sim.evidence.estimation.calibrate import FitOptions, starting_points
+from sma_sim.evidence.estimation import starting_points as starts_of_fits
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.cross_validation import (
     INITIAL_GUESSES,
     RunFit,
@@ -52,14 +53,26 @@ def test_further_starts_are_spread_about_the_middle_where_runs_can_be_made(monke
         asked.append(z)
         return len(asked) % 3 == 0
 
-    monkeypatch.setattr(calibration, 'feasible', feasible)
-    found = starting_points(problem, FitOptions(starts=40, seed=5), None)
+    monkeypatch.setattr(starts_of_fits, 'feasible', feasible)
+    found = starts_of_fits.starting_points(problem, {}, 40, 5, None)
     assert len(found) == 40 and not found[0].any() and len(asked) == 3 * 39
     assert np.std([z[:3] for z in asked]) == pytest.approx(0.25, rel=0.15)
     assert (np.array(found[1]) == asked[2]).all()
     asked.clear()
-    monkeypatch.setattr(calibration, 'feasible', lambda *_: asked.append(0))
-    assert len(starting_points(problem, FitOptions(starts=3), None)) == 1 and len(asked) == 40
+    monkeypatch.setattr(starts_of_fits, 'feasible', lambda *_: asked.append(0))
+    assert len(starts_of_fits.starting_points(problem, {}, 3, 0, None)) == 1 and len(asked) == 40
+
+
+def test_what_curves_show_is_the_second_start_where_that_is_elsewhere(monkeypatch):
+    problem = problem_of()
+    monkeypatch.setattr(starts_of_fits, 'feasible', lambda *_: True)
+    free = problem.free[1]
+    for z, count in ((0.2, 0), (-1.5, 1), (1e3, 1)):  # as near as a random one; elsewhere; beyond the bounds
+        found = starts_of_fits.starting_points(problem, {free.name: free.value(min(z, 20.0)), 'wire.n': 7.0}, 2, 0, None)
+        assert len(found) == 2 and not found[0].any()
+        expected = np.zeros(len(found[1]))
+        expected[1] = np.clip(z, free.low, free.high)
+        assert bool(found[1] == pytest.approx(expected)) == bool(count)
 
 
 def test_every_run_is_left_out_once():
@@ -164,14 +177,15 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
         labels.append(label)
         return FitResult(subset, z + 1.0, {0.0: 9.0, 0.1: 7.5, 0.2: 2.0 + 7.5}[float(z[0])], 4)
 
-    def starts(subset, options, _):
-        return [np.full(len(subset.unknowns), 0.1 * k) for k in range(options.starts)]
+    def starts(subset, shown, count, *_):
+        return [np.full(len(subset.unknowns), 0.1 * k) for k in range(count)]
 
     def continued(fit, whole, z, criteria, _, label):
         made.append((len(whole.runs), criteria.damping, label))
         return replace(fit, problem=whole, z=z, iterations=11)
 
     monkeypatch.setattr(calibration, 'problem_for', lambda *_: problem)
+    monkeypatch.setattr(calibration, 'shown_by_curves', lambda *_: {})
     monkeypatch.setattr(calibration, 'starting_points', starts)
     monkeypatch.setattr(calibration, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)

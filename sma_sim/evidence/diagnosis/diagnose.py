@@ -250,7 +250,9 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
     base = on_uneven_specimen(nominal, data.training, config, request, context)
     formulas = FormulaSearch(context) if request.equation else None
-    steps = select_forward(tempered_again(base, context), context, formulas.explains if formulas else None)
+    steps = select_forward(
+        tempered_again(base, context), context, formulas.explains if formulas else None, bool(data.training.floor)
+    )
     if steps and (steps[0].base.problem.differences or steps[0].accepted is None):
         nominal = steps[0].base
     path, eliminations = model_path(nominal, steps, context)
@@ -328,7 +330,8 @@ def conclusion(
         return Conclusion(verdict_after_removal(stages[-1], data.limit), last, tuple(stages), None, None)
     known = data.under(last, context)
     if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        pooled = pooled_refit(known.training, known.held_out, last, stages[-1].predicted, request.options, context)
+        predicted, limit = stages[-1].predicted, data.limit
+        pooled = pooled_refit(known.training, known.held_out, last, predicted, request.options, context, limit)
     return Conclusion(verdict_of(stages[-1], pooled, data.limit), last, tuple(stages), pooled, None)
 
 

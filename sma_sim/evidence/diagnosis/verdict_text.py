@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
@@ -17,6 +16,7 @@ from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagr
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
 from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.parameters import Parameter
 
 NOTHING_MISSING = 'Nothing is missing that these data could show.'
@@ -35,6 +35,7 @@ BEYOND_FITTED = (
     'The held-out runs depend on parameters that the fitted runs do not determine: fitted together, all runs are explained '
     '(error over noise {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
 )
+AMBIENT_DIFFERS = ' Their ambient temperatures differ from those of the input by {amounts} [K] in that fit: measure them.'
 REMOVED = (
     'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
@@ -148,7 +149,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
         yield from left_lines(diagnosis)
     elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit):
-        yield BEYOND_FITTED.format(**asdict(diagnosis.pooled_errors))
+        yield together_sentence(diagnosis.pooled_errors)
     yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:
         yield ONE_RUN
@@ -156,6 +157,13 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def together_sentence(pooled: PooledErrors) -> str:
+    """That one model explains all runs, and what had to differ between them for that."""
+    sentence = BEYOND_FITTED.format(train=pooled.train, held_out=pooled.held_out)
+    amounts = joined_words([f'{name} {value:+.2g}' for name, value in pooled.ambient.items()])
+    return sentence + (AMBIENT_DIFFERS.format(amounts=amounts) if amounts else '')
 
 
 def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:

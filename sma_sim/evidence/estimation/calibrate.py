@@ -23,7 +23,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
 from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
@@ -32,6 +32,8 @@ from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
+from sma_sim.evidence.estimation.starting_points import starting_points
+from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import Config
@@ -41,9 +43,7 @@ from sma_sim.model.structures.discovery import known_structures
 Vector = NDArray[np.float64]
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search without tangents, and of the last fit
 SEARCH_SAMPLES = 1000  # samples per run of a search
-SPREAD = 0.25  # of further starts, in standard deviations of the priors
 JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that has ended without them
-TRIES = 20  # for a further start at which every run can be made
 # Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
 # priors weigh nothing then. In stages, because the valley of large weights is narrow.
 CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
@@ -63,7 +63,7 @@ class FitOptions:
     model : str
         ``'hybrid'``, ``'mas'``, or ``'auto'`` for the one that predicts left-out runs better.
     starts : int
-        Number of starting points: the configuration, and random points around it.
+        Number of starting points: the configuration, what the curves of tests of a wire show, and random points around it.
     robust : bool
         Whether to use Huber's loss instead of squares.
     seed : int
@@ -270,10 +270,11 @@ def multistart_search(
     longest = max(len(recording.time) for recording in dataset.recordings)
     thinned = problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
     subset = run_subset(thinned)
+    points = starting_points(subset, shown_by_curves(dataset, config), options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
         partial(minimize, subset, z, weak if k else criteria, context, f'{config.model}, start {k + 1}')
-        for k, z in enumerate(starting_points(subset, options, context.pool))
+        for k, z in enumerate(points)
     ]
     fits = run_in_threads(jobs, context.stop)
     best = min(fits, key=lambda fit: fit.cost)
@@ -311,19 +312,6 @@ def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: Se
         sharp = continued_fit(found, problem.weighted(sharper), found.z, ALL_SAMPLES, context, 'all samples, sharper')
         found = replace(sharp, problem=problem, cost=cost_at(problem, sharp.z, context.pool))
     return found
-
-
-def starting_points(problem: Problem, options: FitOptions, pool: Executor) -> list[Vector]:
-    """The middle of the priors, then random points around it at which every run can be made."""
-    points = [start_point(problem)]
-    random = np.random.default_rng(options.seed)
-    for _ in range(TRIES * (options.starts - 1)):
-        if len(points) == options.starts:
-            break
-        guess = start_point(problem, SPREAD * random.normal(size=len(points[0])))
-        if feasible(problem, guess, pool):
-            points.append(guess)
-    return points
 
 
 def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> Calibration:

@@ -19,6 +19,7 @@ from sma_sim.model.structures.discovery import known_structures
 Vector = NDArray[np.float64]
 FLAT = 0.35  # of the steepest slope, below which the wire transforms
 LEAST_PLATEAU = 0.1  # part of the strains that it must take
+LEAST_BEYOND = 0.05  # part of the strains after the plateau that shows the modulus of martensite
 STEEPEST = 0.95  # quantile of the slopes: the elastic wire, but for noise
 LEAST_STRAIN = 5e-3  # that a test must reach
 STEADY = 3.0  # [K] within which a temperature counts as constant
@@ -29,7 +30,8 @@ class IsothermalTest:
     """The features of one isothermal test.
 
     `temperature` [K]; `loading`, `unloading`: plateau stresses [Pa], NaN where there is none; `modulus` [Pa]: the steepest
-    slope of loading; `plateau_strain` [-]: how much strain the plateau of loading takes.
+    slope of loading; `plateau_strain` [-]: how much strain the plateau of loading takes; `martensite_modulus` [Pa]: the
+    steepest slope after it, NaN where the test ends before the wire is martensite.
     """
 
     name: str
@@ -38,6 +40,7 @@ class IsothermalTest:
     unloading: float
     modulus: float
     plateau_strain: float
+    martensite_modulus: float = float('nan')
 
     @property
     def hysteresis(self) -> float:
@@ -82,7 +85,8 @@ def isothermal_features(name: str, T: Vector, strain: Vector, stress: Vector) ->
     loading, unloading = plateau(smooth, flat), plateau(*plateau_of(ways[1]))
     if np.isnan(loading):
         return None
-    return IsothermalTest(name, float(np.mean(T)), loading, unloading, modulus, float(flat.mean() * (grid[-1] - grid[0])))
+    takes, beyond = float(flat.mean() * (grid[-1] - grid[0])), slope_beyond(slope, flat)
+    return IsothermalTest(name, float(np.mean(T)), loading, unloading, modulus, takes, float(np.minimum(beyond, modulus)))
 
 
 def temperature_column(columns: dict[str, Vector]) -> str:
@@ -94,6 +98,12 @@ def plateau_of(way: tuple[Vector, Vector]) -> tuple[Vector, NDArray[np.bool_]]:
     """Smoothed stresses of a way, and where it is flat."""
     _, smooth, slope = smoothed_way(*way)
     return smooth, slope < FLAT * float(np.quantile(slope, STEEPEST))
+
+
+def slope_beyond(slope: Vector, flat: NDArray[np.bool_]) -> float:
+    """The steepest slope [Pa] after what is flat; NaN where that is the end of the test, but for a few samples."""
+    beyond = slope[int(np.flatnonzero(flat)[-1]) + 1 :]
+    return float(np.quantile(beyond, STEEPEST)) if len(beyond) >= LEAST_BEYOND * len(slope) else float('nan')
 
 
 def plateau(smooth: Vector, flat: NDArray[np.bool_]) -> float:

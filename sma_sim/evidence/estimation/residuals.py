@@ -22,7 +22,7 @@ from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, Trajectory, simulate
 
 Vector = NDArray[np.float64]
-ZERO_STDS = 2.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
+ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)

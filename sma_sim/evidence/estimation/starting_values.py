@@ -74,15 +74,15 @@ def starting_values(features: CurveFeatures) -> dict[str, float]:
     middles += [(test.temperature, middle_stress(test, dsigma)) for test in features.isothermal]
     T0, level = (float(value) for value in np.mean(middles, axis=0))
     E_A = austenite_modulus(features)
-    strains = [test.recovered for test in features.isobaric] + [test.plateau_strain for test in features.isothermal]
+    E_M = martensite_modulus(features, E_A)
     return {
         'wire.T0': T0,
         'wire.sigma_MW0': level,
         'wire.sigma_T': sigma_T,
         'wire.dsigma': dsigma,
         'wire.E_A': E_A,
-        'wire.E_M': MARTENSITE_OVER_AUSTENITE * E_A,
-        'wire.eps_T': float(np.clip(max(strains), *STRAINS)),
+        'wire.E_M': E_M,
+        'wire.eps_T': transformation_strain(features, E_A, E_M),
     }
 
 
@@ -102,6 +102,24 @@ def austenite_modulus(features: CurveFeatures) -> float:
     return float(np.clip(np.median(found) if found else 5e10, *MODULI))
 
 
+def martensite_modulus(features: CurveFeatures, E_A: float) -> float:
+    """From the steepest loading after a plateau, else a usual part of that of austenite [Pa]."""
+    found = [test.martensite_modulus for test in features.isothermal if np.isfinite(test.martensite_modulus)]
+    return float(np.clip(np.median(found) if found else MARTENSITE_OVER_AUSTENITE * E_A, *MODULI))
+
+
+def transformation_strain(features: CurveFeatures, E_A: float, E_M: float) -> float:
+    """Strain that a test recovers, or that its plateau takes without the elastic strain by which martensite is softer [-].
+
+    Plateaus that end within their test say it, the others and isobaric tests that it is no less. It is rather too small: the
+    end of a plateau that is in the model and not in the test is seen by a fit, the reverse is not.
+    """
+    ended = [test for test in features.isothermal if np.isfinite(test.martensite_modulus)]
+    tests = ended or features.isothermal
+    strains = [test.plateau_strain - test.loading * (1.0 / E_M - 1.0 / E_A) for test in tests]
+    return float(np.clip(max([*strains, *(test.recovered for test in features.isobaric)]), *STRAINS))
+
+
 def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
     """A configuration with the starting values of its tests in place of those that have their defaults.
 
@@ -114,3 +132,13 @@ def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True
     defaults: Mapping[str, float] = config.structure.structure.default_values
     own = {name: value for name, value in starting_values(features).items() if config.parameters[name] == defaults[name]}
     return replace(config, parameters={**config.parameters, **own}), features
+
+
+def shown_by_curves(dataset: Dataset, config: Config) -> dict[str, float]:
+    """What the tests of a wire show of all parameters, about the T0 of a configuration; {} without tests."""
+    features, T0 = curve_features(dataset), config.parameters['wire.T0']
+    if not features:
+        return {}
+    found = starting_values(features)
+    level = found['wire.sigma_MW0'] + found['wire.sigma_T'] * (T0 - found['wire.T0'])
+    return {**found, 'wire.T0': T0, 'wire.sigma_MW0': level}

@@ -34,14 +34,18 @@ from sma_sim.model.effects.discovery import FoundEffect
 
 
 def select_forward(
-    nominal: FitResult, context: SearchContext, unlisted_explains: Callable[[FitResult], bool] | None = None
-) -> tuple[SelectionStep, ...]:
+    nominal: FitResult, context: SearchContext, unlisted_explains: Callable[[FitResult], bool] | None = None,
+    over_floor: bool = False,
+) -> tuple[SelectionStep, ...]:  # fmt: skip
     """Steps until nothing more is gained; the last one accepts nothing (unless stopped or full).
 
     `unlisted_explains`: whether a law that is not listed explains alone, beside a base, all that effects do not. It is asked
-    before effects are put together (`points_beyond_library`); then no effect is accepted.
+    before effects are put together (`points_beyond_library`); then no effect is accepted. `over_floor`: whether errors are
+    over what repeats differ by, which is not sharp as noise is: less than that asks for no effect at all.
     """
     base, steps = nominal, list[SelectionStep]()
+    if over_floor and base.error <= 1.0 and not base.is_bent:
+        return (SelectionStep(base, (), (), None),)
     while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
         step = selection_step(base, context)
         steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
