@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.cross_validation import (
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.starting_points import StartingPoint
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.solver.simulate import SimulationError
 
@@ -54,7 +55,7 @@ def test_further_starts_are_spread_about_the_middle_where_runs_can_be_made(monke
         return len(asked) % 3 == 0
 
     monkeypatch.setattr(starts_of_fits, 'feasible', feasible)
-    found = starts_of_fits.starting_points(problem, {}, 40, 5, None)
+    found = [point.z for point in starts_of_fits.starting_points(problem, {}, 40, 5, None)]
     assert len(found) == 40 and not found[0].any() and len(asked) == 3 * 39
     assert np.std([z[:3] for z in asked]) == pytest.approx(0.25, rel=0.15)
     assert (np.array(found[1]) == asked[2]).all()
@@ -69,10 +70,24 @@ def test_what_curves_show_is_the_second_start_where_that_is_elsewhere(monkeypatc
     free = problem.free[1]
     for z, count in ((0.2, 0), (-1.5, 1), (1e3, 1)):  # as near as a random one; elsewhere; beyond the bounds
         found = starts_of_fits.starting_points(problem, {free.name: free.value(min(z, 20.0)), 'wire.n': 7.0}, 2, 0, None)
-        assert len(found) == 2 and not found[0].any()
-        expected = np.zeros(len(found[1]))
+        assert len(found) == 2 and not found[0].z.any()
+        expected = np.zeros(len(found[1].z))
         expected[1] = np.clip(z, free.low, free.high)
-        assert bool(found[1] == pytest.approx(expected)) == bool(count)
+        assert bool(found[1].z == pytest.approx(expected)) == bool(count)
+
+
+def test_data_take_over_from_the_priors_gradually(monkeypatch):
+    problem, factors = problem_of(), []
+
+    def minimized(weighted, z, *_):
+        factors.append(weighted.runs[0].weight.max() / problem.runs[0].weight.max())
+        return FitResult(weighted, z + 1.0, 5.0, 3)
+
+    monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
+    point = StartingPoint(np.zeros(4), starts_of_fits.GRADUALLY)
+    found = starts_of_fits.minimized_from(point, problem, FROM_PRIORS, SearchContext(None, Event()), '')
+    assert factors == pytest.approx(starts_of_fits.GRADUALLY) and factors[-1] == 1.0
+    assert found.problem is problem and found.iterations == 12 and (found.z == 4.0).all()
 
 
 def test_every_run_is_left_out_once():
@@ -178,7 +193,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
         return FitResult(subset, z + 1.0, {0.0: 9.0, 0.1: 7.5, 0.2: 2.0 + 7.5}[float(z[0])], 4)
 
     def starts(subset, shown, count, *_):
-        return [np.full(len(subset.unknowns), 0.1 * k) for k in range(count)]
+        return [StartingPoint(np.full(len(subset.unknowns), 0.1 * k)) for k in range(count)]
 
     def continued(fit, whole, z, criteria, _, label):
         made.append((len(whole.runs), criteria.damping, label))
@@ -187,7 +202,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     monkeypatch.setattr(calibration, 'problem_for', lambda *_: problem)
     monkeypatch.setattr(calibration, 'shown_by_curves', lambda *_: {})
     monkeypatch.setattr(calibration, 'starting_points', starts)
-    monkeypatch.setattr(calibration, 'minimize', minimized)
+    monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)
     recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
     context = SearchContext(None, Event())

@@ -32,7 +32,7 @@ from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
-from sma_sim.evidence.estimation.starting_points import starting_points
+from sma_sim.evidence.estimation.starting_points import minimized_from, starting_points
 from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
@@ -63,7 +63,9 @@ class FitOptions:
     model : str
         ``'hybrid'``, ``'mas'``, or ``'auto'`` for the one that predicts left-out runs better.
     starts : int
-        Number of starting points: the configuration, what the curves of tests of a wire show, and random points around it.
+        Number of starting points: the configuration, and random points around it. Where it is more than one, a single wire
+        also starts from what the curves of its tests show, from either end of its hysteresis, and with data that take over
+        from the priors gradually.
     robust : bool
         Whether to use Huber's loss instead of squares.
     seed : int
@@ -273,8 +275,8 @@ def multistart_search(
     points = starting_points(subset, shown_by_curves(dataset, config), options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
-        partial(minimize, subset, z, weak if k else criteria, context, f'{config.model}, start {k + 1}')
-        for k, z in enumerate(points)
+        partial(minimized_from, point, subset, weak if k else criteria, context, f'{config.model}, start {k + 1}')
+        for k, point in enumerate(points)
     ]
     fits = run_in_threads(jobs, context.stop)
     best = min(fits, key=lambda fit: fit.cost)

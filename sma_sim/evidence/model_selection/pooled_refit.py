@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search, problem_for
 from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
@@ -58,9 +58,15 @@ def pooled_refit(
     if found is None or context.stop.is_set():
         return None
     errors = errors_of(found, training, context)
-    if errors.explained(limit) or any(run.ambient_std > 0.0 or not problem.wires(run) for run in problem.runs):
+    if errors.explained(limit):
         return errors
-    context.on_progress('fitting the held-out runs too, each with an ambient temperature of its own')
+    context.on_progress('fitting all runs from the start')
+    names = tuple(parameter.name for parameter in last.problem.free)
+    again = multistart_search(both, last.problem.config, replace(options, free=names), context, FROM_PRIORS)
+    further = errors_of(again, training, context)
+    if further.explained(limit) or any(run.ambient_std > 0.0 or not problem.wires(run) for run in problem.runs):
+        return further if further.explained(limit) else errors
+    context.on_progress('fitting all runs, each with an ambient temperature of its own')
     differing = refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
     if differing is None or context.stop.is_set():
         return errors
