@@ -163,7 +163,7 @@ def test_runs_that_one_model_explains_together():
     assert any('error over noise 1.04 held out, 1.01 others' in line for line in remarks(found))
     assert 'ambient' not in ' '.join(remarks(found))
     warmer = replace(found, pooled_errors=PooledErrors(1.01, 1.04, {'run1': 0.02, 'run2': -1.26}))
-    assert 'differ from those of the input by run1 +0.02 and run2 -1.3 [K]' in ' '.join(remarks(warmer))
+    assert 'differ from those of the input, by run1 +0.02 and run2 -1.3 [K]' in ' '.join(remarks(warmer))
 
 
 @pytest.mark.parametrize(('changes', 'expected'), [

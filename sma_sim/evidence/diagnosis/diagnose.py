@@ -27,7 +27,7 @@ from sma_sim.evidence.diagnosis.judgement import (
     verdict_of,
 )
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
-from sma_sim.evidence.estimation.calibrate import Calibration, check, on_leading_bench
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -320,7 +320,6 @@ def conclusion(
             return Conclusion('unknown_effect', last, (*stages, stage), None, proposal)
         context.on_progress('the held-out runs are predicted as well without the formula')
     (kind, last), best = path[-1], predicts_best(stages)
-    pooled = None
     if is_contradicted(stages, data.limit):
         context.on_progress('the held-out runs are predicted better with fewer effects')
         kind, last = 'taken_back', path[best][1]
@@ -328,11 +327,31 @@ def conclusion(
     stages[-1] = final_stage(data, kind, last, context)
     if kind == 'taken_back':
         return Conclusion(verdict_after_removal(stages[-1], data.limit), last, tuple(stages), None, None)
-    known = data.under(last, context)
-    if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        predicted, limit = stages[-1].predicted, data.limit
-        pooled = pooled_refit(known.training, known.held_out, last, predicted, request.options, context, limit)
+    last, pooled = explained_together(path, stages, data, request.options, context)
+    if last.effects != path[-1][1].effects:
+        stages.append(final_stage(data, 'taken_back', last, context))
     return Conclusion(verdict_of(stages[-1], pooled, data.limit), last, tuple(stages), pooled, None)
+
+
+def explained_together(
+    path: ModelPath, stages: Sequence[ModelStage], data: StageData, options: FitOptions, context: SearchContext
+) -> tuple[FitResult, PooledErrors | None]:
+    """The last model and its errors when it is fitted to the held-out runs too; None where it does not miss these.
+
+    Where ambient temperatures had to differ for that, it is a model with fewer effects if one explains all runs so too.
+    """
+    last = path[-1][1]
+    known = data.under(last, context)
+    if not (known.held_out and reaches_beyond_fitted(stages[-1], data.limit)):
+        return last, None
+    pooled = pooled_refit(known.training, known.held_out, last, stages[-1].predicted, options, context, data.limit)
+    for (_, fit), stage in zip(path[:-1], stages, strict=False) if pooled is not None and pooled.ambient else ():
+        if len(fit.effects) < len(last.effects):
+            fewer = pooled_refit(known.training, known.held_out, fit, stage.predicted, options, context, data.limit)
+            if fewer is not None and fewer.explained(data.limit):
+                context.on_progress('ambient temperatures that differ explain all runs with fewer effects')
+                return fit, fewer
+    return last, pooled
 
 
 def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep], limit: float) -> dict[str, HeldOutVerdict]:

@@ -35,7 +35,10 @@ BEYOND_FITTED = (
     'The held-out runs depend on parameters that the fitted runs do not determine: fitted together, all runs are explained '
     '(error over noise {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
 )
-AMBIENT_DIFFERS = ' Their ambient temperatures differ from those of the input by {amounts} [K] in that fit: measure them.'
+ROOMS_DIFFER = (
+    'One model explains all runs if their ambient temperatures differ from those of the input, by {amounts} [K] (error over '
+    'noise {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
+)
 REMOVED = (
     'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
@@ -161,9 +164,9 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
 
 def together_sentence(pooled: PooledErrors) -> str:
     """That one model explains all runs, and what had to differ between them for that."""
-    sentence = BEYOND_FITTED.format(train=pooled.train, held_out=pooled.held_out)
     amounts = joined_words([f'{name} {value:+.2g}' for name, value in pooled.ambient.items()])
-    return sentence + (AMBIENT_DIFFERS.format(amounts=amounts) if amounts else '')
+    sentence = ROOMS_DIFFER if amounts else BEYOND_FITTED
+    return sentence.format(train=pooled.train, held_out=pooled.held_out, amounts=amounts)
 
 
 def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
