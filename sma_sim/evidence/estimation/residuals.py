@@ -28,7 +28,7 @@ MAX_SWITCHES = 24  # with more changes of the command than this, all share one f
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
 # which a model that was chosen, and may ring, gets
-MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 6_000, 50, 50
+MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 1_500, 20, 20
 CHOSEN_MODEL_FACTOR = 20
 
 

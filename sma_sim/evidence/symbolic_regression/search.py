@@ -42,7 +42,8 @@ def search_formulas(nominal: FitResult, context: SearchContext, most: float = in
 
 def terms_at(fit: FitResult, tempering: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
     """All terms (of these ports) on a model where it lies, the largest error reduction first."""
-    return fit_all_terms(LinearizedFit(fit.problem.weighted(1.0 / tempering), fit.z, context.pool), hooks)
+    linearized = LinearizedFit(fit.problem.weighted(1.0 / tempering), fit.z, context.pool)
+    return fit_all_terms(linearized, context.stop, hooks)
 
 
 def best_by_location(terms: Sequence[TermFit]) -> list[TermFit]:

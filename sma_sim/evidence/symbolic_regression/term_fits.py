@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.executors import PickledConfig
+from sma_sim.evidence.estimation.executors import PickledConfig, run_in_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
@@ -142,8 +144,10 @@ def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> flo
     return float(np.sqrt(np.mean(term_values(term, shapes, states) ** 2)))
 
 
-def fit_terms_at(linearized: LinearizedFit, group: LocationGroup) -> list[TermFit]:
-    """The best shapes of every term at a group of locations; the response of every wire is the sum of all."""
+def fit_terms_at(linearized: LinearizedFit, group: LocationGroup, stop: Stop) -> list[TermFit]:
+    """The best shapes of every term at a group of locations; that of every wire is the sum of all. None after a stop."""
+    if stop.is_set():
+        return []
     single = group.singles[0]
     ranges = linearized.ranges(group.members[-1])
     trials = [
@@ -196,8 +200,12 @@ def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
     return [*(LocationGroup((location,)) for location in locations if location.name not in grouped), *groups]
 
 
-def fit_all_terms(linearized: LinearizedFit, hooks: Collection[str] = ()) -> list[TermFit]:
-    """All terms at all locations (of these hooks), the largest error reduction first."""
+def fit_all_terms(linearized: LinearizedFit, stop: Stop, hooks: Collection[str] = ()) -> list[TermFit]:
+    """All terms at all locations (of these hooks), the largest error reduction first; those so far after a stop.
+
+    Two groups at once: while the terms of one are fitted, the responses of the other are simulated.
+    """
     groups = [group for group in location_groups(linearized.locations) if not hooks or group.singles[0].hook in hooks]
-    fits = (fit for group in groups for fit in fit_terms_at(linearized, group))
+    jobs = [partial(fit_terms_at, linearized, group, stop) for group in groups]
+    fits = [fit for found in run_in_threads(jobs, stop, at_once=2) for fit in found]
     return sorted(fits, key=lambda fit: -fit.error_reduction)
