@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from explore_server import refused, serving, until, verb
-from explore_steps import ended, gravity_case, opened
+from explore_steps import begin, ended, gravity_case, opened
 
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM
 from sma_sim.evidence.data.tables import read_columns, write_columns
@@ -83,8 +83,7 @@ def test_columns_are_chosen_on_the_page(browser, case, tmp_path):
         opened(browser, server)
         browser.find_element('id', 'view-data').click()
         browser.find_element('id', 'recordings-files').send_keys(files)
-        until(browser, 'return document.querySelector("[data-begin=check]") !== null')
-        browser.find_element('css selector', '[data-begin=check]').click()
+        begin(browser, 'check')
         ended(browser, 'check', 'failed')
         until(browser, 'return document.getElementById("use-columns") !== null')  # opened by itself
         pull = 'const one = document.querySelector("[data-column=F_1_N] select"); one.value = "pull_1";'

@@ -109,7 +109,7 @@ def test_sampled_commands_changed_between_their_row_and_the_one_before():
 
 def test_longer_runs_may_take_more_steps_and_chosen_models_more_again():
     short, long = (module_input([0.0, 1.0, end], [0.0, 1.0, 1.0]) for end in (2.0, 102.0))
-    assert most_steps(long, True) - most_steps(short, True) == 50 * 100
+    assert most_steps(long, True) - most_steps(short, True) == 20 * 100
     assert most_steps(long, False) == 20 * most_steps(long, True)
 
 

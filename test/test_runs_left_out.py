@@ -190,7 +190,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     def minimized(subset, z, criteria, _, label):
         made.append((len(subset.runs), criteria.damping, float(z[0])))
         labels.append(label)
-        return FitResult(subset, z + 1.0, {0.0: 9.0, 0.1: 7.5, 0.2: 2.0 + 7.5}[float(z[0])], 4)
+        return FitResult(subset, z + 1.0, {0.0: 7.5 + 2.0, 0.1: 7.5, 0.2: 6.0}[float(z[0])], 4)
 
     def starts(subset, shown, count, *_):
         return [StartingPoint(np.full(len(subset.unknowns), 0.1 * k)) for k in range(count)]
@@ -213,7 +213,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     assert sorted(labels) == [f'hybrid, start {k}' for k in (1, 2, 3)]
     assert made[3:] == [(10, calibration.JOINING_DAMPING, 'all runs')] and found.iterations == 11
     assert found.z[:3].tolist() == [1.1] * 3 and len(found.problem.runs) == 10
-    assert [(round(other.excess, 9), other.same) for other in found.other_starts] == [(1.5, True), (2.0, False)]
+    assert [(round(other.excess, 9), other.same) for other in found.other_starts] == [(2.0, False), (-1.5, True)]
 
 
 @pytest.mark.parametrize(

@@ -344,10 +344,11 @@ def explained_together(
     known = data.under(last, context)
     if not (known.held_out and reaches_beyond_fitted(stages[-1], data.limit)):
         return last, None
-    pooled = pooled_refit(known.training, known.held_out, last, stages[-1].predicted, options, context, data.limit)
+    datasets = known.training, known.held_out
+    pooled = pooled_refit(datasets, last, stages[-1].predicted, options, context, data.limit)
     for (_, fit), stage in zip(path[:-1], stages, strict=False) if pooled is not None and pooled.ambient else ():
         if len(fit.effects) < len(last.effects):
-            fewer = pooled_refit(known.training, known.held_out, fit, stage.predicted, options, context, data.limit)
+            fewer = pooled_refit(datasets, fit, stage.predicted, options, context, data.limit)
             if fewer is not None and fewer.explained(data.limit):
                 context.on_progress('ambient temperatures that differ explain all runs with fewer effects')
                 return fit, fewer

@@ -47,7 +47,7 @@ JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that h
 # Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
 # priors weigh nothing then. In stages, because the valley of large weights is narrow.
 CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
-SAME_OPTIMUM = 2.0  # a minimisation that ends within this of the best's cost has found the same
+SAME_OPTIMUM = 2.0  # minimisations whose costs differ by less have found the same: the one from the configuration is taken
 MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
 
@@ -279,9 +279,10 @@ def multistart_search(
         for k, point in enumerate(points)
     ]
     fits = run_in_threads(jobs, context.stop)
-    best = min(fits, key=lambda fit: fit.cost)
+    least = min(fit.cost for fit in fits)
+    best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
     others = tuple(
-        OtherStart(fit.cost - best.cost, thinned.values(fit.z), fit.cost - best.cost < SAME_OPTIMUM)
+        OtherStart(fit.cost - best.cost, thinned.values(fit.z), abs(fit.cost - best.cost) < SAME_OPTIMUM)
         for fit in fits if fit is not best
     )  # fmt: skip
     if len(subset.runs) < len(thinned.runs):

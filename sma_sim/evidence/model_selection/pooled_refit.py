@@ -41,14 +41,15 @@ class PooledErrors:
 
 
 def pooled_refit(
-    training: Dataset, held_out: Dataset, last: FitResult, predicted: Sequence[RunFit], options: FitOptions,
+    datasets: tuple[Dataset, Dataset], last: FitResult, predicted: Sequence[RunFit], options: FitOptions,
     context: SearchContext, limit: float = CRITERIA.unexplained,
 ) -> PooledErrors | None:  # fmt: skip
-    """The last model fitted to the held-out runs too, from where it is and where they are `predicted` to start.
+    """The last model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
     Where that leaves more than `limit` allows, each run may have its own ambient temperature. None where it cannot be run,
     or was stopped.
     """
+    training, held_out = datasets
     both = replace(training, recordings=(*training.recordings, *held_out.recordings))
     problem = replace(problem_for(both, last.problem.config, options, 1), free=last.problem.free)
     own = [z for run in predicted for z in own_unknowns(run)]
