@@ -7,7 +7,7 @@ if the ambient temperature of each run, which nobody measured, is all that it ta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
 from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.solver.simulate import SimulationError
 
 
 @dataclass(frozen=True)
@@ -46,33 +47,45 @@ def pooled_refit(
 ) -> PooledErrors | None:  # fmt: skip
     """The last model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
-    Where that leaves more than `limit` allows, each run may have its own ambient temperature. None where it cannot be run,
-    or was stopped.
+    The first of several fits that leaves no more than `limit` allows, else the first one. None where it cannot be run, or
+    was stopped.
     """
     training, held_out = datasets
     both = replace(training, recordings=(*training.recordings, *held_out.recordings))
+    first: PooledErrors | None = None
+    for fit in refits(both, last, predicted, options, context):
+        if context.stop.is_set():
+            return None
+        errors = None if fit is None else errors_of(fit, training, context)
+        if errors is not None and errors.explained(limit):
+            return errors
+        first = first or errors
+    return first
+
+
+def refits(
+    both: Dataset, last: FitResult, predicted: Sequence[RunFit], options: FitOptions, context: SearchContext
+) -> Iterator[FitResult | None]:
+    """Fits of the last model to all runs, one after the other as they are asked for; None for one that cannot be made.
+
+    From where it is and where the held-out runs are `predicted` to start; from all starts of a fit; with an ambient
+    temperature for each run, where these have none yet and their wires have a balance of heat.
+    """
     problem = replace(problem_for(both, last.problem.config, options, 1), free=last.problem.free)
     own = [z for run in predicted for z in own_unknowns(run)]
     z = start_point(problem, np.concatenate([last.z, own]))
     context.on_progress('fitting the held-out runs too')
     found = refit(problem, z, context, FROM_PRIORS)
-    if found is None or context.stop.is_set():
-        return None
-    errors = errors_of(found, training, context)
-    if errors.explained(limit):
-        return errors
+    yield found
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)
-    again = multistart_search(both, last.problem.config, replace(options, free=names), context, FROM_PRIORS)
-    further = errors_of(again, training, context)
-    if further.explained(limit) or any(run.ambient_std > 0.0 or not problem.wires(run) for run in problem.runs):
-        return further if further.explained(limit) else errors
-    context.on_progress('fitting all runs, each with an ambient temperature of its own')
-    differing = refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
-    if differing is None or context.stop.is_set():
-        return errors
-    in_own_rooms = errors_of(differing, training, context)
-    return in_own_rooms if in_own_rooms.explained(limit) else errors
+    try:
+        yield multistart_search(both, last.problem.config, replace(options, free=names), context, FROM_PRIORS)
+    except SimulationError:
+        yield None
+    if found is not None and all(run.ambient_std == 0.0 and problem.wires(run) for run in problem.runs):
+        context.on_progress('fitting all runs, each with an ambient temperature of its own')
+        yield refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
 
 
 def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> PooledErrors:
