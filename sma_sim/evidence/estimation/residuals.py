@@ -209,7 +209,7 @@ def held_until(source: Input, last: float) -> Input:
 
 
 def most_steps(source: Input, step_limited: bool) -> int:
-    """Of the solver in one run, eight times what is usual or more: else few hopeless points take most of a search's time."""
+    """Of the solver in one run, six times what is usual or more: else few hopeless points take most of a search's time."""
     most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * len(source.times)
     return most if step_limited else CHOSEN_MODEL_FACTOR * most
 
