@@ -51,7 +51,7 @@ def solve(kind: str, seed: int, forces: bool, unknown_only: bool, pool: Executor
 def no_known_effects() -> Iterator[None]:
     """Without the search among known effects."""
     known = diagnosing.select_forward
-    diagnosing.select_forward = lambda base, context: ()
+    diagnosing.select_forward = lambda *_: ()
     try:
         yield
     finally:

@@ -83,26 +83,40 @@ class Problem:
 
 
 def compiled_functions(p: System) -> tuple[Any, Any]:
-    """Right-hand side and guards as functions of few arguments: the system is a constant in them."""
+    """Right-hand side and guards as functions of few arguments: the system is a constant in them but for its scratch."""
     compiled_flow, compiled_guard = package_compiler().function(flow), package_compiler().function(guard)
     table = np.full((6, GUARDS_PER_MODE), -1)
     for edge in EDGES:
         table[edge.source, np.argmax(table[edge.source] < 0)] = edge.guard
-    still, tolerance = np.zeros(2), TOLERANCE.copy()
+    still, tolerance, whole = np.zeros(2), TOLERANCE.copy(), with_scratch(p)
 
     @numba.njit(error_model='numpy')  # type: ignore[untyped-decorator]
-    def rhs(t, state, dy, u, obs):  # type: ignore[no-untyped-def]
-        compiled_flow(t, state, InputPoint(u, still), p, dy, obs)
+    def compiled_rhs(t, state, dy, u, obs, scratch):  # type: ignore[no-untyped-def]
+        compiled_flow(t, state, InputPoint(u, still), whole(scratch), dy, obs)
 
     @numba.njit(error_model='numpy')  # type: ignore[untyped-decorator]
-    def guards(t, state, dy, u, obs, g):  # type: ignore[no-untyped-def]
-        compiled_flow(t, state, InputPoint(u, still), p, dy, obs)
+    def compiled_guards(t, state, dy, u, obs, g, scratch):  # type: ignore[no-untyped-def]
+        own = whole(scratch)
+        compiled_flow(t, state, InputPoint(u, still), own, dy, obs)
         for i in range(2):
             for k in range(2):
                 which = table[state.mode[i], k]
-                g[2 * i + k] = -1.0 if which < 0 else compiled_guard(which, i, p, obs) - tolerance[which]
+                g[2 * i + k] = -1.0 if which < 0 else compiled_guard(which, i, own, obs) - tolerance[which]
 
-    return rhs, guards
+    scratch = (p.effects.s, p.effects.out, p.effects.contribution, p.structure.effects)
+    return lambda *given: compiled_rhs(*given, scratch), lambda *given: compiled_guards(*given, scratch)
+
+
+def with_scratch(p: System) -> Any:
+    """A compiled function of the scratch arrays that gives the whole system: constants of compiled code are read-only."""
+    kinds = {'System': type(p), 'Effects': type(p.effects), 'Structure': type(p.structure), 'p': p}
+    effects = ['s', 'out', 'contribution']
+    inner = ', '.join(f'scratch[{effects.index(f)}]' if f in effects else f'p.effects.{f}' for f in p.effects._fields)
+    table = ', '.join('scratch[3]' if f == 'effects' else f'p.structure.{f}' for f in p.structure._fields)
+    parts = {'effects': f'Effects({inner})', 'structure': f'Structure({table})'}
+    fields = ', '.join(parts.get(name, f'p.{name}') for name in p._fields)
+    exec(f'def whole(scratch): return System({fields})', kinds)
+    return numba.njit(kinds['whole'])
 
 
 Solve = Callable[[Problem, float, float, Vector, Vector, float], tuple[float, Vector, Vector, list[int], int]]
