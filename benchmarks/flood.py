@@ -56,7 +56,7 @@ class Clock:
     def reached(self, shown: float) -> float:
         """When the clock showed a time [s] first, by the computer's clock [s]."""
         moment = self._ticks[-1][0]
-        for published, showed in reversed(self._ticks):
+        for published, showed in reversed(tuple(self._ticks)):  # another thread adds to it
             if showed < shown - ROUNDING:
                 break
             moment = published
