@@ -221,6 +221,9 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         finally:
             stop.set()
             thread.join()
+            for module in (left, right):
+                if module.process.poll() is None:  # an error, or Ctrl-C, has come before their results
+                    module.process.terminate()
             client.destroy_node()
             rclpy.shutdown()
 
