@@ -18,6 +18,7 @@ import benches
         ('blocked', 907),  # valleys where zeros and drifts of the force hide a wrong beginning
         ('blocked', 911),  # a held-out run that goes further
         ('slider', 800),  # another room for each recording
+        ('slider', 809),  # closer to the model than repeats are to each other
         ('slider', 920),  # rooms that an effect imitates in the fitted recordings
     ],
 )

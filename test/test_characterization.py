@@ -11,7 +11,7 @@ from sma_sim import Config, Dataset, Input, Model, Recording, UserError, read_co
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.plateau_stresses import isothermal_features
-from sma_sim.evidence.estimation.starting_values import CurveFeatures, median_slope, started_from_curves
+from sma_sim.evidence.estimation.starting_values import CurveFeatures, median_slope, started_from_curves, starting_values
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 
@@ -199,6 +199,12 @@ def test_plateaus_of_a_loop_in_closed_form():
     found = isothermal_features('a', np.full(len(strain), 320.0), strain, stress)
     assert found is not None
     assert (found.loading, found.unloading) == pytest.approx((3e8, 1.2e8), rel=0.01)
+    assert found.martensite_modulus == pytest.approx(3e10, rel=0.05)
+    softer = 3e8 * (1.0 / 3e10 - 1.0 / 6e10)  # of the plateau's strain, elastic
+    shown = starting_values(CurveFeatures((), (found,)))
+    assert shown['wire.E_M'] == found.martensite_modulus and shown['wire.eps_T'] == pytest.approx(0.04 - softer, abs=0.004)
+    within = isothermal_features('b', np.full(len(strain), 320.0), strain, np.minimum(stress, 3e8))
+    assert within is not None and np.isnan(within.martensite_modulus)  # the plateau has not ended
     assert found.modulus == pytest.approx(6e10, rel=0.05) and found.plateau_strain == pytest.approx(0.04, abs=0.004)
     assert isothermal_features('elastic', np.full(400, 320.0), up, 6e10 * up) is None
     assert isothermal_features('drifting', np.linspace(320.0, 330.0, 800), strain, stress) is None

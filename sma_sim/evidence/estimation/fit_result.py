@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OtherStart:
-    """Where a further start led: its cost above the best's, its parameters (SI), and whether it is the same optimum."""
+    """Where another start led: its cost above that of the one taken, its parameters (SI), whether it is the same optimum."""
 
     excess: float
     values: Mapping[str, float]

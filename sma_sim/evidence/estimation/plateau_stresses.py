@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
+from sma_sim.evidence.data.quasi_static import GRID, SMOOTHED, both_ways, smoothed_way
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.structures.discovery import known_structures
 
@@ -102,7 +102,8 @@ def plateau_of(way: tuple[Vector, Vector]) -> tuple[Vector, NDArray[np.bool_]]:
 
 def slope_beyond(slope: Vector, flat: NDArray[np.bool_]) -> float:
     """The steepest slope [Pa] after what is flat; NaN where that is the end of the test, but for a few samples."""
-    beyond = slope[int(np.flatnonzero(flat)[-1]) + 1 :]
+    inner = flat[: -int(SMOOTHED * GRID) - 1]  # smoothing makes the end flat too
+    beyond = slope[int(np.flatnonzero(inner)[-1]) + 1 :]
     return float(np.quantile(beyond, STEEPEST)) if len(beyond) >= LEAST_BEYOND * len(slope) else float('nan')
 
 
