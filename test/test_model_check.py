@@ -197,7 +197,7 @@ def test_other_names_another_order_and_a_missing_joint():
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     with check('-p', 'check.name_alpha:=tilt', '-p', 'check.name_U_y:=sway', quality=best_effort) as (fake, _):
         names, position = ('finger', 'tilt', 'sway'), (7.0, rest()[2] + 0.01, rest()[1] - 1e-3)
-        fake.until(lambda: fake.one.seen['residuals'], names=names, position=position)
+        fake.until(lambda: fake.one.seen['residuals'] and fake.one.seen['error_over_noise'], names=names, position=position)
         residual = fake.one.seen['residuals'][-1]
         assert list(residual.name) == ['U_x', 'U_y', 'alpha'] and len(residual.velocity) == len(residual.effort) == 0
         assert math.isnan(residual.position[0])

@@ -22,6 +22,25 @@ from sma_sim.solver.native_code_cache import NativeCodeCache
 make_function: Any = numba._dynfunc.make_function
 FRAGMENT, ENTRY = 1, 20  # work that is done when one of them is ready, in arbitrary units: their times are about 1 to 20
 on_compiled: list[Callable[[int], None]] = []  # called with the work that was done
+# Passes for parts of Python that the package's own functions do without.
+NOT_NEEDED = (
+    'WithLifting',
+    'InlineClosureLikes',
+    'RewriteSemanticConstants',
+    'DeadBranchPrune',
+    'GenericRewrites',
+    'RewriteDynamicRaises',
+    'MakeFunctionToJitFunction',
+    'InlineInlinables',
+    'FindLiterallyCalls',
+    'LiteralUnroll',
+    'LiteralPropagationSubPipelinePass',
+    'InlineOverloads',
+    'NopythonRewrites',
+    'AnnotateTypes',
+)
+# Half of the optimizer's time is the search for the store that a load reads, in up to 100 instructions of each block.
+binding.set_option('sma_sim', '-memdep-block-scan-limit=10')
 
 
 class FragmentLibrary(codegen.JITCodeLibrary):
@@ -89,12 +108,21 @@ class FragmentLowering(NativeLowering):
 class FragmentCompiler(CompilerBase):
     """numba's usual passes with another last one."""
 
+    left_out: tuple[str, ...] = ()
+
     def define_pipelines(self) -> list[Any]:
         """The passes."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(FragmentLowering if p is NativeLowering else p, what) for p, what in passes.passes]
+        needed = [(p, what) for p, what in passes.passes if p.__name__ not in self.left_out]
+        passes.passes = [(FragmentLowering if p is NativeLowering else p, what) for p, what in needed]
         passes.finalize()
         return [passes]
+
+
+class OwnFragmentCompiler(FragmentCompiler):
+    """For functions of the package, which use a small part of Python."""
+
+    left_out = NOT_NEEDED
 
 
 class AnnouncingDispatcher(CPUDispatcher):
@@ -139,5 +167,6 @@ def fragment(python: Callable[..., Any], inlined: bool) -> Any:
         '_nrt': False,  # no reference counts: our functions allocate nothing, and counting costs ten times the arithmetic
         'no_cpython_wrapper': True, 'no_cfunc_wrapper': True,
     }  # fmt: skip
-    made: Any = Fragment(python, targetoptions=options, pipeline_class=FragmentCompiler)
+    compiler = OwnFragmentCompiler if python.__module__.startswith('sma_sim.') else FragmentCompiler
+    made: Any = Fragment(python, targetoptions=options, pipeline_class=compiler)
     return made
