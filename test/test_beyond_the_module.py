@@ -85,16 +85,22 @@ def test_ports_and_terms_of_every_structure(name):
             assert effect.port == location.hook and effect.parameters[0].neutral == 0.0
 
 
+# Formulas for the nightly tests: each compiles its own effect.
+NIGHTLY = (
+    ('slider', 'force_position', 'position_wave', (3000.0, 0.5), 0.1),
+    ('slider', 'sense_position', 'play', (1e-4,), 1.0),
+    ('lever', 'power_2', 'J_above', (0.3,), -0.2),
+    ('spatial', 'heat_3', 'dT_switched', (9.0,), -1e-3),
+)
+
+
 @pytest.mark.parametrize(
     ('name', 'location', 'term', 'shapes', 'coefficient'),
     [
-        ('slider', 'force_position', 'position_wave', (3000.0, 0.5), 0.1),
         ('slider', 'force_position', 'slide_leaking', (3e-4, 4.0), -0.1),
-        ('slider', 'sense_position', 'play', (1e-4,), 1.0),
         ('lever', 'heat', 'slow_other', (5.0,), 2e-3),
-        ('lever', 'power_2', 'J_above', (0.3,), -0.2),
         ('rocker', 'moment_angle', 'angle_square', (), 0.02),
-        ('spatial', 'heat_3', 'dT_switched', (9.0,), -1e-3),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in NIGHTLY),
     ],
 )
 def test_a_formula_in_a_file_is_the_term_that_was_fitted(name, location, term, shapes, coefficient):

@@ -50,13 +50,19 @@ def shown(model):
     return np.array([result['U_y_m'] / 1e-3, result['alpha_rad'] / 0.15])
 
 
+# Formulas for the nightly tests: each compiles its own effect.
+NIGHTLY = (
+    ('moment_alpha', 'alpha_wave', 3e-3), ('force_U_y', 'oscillation', 0.05), ('heat_2', 'T_bump', 0.05),
+    ('power', 'J_above', -0.2), ('stress_1', 'T_above', 1e5), ('sense_U_y', 'settling', 1e-4),
+)  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ('location', 'term', 'coefficient'),
     [
-        ('moment_alpha', 'alpha_wave', 3e-3), ('moment_alpha', 'hinge_leaking', -5e-3), ('force_U_y', 'oscillation', 0.05),
-        ('stiffness', 'slow_warmth', 3e-3), ('heat', 'dT_switched', -1e-3), ('heat_2', 'T_bump', 0.05),
-        ('power', 'J_above', -0.2), ('power_1', 'tired_supply', -0.05), ('stress', 'worked', -1e6),
-        ('stress_1', 'T_above', 1e5), ('sense_alpha', 'play', 1.0), ('sense_U_y', 'settling', 1e-4),
+        ('moment_alpha', 'hinge_leaking', -5e-3), ('stiffness', 'slow_warmth', 3e-3), ('heat', 'dT_switched', -1e-3),
+        ('power_1', 'tired_supply', -0.05), ('stress', 'worked', -1e6), ('sense_alpha', 'play', 1.0),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in NIGHTLY),
     ],
 )  # fmt: skip
 def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coefficient):
