@@ -26,14 +26,23 @@ from sma_sim.evidence.symbolic_regression.propose import is_better
 ])  # fmt: skip
 def test_formulas_compete_where_effects_leave_more_than_noise(effects, fitted, predicted, limit, bent, room):
     last = SimpleNamespace(effects=effects, error=fitted, prediction_error=predicted, is_bent=bent)
-    assert leaves_room(SimpleNamespace(error=5.0), last, limit) == room
+    assert leaves_room([SimpleNamespace(error=5.0, effects=()), last], limit) == room
 
 
 @pytest.mark.parametrize(('bare', 'room'), [(5.0, True), (60.0, False)])
 def test_no_formula_is_sought_for_the_last_per_cent_of_an_effect(bare, room):
     """0.2 beyond the noise are a twenty-fifth of an error of 5, and no hundredth of one of 60."""
     last = SimpleNamespace(effects=('slack',), error=1.02, prediction_error=1.02, is_bent=False)
-    assert leaves_room(SimpleNamespace(error=bare), last, 1.3) == room
+    assert leaves_room([SimpleNamespace(error=bare, effects=()), last], 1.3) == room
+
+
+@pytest.mark.parametrize(('first', 'room'), [(1.13, True), (2.0, False)])
+def test_of_two_effects_the_second_may_make_up_for_the_form_of_the_first(first, room):
+    """What one effect leaves below 1.3 may be its form: one formula may explain all."""
+    last = SimpleNamespace(effects=('slack', 'gravity'), error=1.0, prediction_error=1.0, is_bent=False)
+    alone, bare = SimpleNamespace(effects=('slack',), error=first), SimpleNamespace(effects=(), error=5.0)
+    assert leaves_room([bare, alone, last], 1.3) == room
+    assert leaves_room([bare, alone, last, last], 1.3) == room  # compared again with the rivals of both
 
 
 @pytest.mark.parametrize(('accepted', 'imitating', 'before', 'beyond'), [

@@ -312,7 +312,7 @@ def conclusion(
     fits, proposal = [fit for _, fit in path], None
     if formulas is not None and not context.stop.is_set():
         fits[-1] = replace(fits[-1], is_bent=is_bent(fits[-1], context))
-        proposal = propose(fits, formulas) if leaves_room(fits[0], fits[-1], data.limit) else None
+        proposal = propose(fits, formulas) if leaves_room(fits, data.limit) else None
     if proposal is not None:
         last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
         stage = final_stage(data, 'formula', proposal.fit, context)
@@ -368,18 +368,22 @@ def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep]
     return verdicts_by_run(models, limit, {run.name: run.level for run in fits[0].problem.runs})
 
 
-def leaves_room(bare: FitResult, last: FitResult, limit: float) -> bool:
-    """Whether a model leaves so much in the fitted runs that a formula could explain better than its effects, or is bent.
+def leaves_room(path: Sequence[FitResult], limit: float) -> bool:
+    """Whether a formula could explain better than the effects of the last model of a path: it leaves much in the fitted
+    runs, or is bent.
 
     A formula that stands alone has to explain a part of the error that only more than noise can have, in fitted runs too:
     where these do not determine the parameters, it predicts better by chance. One effect that leaves only noise there, or
-    nearly nothing of what the `bare` model leaves, stands, however it predicts and however far other parameters are from the
-    nominal ones: nothing fits better by odds that are no chance. Several may imitate one formula.
+    nearly nothing of what the bare model leaves, stands, however it predicts and however far other parameters are from the
+    nominal ones: nothing fits better by odds that are no chance. Several may imitate one formula: also where they leave
+    only noise, if the last of them adds little to the others.
     """
+    bare, last = path[0], path[-1]
     if limit > CRITERIA.unexplained and last.error <= limit:
         return False
     if len(last.effects) > 1:
-        return last.is_bent or leaves_something(last)
+        before = [fit.error for fit in path if len(fit.effects) < len(last.effects)][-1]
+        return last.is_bent or leaves_something(last) or before <= CRITERIA.unexplained
     if last.effects:
         beyond_noise = sqrt(max(0.0, last.error**2 - 1.0))
         return last.error > CRITERIA.other_kinetics_above and beyond_noise > CRITERIA.min_error_reduction * bare.error
