@@ -31,6 +31,7 @@ Vector = NDArray[np.float64]
 GUARDS_PER_MODE = 2
 RTOL = 1e-4  # of the other solvers; ours takes its default
 EXACT = 1e-9
+MOST_RESTARTS = 1000  # of a run, which needs some 40: a solver may find the same event again and again
 
 
 class Problem:
@@ -195,6 +196,8 @@ def run_other(solve: Solve, problem: Problem, source: Input, rtol: float) -> tup
             first = int(np.argmax(inside)) if inside.any() else 0
             rows[:, first : first + count] = seen[:, :count]
             t, restarts = t_new, restarts + 1
+            if restarts > MOST_RESTARTS:
+                raise RuntimeError(f'no progress at {t:g} s')
             if fired:
                 problem.take_jumps(t, y, fired)
     rows[:, SAMPLES >= DURATION] = y[:, None]
