@@ -15,6 +15,7 @@ import numba
 import numpy as np
 import pytest
 from compiled_helpers import doubled
+from numba.core import typed_passes, untyped_passes
 
 from sma_sim import Input, Model, simulate
 from sma_sim.cli.main import main
@@ -34,7 +35,7 @@ from sma_sim.solver.compile import (
     write_source,
 )
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.fragments import ENTRY, FRAGMENT, on_compiled
+from sma_sim.solver.fragments import ENTRY, FRAGMENT, NOT_NEEDED, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -127,6 +128,10 @@ def result_of(process):
     output = process.communicate(timeout=120)[0]
     assert process.returncode == 0
     return json.loads(output)
+
+
+def test_passes_that_are_left_out_are_those_of_the_compiler():
+    assert all(hasattr(untyped_passes, name) or hasattr(typed_passes, name) for name in NOT_NEEDED)
 
 
 def test_processes_that_start_at_once_share_a_cache(started):
