@@ -75,20 +75,17 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
     """
     config, nuisance = task.point[0].config, task.point[1]
     try:
+        residuals = weighted_residuals(config, task.run, nuisance)
         found = sensitivities_of(task)
-        if found is None or not found.trajectory.completed:
-            return None
-        index = planned_run(task.run, nuisance)[2]
-        shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in task.run.channels])[:, index]
-        if task.run.step_limited:  # the run of a search is that which gives the tangents
-            residuals = compared(task.run, shown, nuisance)
-        else:
-            residuals = weighted_residuals(config, task.run, nuisance)
         beside = {
             j: (weighted_residuals(moved.config, task.run, there) - residuals) / step for j, step, moved, there in task.apart
         }
     except SimulationError:
         return None
+    if found is None or not found.trajectory.completed:
+        return None
+    index = planned_run(task.run, nuisance)[2]
+    shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in task.run.channels])[:, index]
     tangents = found.tangents[:, :, index]
     if task.delay >= 0:
         tangents[task.delay] = -task.delay_scale * found.slopes[:, index] * (index > 0)
