@@ -71,6 +71,7 @@ OUT_OF_LINE = (
     'start_states',
     'balance',
     'solve_pose',
+    'start_at',
     'start',
 )
 ENTRY = 'def {name}(*arguments):\n    return function(*by_reference(arguments))\n'

@@ -81,7 +81,34 @@ def first_values_stay(state: SystemState, point: InputPoint, p: System, w: Work)
     return True
 
 
-def start(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> bool:
+def start(state: SystemState, point: InputPoint, requested: Vector, parts: Vector, p: System, w: Work) -> bool:
+    """Fill the state with a start at rest; False when no equilibrium was found.
+
+    The state has its temperatures, and zeros. `requested` as in `start_at`; where `parts` (wires,) are finite, these are
+    asked for instead: x_M as a part of what a resting wire can have, from sigma = sigma_A (least) to sigma_M (most).
+    """
+    within = False
+    for i in range(p.wires):
+        within = within or np.isfinite(parts[i])
+    if not within:
+        return start_at(state, point, requested, p, w)
+    first, least, asked, edge = w.stages[0], w.stages[1], w.stages[2, : p.wires], w.stages[3, : p.wires]
+    copy_into(first, state.y)
+    edge[:] = np.nan
+    if not start_at(state, point, edge, p, w):
+        return False
+    for i in range(p.wires):
+        least[i], edge[i] = state.x_frozen[i], np.inf
+    copy_into(state.y, first)
+    if not start_at(state, point, edge, p, w):
+        return False
+    for i in range(p.wires):
+        asked[i] = min(max(least[i] + parts[i] * (state.x_frozen[i] - least[i]), 0.0), 1.0)
+    copy_into(state.y, first)
+    return start_at(state, point, asked, p, w)
+
+
+def start_at(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> bool:
     """Fill the state with a start at rest; False when no equilibrium was found.
 
     The input `point` has a slope of zero. `requested` is x_M per wire; NaN asks for sigma = sigma_A, inf for sigma_M.

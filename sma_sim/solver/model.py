@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.config import Config
-from sma_sim.model.effects.ports import STRUCTURE_FORCE
+from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DL, StructureTable, System
-from sma_sim.model.parameters import wire_constants
+from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.fields_read import uses_time
@@ -56,13 +56,23 @@ class Model:
         return self.structure.constants_of(self.config.parameters)
 
     @cached_property
+    def wire(self) -> WireConstants:
+        """The wire's constants, by name."""
+        return wire_constants(self.config.parameters)
+
+    @cached_property
+    def effects(self) -> tuple[EffectTable, tuple[float, ...]]:
+        """The table of the active effects, and the scales of their extra states."""
+        config, before = self.config, 2 * len(self.structure.coordinates) + self.wires
+        first_state = before + (self.wires if config.model == 'mas' else 0)
+        return effect_table(config.effects, config.structure, first_state, self.wire, self.constants)
+
+    @cached_property
     def compiled(self) -> System:
         """What the compiled flow reads."""
         config, structure = self.config, self.structure
         n, mas = len(structure.coordinates), config.model == 'mas'
-        first_T, wire = 2 * n, wire_constants(config.parameters)
-        first_x = first_T + self.wires
-        table, _ = effect_table(config.effects, config.structure, first_x + (self.wires if mas else 0), wire, self.constants)
+        first_T, wire, (table, _) = 2 * n, self.wire, self.effects
         acting = table.port_start[STRUCTURE_FORCE + 1] - table.port_start[STRUCTURE_FORCE]
         if acting > MOST_EFFECTS:
             raise UserError(f'{acting} effects act on the {structure.title}: expected at most {MOST_EFFECTS}')
@@ -73,18 +83,16 @@ class Model:
             new_effects(structure),
         )  # fmt: skip
         return System(
-            n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T, first_x,
-            len(structure.channels), wire, at, table, structure.imposed_temperature,
+            n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T,
+            first_T + self.wires, len(structure.channels), wire, at, table, structure.imposed_temperature,
         )  # fmt: skip
 
     @cached_property
     def scales(self) -> Vector:
         """The size of every state, for the error control and the difference steps; its length is the state's."""
-        config, p = self.config, self.compiled
         pose = [coordinate.size(self.constants) for coordinate in self.structure.coordinates]
-        wires = [30.0] * self.wires + [0.1] * (self.wires if p.mas else 0)
-        first = 2 * len(pose) + len(wires)
-        _, extra = effect_table(config.effects, config.structure, first, p.wire, self.constants)
+        wires = [30.0] * self.wires + [0.1] * (self.wires if self.config.model == 'mas' else 0)
+        _, extra = self.effects
         return np.array([*pose, *rate_scales(self.structure, self.constants), *wires, *extra])
 
 

@@ -132,11 +132,14 @@ def new_work(model: Model) -> Work:
     )  # fmt: skip
 
 
-def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | None = None) -> Run:
+def new_run(
+    model: Model, first_input: Vector, work: Work, fractions: Vector | None = None, parts: Sequence[float] = ()
+) -> Run:  # fmt: skip
     """A run at its start: static equilibrium at ambient temperature, modes that admit it.
 
     `fractions` (wires,) are the requested x_M, in place of initial.x_M_*; NaN asks for sigma = sigma_A, inf for sigma_M.
-    Raises SimulationError when there is no equilibrium.
+    `parts` (wires,) ask for x_M as parts of the way from the one to the other. Raises SimulationError when there is no
+    equilibrium.
     """
     p = own_scratch(model.compiled)
     y = np.zeros(len(work.weight))
@@ -146,11 +149,10 @@ def new_run(model: Model, first_input: Vector, work: Work, fractions: Vector | N
     requested = fractions
     if requested is None:
         requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
-    if p.mas:
-        y[p.first_x : p.first_x + p.wires] = np.where(np.isfinite(requested), requested, 0.5)
+    within = np.array(parts if len(parts) else [np.nan] * p.wires, dtype=float)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
     at_rest, hybrid = InputPoint(u, np.zeros(len(u))), p._replace(mas=False)
-    if not package_compiler().function(start)(state, at_rest, requested, hybrid, work):
+    if not package_compiler().function(start)(state, at_rest, requested, within, hybrid, work):
         groups = ', '.join(sorted({f'{name.partition(".")[0]}.*' for name in model.structure.declared}))
         raise SimulationError(
             f'no static equilibrium of {model.structure.title} and wires was found; check {groups}, wire.l0'
