@@ -32,6 +32,7 @@ GUARDS_PER_MODE = 2
 RTOL = 1e-4  # of the other solvers; ours takes its default
 EXACT = 1e-9
 MOST_RESTARTS = 1000  # of a run, which needs some 40: a solver may find the same event again and again
+MOST_CALLS = 300_000  # of the right-hand side in a run, which needs some 10,000: a solver may hardly move
 
 
 class Problem:
@@ -60,6 +61,8 @@ class Problem:
     def write_rhs(self, t: float, y: Vector, dy: Vector) -> None:
         """dy/dt into `dy` (a copy of y, since some solvers hand out a read-only one)."""
         self.calls += 1
+        if self.calls > MOST_CALLS:
+            raise RuntimeError(f'{MOST_CALLS} evaluations of the right-hand side, at {t:g} s')
         self.compiled[0](t, self.state._replace(y=np.array(y)), dy, self.u, self.obs)
 
     def guards(self, t: float, y: Vector, g: Vector) -> None:

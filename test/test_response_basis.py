@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sma_sim.evidence.symbolic_regression.response_basis import TOLERANCE, by_combination
+from sma_sim.evidence.symbolic_regression.response_basis import TOLERANCE, by_combination, by_product
 
 
 def test_few_responses_tell_those_to_all_functions_of_one_variable():
@@ -33,3 +33,38 @@ def test_all_are_simulated_where_one_of_the_basis_cannot_be():
     found = by_combination(simulate, columns)
     assert found[0] is None
     assert found[1] is columns[1] and found[2] is columns[2]
+
+
+def sensed(columns: list[np.ndarray | None], simulated: list[int], lag: int = 0):
+    """What a sensor that lags by some samples shows more, on the first of two channels."""
+
+    def simulate(chosen: list[int]) -> list[np.ndarray | None]:
+        simulated.extend(chosen)
+        weight = np.concatenate([np.linspace(1.0, 2.0, 100), np.zeros(100)])
+        zeros = np.zeros(200)
+        return [weight * np.roll(zeros if columns[k] is None else columns[k], lag) for k in chosen]
+
+    return simulate
+
+
+def of_a_sensor() -> list[np.ndarray | None]:
+    """A constant, waves and steps at the samples of two channels; zeros, and what samples do not tell."""
+    t = np.linspace(0.0, 1.0, 100)
+    shapes = [np.full(100, 2.0), *(np.sin(20.0 * k * t) for k in (1, 2, 3)), *((t > at) * 1.0 for at in (0.2, 0.5)), 0.0 * t]
+    return [*(np.tile(shape, 2) for shape in shapes), None]
+
+
+def test_a_sensor_without_memory_shows_what_is_added_to_it():
+    columns, simulated = of_a_sensor(), list[int]()
+    found = by_product(sensed(columns, simulated), columns, columns)
+    assert sorted(simulated) == [0, 3, 6, 7]  # the constant, what varies most, and those that nothing tells
+    for response, exact in zip(found, sensed(columns, [])(list(range(len(columns)))), strict=True):
+        np.testing.assert_allclose(response, exact, atol=1e-12)
+
+
+def test_of_a_sensor_that_lags_responses_are_simulated():
+    columns, simulated = of_a_sensor(), list[int]()
+    found = by_product(sensed(columns, simulated, lag=10), columns, columns)
+    assert len(set(simulated)) > 4
+    for response, exact in zip(found[:6], sensed(columns, [], lag=10)(list(range(6))), strict=True):
+        assert np.linalg.norm(response - exact) <= 2.0 * TOLERANCE * np.linalg.norm(exact)

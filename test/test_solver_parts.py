@@ -224,6 +224,9 @@ def test_a_requested_fraction_that_is_admitted_is_that_of_the_start(kind):
         assert run.state.x_frozen == pytest.approx(requested, abs=1e-12) and (run.state.mode == INNER).all()
         assert run.state.y[p.first_T : p.first_T + 2].tolist() == [305.0, 305.0] and not run.state.y[3:6].any()
         assert not p.mas or run.state.y[p.first_x : p.first_x + 2].tolist() == run.state.x_frozen.tolist()
+        within = new_run(model, u, new_work(model), parts=[(x - edges[0]) / (edges[1] - edges[0]) for x in requested])
+        assert within.state.x_frozen == pytest.approx(requested, abs=1e-9) and (within.state.mode == INNER).all()
+        assert within.state.y == pytest.approx(run.state.y, rel=1e-9, abs=1e-12)
 
 
 def test_elimination_of_whole_numbers():

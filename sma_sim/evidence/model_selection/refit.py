@@ -18,7 +18,7 @@ from sma_sim.evidence.estimation.run_subset import from_subset, run_subset, to_s
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
 from sma_sim.evidence.model_selection.restricted import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched, with_candidate
@@ -72,9 +72,10 @@ def best_refits(
     """By candidate, its refit; None for those whose sketches lie too far behind the best, or not `below` a part of the cost.
 
     The best by their sketches are refitted from where those end, and given up if they cannot come down to the best so far.
-    As long as none leaves only noise, those near the best are also refitted from the middle of all priors with weak
-    damping; of one wire, whose runs cost little, all sketches near it are, with the effects at their defaults. Of many runs
-    only a subset is fitted at first; `most` candidates are then refitted to all.
+    As long as none leaves only noise, those near the best are also refitted from the middle of all priors with weak damping,
+    unless the base leaves so little that its parameters cannot be far off; of one wire, whose runs cost little, all sketches
+    near it are, with the effects at their defaults. Of many runs only a subset is fitted at first; `most` candidates are
+    then refitted to all.
     """
     subset = run_subset(base.problem)
     if len(subset.runs) < len(base.problem.runs):
@@ -88,15 +89,17 @@ def best_refits(
     middle = [with_candidate(at_prior_means(base), screened) for screened in candidates]
     best: list[FitResult | None] = [None] * len(candidates)
     cheap = base.problem.config.structure.structure.wires == 1
-    again, near = (FROM_PRIORS, list(enumerate(sketches))) if cheap else (WEAKLY_DAMPED, ahead[: CRITERIA.retried_refits])
+    astray = base.is_bent or base.error > unexplained_above(base.problem.span)
+    retried = ahead[: CRITERIA.retried_refits] if astray else []
+    again, near = (FROM_PRIORS, list(enumerate(sketches))) if cheap else (WEAKLY_DAMPED, retried)
     for criteria, which in ((ADDED_EFFECT, ahead[:first]), (ADDED_EFFECT, ahead[first:]), (again, near)):
         target = least_plausible_cost(best, candidates)
-        retried, reached = criteria is again, min(target, least_plausible_cost(sketches, candidates))
+        once_more, reached = criteria is again, min(target, least_plausible_cost(sketches, candidates))
         chosen = [
             k for k, sketch in which
-            if sketch is not None and (may_decide(best[k] or sketch, target) if retried else is_near(sketch, reached))
+            if sketch is not None and (may_decide(best[k] or sketch, target) if once_more else is_near(sketch, reached))
         ]  # fmt: skip
-        starts = [middle[k] if retried else (led[k].problem, led[k].z) for k in chosen]
+        starts = [middle[k] if once_more else (led[k].problem, led[k].z) for k in chosen]
         # a fit from far away may fall slowly for a while before it falls below all others
         jobs = [
             partial(refit, problem, at_defaults(problem), context, criteria) if criteria is FROM_PRIORS

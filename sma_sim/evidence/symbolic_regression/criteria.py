@@ -15,7 +15,8 @@ class TermSearchCriteria:
         Terms that are fitted after the first regression, and of one location: the regression is linear and often ranks a
         neighbour of the true term first.
     max_leads, lead_error_ratio
-        Fits around which terms are exchanged, each of another port, and how far their error may lie above the least.
+        Fits around which terms are exchanged, each of another port, and how far their error may lie above the least, that of
+        known effects in whose place they are sought included.
     max_exchanged
         Terms that are fitted in place of those of such a fit.
     good_fit_error

@@ -113,14 +113,15 @@ class FormulaSearch:
     def ranking(self, base: FitResult, known: FitResult) -> list[FormulaFit]:
         """The formulas that were refitted on a model, by their cross-validated error.
 
-        Beside one `known` effect that leaves only noise, those that begin near that are continued alone: of as many causes
-        the listed one stands, unless a formula explains better by more than its freedom does.
+        Instead of `known` effects, those are continued alone that begin near what these leave: of not more causes the listed
+        ones stand, unless a formula explains better by more than its freedom does.
         """
         for searched, ranking in self.rankings:
             if searched.problem is base.problem and searched.z is base.z:
                 return ranking
-        stands = len(known.effects) == 1 and known.error <= CRITERIA.noise_only
-        self.rankings.append((base, refitted_formulas(base, self.context, CRITERIA.unexplained if stands else inf)))
+        instead = len(known.effects) > len(base.effects)
+        most = TERM_SEARCH_CRITERIA.lead_error_ratio * max(1.0, known.error) if instead else inf
+        self.rankings.append((base, refitted_formulas(base, self.context, most)))
         return self.rankings[-1][1]
 
     def explains(self, base: FitResult) -> bool:

@@ -2,7 +2,8 @@
 
 To first order the channels respond to a term as to the function of time that it is along the runs. Functions of few slow
 variables are nearly combinations of each other, so that the responses to some of them tell those to all (interpolative
-decomposition: Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005).
+decomposition: Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005). A sensor without a memory of its own
+shows at once what is added to it, so that one response tells all.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sma_sim.evidence.symbolic_regression.terms import Term
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Responses = list[NDArray[np.float64] | None]
-TOLERANCE = 0.1  # of the root mean square of a term along the runs, by which a combination may miss it
+TOLERANCE = 0.3  # of the root mean square of a term along the runs, by which a combination may miss it
 
 
 def follows_slow_states(term: Term) -> bool:
@@ -61,6 +62,33 @@ def by_combination(simulate: Callable[[list[int]], Responses], columns: Sequence
             return simulate(list(range(len(columns))))
         for k, response in zip(known, basis.weights.T @ np.array(responses), strict=True):
             found[k] = response
+    for k, response in zip(rest, simulate(rest), strict=True):
+        found[k] = response
+    return found
+
+
+def by_product(
+    simulate: Callable[[list[int]], Responses], columns: Sequence[Vector | None], added: Sequence[Vector | None]
+) -> Responses:
+    """The responses to trials that are added to what a sensor shows: that to a constant times each of them.
+
+    `added`: each trial at the samples of all residuals; None where these do not tell its response. By combination
+    (`columns`) where the trial that varies most shows that the sensor does not show all at once, or its zero is unknown.
+    """
+    known = {k: column for k, column in enumerate(added) if column is not None and column.any()}
+    constant = next((k for k, column in known.items() if np.ptp(column) == 0.0), None)
+    if constant is None:
+        return by_combination(simulate, columns)
+    varying = max(known, key=lambda k: float(np.linalg.norm(np.diff(known[k])) / np.linalg.norm(known[k])))
+    unit, checked = simulate([constant, varying])
+    if unit is None or checked is None:
+        return by_combination(simulate, columns)
+    unit = unit / known[constant]
+    if np.linalg.norm(unit * known[varying] - checked) > TOLERANCE * np.linalg.norm(checked):
+        return by_combination(simulate, columns)
+    rest, found = [k for k in range(len(added)) if k not in known], Responses([None] * len(added))
+    for k, column in known.items():
+        found[k] = unit * column
     for k, response in zip(rest, simulate(rest), strict=True):
         found[k] = response
     return found

@@ -24,11 +24,16 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
-from sma_sim.evidence.symbolic_regression.response_basis import by_combination, follows_slow_states
+from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
+from sma_sim.evidence.symbolic_regression.visited_states import (
+    VisitedStates,
+    sensed_states,
+    term_values,
+    visited_states,
+)
 
 Vector = NDArray[np.float64]
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
@@ -93,6 +98,10 @@ class LinearizedFit:
         """What the grids at a location are made of."""
         length = max(float(run.time[-1]) for run in self._problem.runs)
         return VisitedRanges(visited_states(location, self._problem, self._z), length, self._frequencies)
+
+    def sensed(self, location: Location) -> list[VisitedStates]:
+        """What a sensor sees at every sample."""
+        return sensed_states(location, self._problem, self._z, every_sample=True)
 
     @property
     def locations(self) -> tuple[Location, ...]:
@@ -171,14 +180,32 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup, stop: Stop) ->
 
 
 def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
-    """The responses to all trials at a location, most of them combinations of the others."""
-    visited = linearized.ranges(location).visited
-    columns = [
-        np.concatenate([trial.coefficient * term_values(trial.term, trial.shapes, states) for states in visited])
+    """The responses to all trials at a location, most of them combinations of the others, or products with one."""
+
+    def simulated(chosen: Sequence[int]) -> list[Vector | None]:
+        return linearized.responses(location, [trials[k] for k in chosen])
+
+    along = columns_of(trials, linearized.ranges(location).visited)
+    if location.hook != 'sensing':
+        return by_combination(simulated, along)
+    channels = [len(run.residuals) for run in linearized.linear]
+    return by_product(simulated, along, columns_of(trials, linearized.sensed(location), channels))
+
+
+def columns_of(
+    trials: Sequence[TermTrial], visited: Sequence[VisitedStates], times: Sequence[int] = ()
+) -> list[Vector | None]:
+    """Each trial along all runs, that of each run so many `times` (once without); None where that does not tell what it is
+    in between."""  # fmt: skip
+    times = times or [1] * len(visited)
+    return [
+        np.concatenate([
+            np.tile(trial.coefficient * term_values(trial.term, trial.shapes, states), count)
+            for states, count in zip(visited, times, strict=True)
+        ])
         if follows_slow_states(trial.term) else None
         for trial in trials
     ]  # fmt: skip
-    return by_combination(lambda chosen: linearized.responses(location, [trials[k] for k in chosen]), columns)
 
 
 def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, response: Vector | None) -> TermFit | None:

@@ -46,12 +46,12 @@ class VisitedStates:
         return [SimpleNamespace(**dict(zip(names, row, strict=True))) for row in rows]
 
 
-def visited_by_wire(problem: Problem, z: Vector, wire: int = 0) -> list[VisitedStates]:
-    """All runs of a problem at z, as one wire sees them."""
+def visited_by_wire(problem: Problem, z: Vector, wire: int = 0, every_sample: bool = False) -> list[VisitedStates]:
+    """All runs of a problem at z, as one wire sees them; at some of their samples, or at every one."""
     config, visited = problem.fitted(z), []
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
         columns = model_columns(config, run, problem.nuisance(run, z[indices]))
-        every = max(1, len(run.time) // MAX_STATES_PER_RUN)
+        every = 1 if every_sample else max(1, len(run.time) // MAX_STATES_PER_RUN)
         fields = kernel_fields(run.time, columns, config, wire)
         visited.append(VisitedStates(run.name, wire, {name: values[::every] for name, values in fields.items()}))
     return visited
@@ -80,15 +80,19 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
     return fields | {f'd{name}': np.gradient(fields[name], time) for name in ('x', 'eps')}
 
 
+def sensed_states(location: Location, problem: Problem, z: Vector, every_sample: bool = False) -> list[VisitedStates]:
+    """The runs as the kernels of a sensor see them."""
+    return [
+        VisitedStates(states.run, states.wire, {**states.fields, **sensor_fields(location, states, problem)})
+        for states in visited_by_wire(problem, z, wire_of_channel(location.channel), every_sample)
+    ]
+
+
 def visited_states(location: Location, problem: Problem, z: Vector) -> list[VisitedStates]:
     """The runs as the kernels at a location see them; every wire where it acts in each."""
     wires = problem.config.structure.structure.wires
     if location.hook == 'sensing':
-        wire = wire_of_channel(location.channel)
-        return [
-            VisitedStates(states.run, states.wire, {**states.fields, **sensor_fields(location, states, problem)})
-            for states in visited_by_wire(problem, z, wire)
-        ]
+        return sensed_states(location, problem, z)
     if location.hook == 'structure_force':
         return visited_by_wire(problem, z, wires - 1)  # as the effects of a structure are called
     chosen = range(wires) if location.component == EVERY_WIRE else (location.component,)
