@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -48,14 +47,11 @@ def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningRe
 
 
 def sketched_formulas(
-    start: FitResult, terms: Sequence[TermFit], context: SearchContext, before: tuple[TermFit, ...] = (), target: float = inf
+    start: FitResult, terms: Sequence[TermFit], context: SearchContext, before: tuple[TermFit, ...] = ()
 ) -> list[AugmentedFit]:
-    """Sketches of the fits with each of some terms, beside those `before` which the start has; those that can be run.
-
-    One that falls too slowly to reach the cost `target` is given up.
-    """
+    """Sketches of the fits with each of some terms, beside those `before` which the start has; those that can be run."""
     candidates = [as_candidate(term, start.problem.config.structure, len(before)) for term in terms]
-    sketches = sketches_from(start, ADDED_EFFECT.damping, candidates, context, target)
+    sketches = sketches_from(start, ADDED_EFFECT.damping, candidates, context)
     return [
         AugmentedFit(fitted, tuple(as_fitted(term, copy, fitted) for copy, term in enumerate((*before, term))))
         for term, fitted in zip(terms, sketches, strict=True) if fitted is not None

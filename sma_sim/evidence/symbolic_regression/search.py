@@ -11,7 +11,6 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.refit import cost_with
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.evidence.symbolic_regression.augmented_fit import AugmentedFit, sketched_formulas
 from sma_sim.evidence.symbolic_regression.criteria import TERM_SEARCH_CRITERIA
@@ -27,8 +26,7 @@ def search_formulas(nominal: FitResult, context: SearchContext, most: float = in
     base, tempering = tempered_fit(nominal, context)
     context.on_progress('fitting the terms of an equation at every port')
     terms = best_by_location(terms_at(base, tempering, context))
-    target = cost_with(most, base.problem, base.z)
-    fits = sketched_formulas(base, terms[: criteria.max_first_terms], context, target=target)
+    fits = sketched_formulas(base, terms[: criteria.max_first_terms], context)
     fits = [fit for fit in fits if fit.fitted.error <= most]
     for lead in exchange_candidates(fits):
         if lead.fitted.error > criteria.good_fit_error and not context.stop.is_set():

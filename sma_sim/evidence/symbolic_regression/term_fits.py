@@ -7,7 +7,7 @@ parameters, starts and delay absorb of it (as in the screening of effects). No m
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,6 +37,7 @@ from sma_sim.evidence.symbolic_regression.visited_states import (
 
 Vector = NDArray[np.float64]
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
+EXACT_TERMS = 30  # of the best whose own responses are simulated: combinations may misorder neighbours
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class TermTrial:
 class TermFit:
     """One term at one location with its `shapes` and `coefficient`; `error_reduction`: of the squared residuals.
 
-    `limits`: the realistic range of each shape.
+    `limits`: the realistic range of each shape; `tried`: the coefficient with which its response was simulated.
     """
 
     location: Location
@@ -61,6 +62,12 @@ class TermFit:
     coefficient: float
     error_reduction: float
     limits: tuple[tuple[float, float], ...]
+    tried: float = 0.0
+
+    @property
+    def trial(self) -> TermTrial:
+        """What is simulated of it."""
+        return TermTrial(self.term, self.shapes, self.tried)
 
     @property
     def name(self) -> str:
@@ -214,7 +221,8 @@ def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, re
     if column is None:
         return None
     score, size = float(column @ linearized.projected_residuals), float(column @ column)
-    return TermFit(location, trial.term, trial.shapes, -trial.coefficient * score / size, score**2 / size, ())
+    coefficient, gain = -trial.coefficient * score / size, score**2 / size
+    return TermFit(location, trial.term, trial.shapes, coefficient, gain, (), trial.coefficient)
 
 
 def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
@@ -234,5 +242,30 @@ def fit_all_terms(linearized: LinearizedFit, stop: Stop, hooks: Collection[str] 
     """
     groups = [group for group in location_groups(linearized.locations) if not hooks or group.singles[0].hook in hooks]
     jobs = [partial(fit_terms_at, linearized, group, stop) for group in groups]
-    fits = [fit for found in run_in_threads(jobs, stop, at_once=2) for fit in found]
+    fits = ordered(fit for found in run_in_threads(jobs, stop, at_once=2) for fit in found)
+    return fits if stop.is_set() else ordered(with_own_responses(linearized, fits[:EXACT_TERMS]) + fits[EXACT_TERMS:])
+
+
+def ordered(fits: Iterable[TermFit]) -> list[TermFit]:
+    """The largest error reduction first."""
     return sorted(fits, key=lambda fit: -fit.error_reduction)
+
+
+def with_own_responses(linearized: LinearizedFit, fits: Sequence[TermFit]) -> list[TermFit]:
+    """The same terms, each by its own response, simulated rather than combined of others'; what sensors show is exact."""
+    singles = {location.name: location for location in linearized.locations}
+    asked = {
+        name: list(dict.fromkeys(fit.trial for fit in fits if name in fit.location.ports and fit.location.hook != 'sensing'))
+        for name in singles
+    }
+    own = {
+        (name, trial): response for name, trials in asked.items()
+        for trial, response in zip(trials, linearized.responses(singles[name], trials), strict=True)
+    }  # fmt: skip
+    found = []
+    for fit in fits:
+        parts = [own.get((name, fit.trial)) for name in fit.location.ports]
+        known = [part for part in parts if part is not None]
+        exact = term_fit(linearized, fit.location, fit.trial, np.sum(known, axis=0)) if len(known) == len(parts) else None
+        found.append(fit if exact is None else replace(exact, limits=fit.limits))
+    return found
