@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.propose import FormulaSearch, propose
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, shape_grid
 from sma_sim.evidence.symbolic_regression.stability import stabilities
-from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial
+from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, with_own_responses
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
@@ -134,6 +135,31 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
     warm = with_effect(config(), find_effects([tmp_path])['warm'], {'c': 2e-5})
     moved = np.abs(shown(warm) - shown(config()))
     assert moved[1, 0] < 1e-6 < 1e-3 < moved[1].max() and isinstance(Parameter, type)
+
+
+def test_the_best_terms_count_by_their_own_responses():
+    """That of every wire is the sum over the wires; what cannot be run alone, and what a sensor shows, stays as it was."""
+    residuals = np.array([3.0, -1.0, 2.0, 0.5])
+    own = {('heat_1', 2.0): [1.0, 0.0, 0.5, 0.0], ('heat_2', 2.0): [0.0, -1.0, 0.5, 1.0], ('strain_1', 2.0): None}
+    asked = []
+
+    def responses(location, trials):
+        asked.extend((location.name, trial.coefficient) for trial in trials)
+        return [None if own[name] is None else np.array(own[name]) for name in asked[len(asked) - len(trials) :]]
+
+    linearized = SimpleNamespace(
+        locations=tuple(LOCATIONS[name] for name in ('heat_1', 'heat_2', 'strain_1', 'sense_alpha')),
+        responses=responses, project=lambda response: response, projected_residuals=residuals,
+    )  # fmt: skip
+    names = ('heat', 'heat_1', 'strain_1', 'sense_alpha')
+    fits = [replace(fit_of(name, 'constant', 0.1), error_reduction=7.0, tried=2.0) for name in names]
+    every, one, strain, sensor = with_own_responses(linearized, fits)
+    for fit, response in ((every, np.add(own['heat_1', 2.0], own['heat_2', 2.0])), (one, np.array(own['heat_1', 2.0]))):
+        best = np.linalg.lstsq(response[:, None], -residuals, rcond=None)[0][0]
+        assert fit.coefficient == pytest.approx(2.0 * best)
+        assert residuals @ residuals - fit.error_reduction == pytest.approx(np.sum((residuals + best * response) ** 2))
+        assert fit.limits == fits[0].limits
+    assert [strain, sensor] == fits[2:] and len(asked) == len(set(asked)) == 3
 
 
 @pytest.fixture(scope='module')
