@@ -8,7 +8,7 @@ import pytest
 
 from sma_sim.evidence.diagnosis.diagnose import leaves_room
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
-from sma_sim.evidence.model_selection.forward_selection import points_beyond_library
+from sma_sim.evidence.model_selection.forward_selection import adds_little, points_beyond_library
 from sma_sim.evidence.symbolic_regression.propose import is_better
 
 
@@ -62,6 +62,18 @@ def test_where_a_law_that_is_not_listed_may_explain_alone(accepted, imitating, b
     step = SelectionStep(base, (), (*fits, *([chosen] if chosen else [])), chosen)
     assert points_beyond_library(step, before) == beyond
     assert not points_beyond_library(replace(step, stopped=True), before)
+
+
+@pytest.mark.parametrize(('before', 'after', 'little'), [
+    (1.29, 1.22, True),
+    (1.29, 1.14, False),  # more than a tenth
+    (1.15, 1.08, False),  # only noise is left
+    (1.4, 1.35, False),  # much is left, which effects may explain together
+    (1.29, None, False),
+])  # fmt: skip
+def test_an_effect_that_takes_little_of_little_may_imitate_what_is_not_listed(before, after, little):
+    chosen = None if after is None else SimpleNamespace(fit=SimpleNamespace(error=after))
+    assert adds_little(SelectionStep(SimpleNamespace(error=before), (), (), chosen)) == little
 
 
 @pytest.mark.parametrize(('known', 'formula', 'better'), [

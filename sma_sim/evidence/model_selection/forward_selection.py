@@ -40,7 +40,8 @@ def select_forward(
     """Steps until nothing more is gained; the last one accepts nothing (unless stopped or full).
 
     `unlisted_explains`: whether a law that is not listed explains alone, beside a base, all that effects do not. It is asked
-    before effects are put together (`points_beyond_library`); then no effect is accepted. `over_floor`: whether errors are
+    before effects are put together (`points_beyond_library`); then no effect is accepted, nor is a further one that adds
+    little where such laws are sought. `over_floor`: whether errors are
     over what repeats differ by, which is not sharp as noise is: less than that asks for no effect at all.
     """
     base, steps = nominal, list[SelectionStep]()
@@ -48,6 +49,8 @@ def select_forward(
         return (SelectionStep(base, (), (), None),)
     while not context.stop.is_set() and len(steps) < CRITERIA.max_effects:
         step = selection_step(base, context)
+        if unlisted_explains and steps and adds_little(step):
+            step = replace(step, accepted=None)
         steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
         first = [*steps, step][0]
         if unlisted_explains and points_beyond_library(step, len(steps)) and unlisted_explains(first.base):
@@ -65,6 +68,15 @@ def select_forward(
         if not (leaves_something(base) or base.is_bent):
             return (*steps, SelectionStep(base, (), (), None))
     return tuple(steps)
+
+
+def adds_little(step: SelectionStep) -> bool:
+    """Whether a further effect takes away little of the little that is left, and leaves more than noise: it may imitate what
+    is not listed, which is sought beside the others then."""  # fmt: skip
+    if step.accepted is None:
+        return False
+    before, after = step.base.error, step.accepted.fit.error
+    return before <= CRITERIA.unexplained and after > max(CRITERIA.noise_only, (1.0 - CRITERIA.min_named_reduction) * before)
 
 
 def points_beyond_library(step: SelectionStep, accepted_before: int) -> bool:
