@@ -32,7 +32,7 @@ GUARDS_PER_MODE = 2
 RTOL = 1e-4  # of the other solvers; ours takes its default
 EXACT = 1e-9
 MOST_RESTARTS = 1000  # of a run, which needs some 40: a solver may find the same event again and again
-MOST_CALLS = 300_000  # of the right-hand side in a run, which needs some 10,000: a solver may hardly move
+MOST_CALLS = 300_000  # of the right-hand side in a run: one-step methods need some 10,000, others may take minutes
 
 
 class Problem:
