@@ -194,8 +194,8 @@ PARTS = (
     Part('solvers', 'Other solvers', 6, script('solvers', '--runs', '{count}'),
          'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change '
          'of the command '
-         'and at every jump. `failed`: given up after 1,000 restarts or 300,000 evaluations of the right-hand side; multistep '
-         'methods take a million and more in MAS runs. CVODE needs `scikit-sundae`.', share=0.2, whole=5),
+         'and at every jump. `failed`: given up after 1,000 restarts or 300,000 evaluations of the right-hand side; '
+         'multistep methods take a million and more in MAS runs. CVODE needs `scikit-sundae`.', share=0.2, whole=5),
     Part('robustness', 'Robustness', 4, script('robustness', '--runs', '{count}'),
          'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.',
          share=0.25, whole=1000),
