@@ -1,12 +1,13 @@
 """Laws that can be written down in one line: kernels of effects, shapes of the beam, rows of a sample, the start."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from systems import COMBINATIONS, active, evaluate, make_model, random_state, raw_run
 
-from sma_sim import find_effects, module_input, simulate, wire_input
+from sma_sim import Model, find_effects, module_input, simulate, wire_input
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.effects.library import polycrystal
 from sma_sim.model.effects.ports import S_CHANNEL, S_POSE, S_STRAIN, S_T_OTHER, S_VALUE, S_X, S_X_OTHER, State
@@ -146,10 +147,12 @@ def test_columns_of_a_sample_belong_together(kind):
 @pytest.mark.parametrize(('system', 'kind'), COMBINATIONS)
 def test_a_start_lies_within_the_hysteresis(system, kind, requested, T_E):
     """sigma_M <= sigma <= sigma_A, but for wires that have no martensite, or no austenite, left to turn."""
-    model = make_model(system, kind)
+    usual = make_model(system, kind)
+    initial = {f'initial.x_M_{i + 1}': requested for i in range(usual.wires)}
+    model = Model(replace(usual.config, parameters={**usual.config.parameters, **initial}))
     first = np.array([0.0, T_E] if system == 'module' else [0.02, 0.0, T_E])
     p = model.compiled
-    run = new_run(model, first, new_work(model), np.full(p.wires, requested))
+    run = new_run(model, first, new_work(model))
     state = run.state
     obs = evaluate(model, state.y, first, np.zeros(len(first)), state.mode, state.x_frozen).obs
     slack = 1e-6 * p.wire.dsigma

@@ -215,12 +215,14 @@ def test_a_requested_fraction_that_is_admitted_is_that_of_the_start(kind):
     """Those between the two at which the stress lies on an edge of the hysteresis; each wire for itself."""
     model, u = make_model('module', kind), np.array([7.0, 305.0])
     p = model.compiled
-    edges = [new_run(model, u, new_work(model), np.full(2, which)).state.x_frozen[0] for which in (np.nan, np.inf)]
+    edges = [new_run(model, u, new_work(model), (part, part)).state.x_frozen[0] for part in (0.0, 1.0)]
     low, high = min(edges), max(edges)
     assert 0.0 < high - low < 1.0
     for part in (0.3, 0.8):
         requested = low + (high - low) * np.array([part, 1.0 - part])
-        run = new_run(model, u, new_work(model), requested)
+        initial = dict(zip(('initial.x_M_1', 'initial.x_M_2'), requested.tolist(), strict=True))
+        asked = Model(replace(model.config, parameters={**model.config.parameters, **initial}))
+        run = new_run(asked, u, new_work(asked))
         assert run.state.x_frozen == pytest.approx(requested, abs=1e-12) and (run.state.mode == INNER).all()
         assert run.state.y[p.first_T : p.first_T + 2].tolist() == [305.0, 305.0] and not run.state.y[3:6].any()
         assert not p.mas or run.state.y[p.first_x : p.first_x + 2].tolist() == run.state.x_frozen.tolist()

@@ -132,23 +132,18 @@ def new_work(model: Model) -> Work:
     )  # fmt: skip
 
 
-def new_run(
-    model: Model, first_input: Vector, work: Work, fractions: Vector | None = None, parts: Sequence[float] = ()
-) -> Run:  # fmt: skip
+def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float] = ()) -> Run:
     """A run at its start: static equilibrium at ambient temperature, modes that admit it.
 
-    `fractions` (wires,) are the requested x_M, in place of initial.x_M_*; NaN asks for sigma = sigma_A, inf for sigma_M.
-    `parts` (wires,) ask for x_M as parts of the way from the one to the other. Raises SimulationError when there is no
-    equilibrium.
+    `parts` (wires,) ask for x_M, in place of initial.x_M_*, as parts of what a resting wire can have: from 0 where
+    sigma = sigma_A to 1 where sigma = sigma_M. Raises SimulationError when there is no equilibrium.
     """
     p = own_scratch(model.compiled)
     y = np.zeros(len(work.weight))
     u = np.array(first_input, dtype=float)
     u[p.drives : -1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[p.imposed_T] if p.imposed_T >= 0 else u[-1]
-    requested = fractions
-    if requested is None:
-        requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
+    requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
     within = np.array(parts if len(parts) else [np.nan] * p.wires, dtype=float)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
     at_rest, hybrid = InputPoint(u, np.zeros(len(u))), p._replace(mas=False)

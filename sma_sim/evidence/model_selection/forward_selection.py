@@ -41,8 +41,8 @@ def select_forward(
 
     `unlisted_explains`: whether a law that is not listed explains alone, beside a base, all that effects do not. It is asked
     before effects are put together (`points_beyond_library`); then no effect is accepted, nor is a further one that adds
-    little where such laws are sought. `over_floor`: whether errors are
-    over what repeats differ by, which is not sharp as noise is: less than that asks for no effect at all.
+    little where such laws are sought. `over_floor`: whether errors are over what repeats differ by, which is not sharp as
+    noise is: less than that asks for no effect at all.
     """
     base, steps = nominal, list[SelectionStep]()
     if over_floor and base.error <= 1.0 and not base.is_bent:
