@@ -13,7 +13,7 @@ from sma_sim.ros.command import Command  # noqa: E402
 from sma_sim.ros.wire_commands import SetPoint, WireCommands  # noqa: E402
 
 J_MAX, TIMEOUT = 40.0, 0.5
-ALTERNATIONS = 5_000
+ALTERNATIONS = 2_000
 PATIENCE = 20.0  # [s] that a command may take to be seen, on a machine with much else to do
 
 

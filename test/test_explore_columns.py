@@ -76,6 +76,7 @@ def test_a_map_that_says_more_is_left_as_it_is(case, tmp_path, line):
     assert choices(DataRequest((case[1],), map=tmp_path / 'map.yaml'), 'module')['columns'] == []
 
 
+@pytest.mark.slow
 def test_columns_are_chosen_on_the_page(browser, case, tmp_path):
     """What was guessed is taken, one column is chosen by hand; the recordings are then those that our own columns give."""
     files = '\n'.join(str(case[1] / name) for name in ('run1.csv', 'run2.csv', 'run3.csv', 'meta.json'))

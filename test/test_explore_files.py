@@ -71,6 +71,7 @@ def test_files_are_chosen_on_the_page_held_out_and_kept(browser, case, tmp_path)
         assert again.application.session.data.hold_out == ('run3',)
 
 
+@pytest.mark.slow
 def test_bags_are_chosen_on_the_page(browser, tmp_path):
     """As a file, and as a folder with further files in it; the recording is the one that was chosen, byte for byte."""
     (tmp_path / 'runs').mkdir()

@@ -249,6 +249,7 @@ def test_nothing_is_wider_than_the_screen(server, size):
         phone.quit()
 
 
+@pytest.mark.slow
 def test_every_structure_is_drawn_and_changed(browser, tmp_path):
     for system in package_structures():
         with serving(tmp_path / system, words=(f'system={system}',)) as server:
@@ -282,6 +283,7 @@ def test_an_effect_that_does_not_compile_is_said_and_leaves_the_page_as_it_was(b
         assert browser.get_log('browser') == []
 
 
+@pytest.mark.slow
 def test_by_keyboard_alone_and_in_dark(browser, tmp_path):
     """Every control is reached by Tab, is seen to have the focus, and does what a click does."""
     keys = pytest.importorskip('selenium.webdriver').Keys

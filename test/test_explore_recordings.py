@@ -249,10 +249,8 @@ def write_structure_run(folder, system):
     return folder
 
 
-SLOWER = [pytest.param(system, marks=pytest.mark.slow) for system in ('slider', 'spatial', 'stack')]
-
-
-@pytest.mark.parametrize('system', ['lever', 'wire', *SLOWER])
+@pytest.mark.slow
+@pytest.mark.parametrize('system', ['lever', 'wire', 'slider', 'spatial', 'stack'])
 def test_every_structure_beside_recordings_has_the_errors_of_the_command(system, tmp_path):
     request = DataRequest((write_structure_run(tmp_path, system) / 'run.csv',))
     with serving(tmp_path / 'session', words=(f'system={system}',), data=request) as server:

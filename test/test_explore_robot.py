@@ -29,6 +29,7 @@ def node_again(environment):
         process.send_signal(signal.SIGINT)
 
 
+@pytest.mark.slow
 def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
     with serving(tmp_path / 'session', words=WORDS) as server:
         try:

@@ -68,6 +68,7 @@ def test_all_of_them_at_once_are_absorbed(effects, model):
     assert values['wire.c_V'] / values['wire.lambda'] == pytest.approx(known, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_short_driver_lag_is_a_delay(effects):
     found = diagnose(robot(effects, 'mas', ('driver_lag', {'tau': 0.02})), config(), request=request('mas'))
     assert found.verdict == 'none' and found.calibration.delay == pytest.approx(0.02, abs=0.01)

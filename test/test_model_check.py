@@ -143,6 +143,7 @@ def test_an_effect_that_the_model_lacks_is_noticed_at_rest():
     assert 'U_y' in log[0].split('has left the measurement')[1].splitlines()[0]
 
 
+@pytest.mark.slow
 def test_a_beam_that_is_stiffer_is_noticed_when_it_moves():
     with robot('-p', 'beam.E:=2.2e9') as one, beside(one) as log:
         command = one.node.create_publisher(Float64, 'J_eq', 10)

@@ -173,6 +173,7 @@ def test_a_bag_that_cannot_be_made_stops_the_node(tmp_path, name, message):
         assert one.process.returncode == 2 and message in log and 'Traceback' not in log, log
 
 
+@pytest.mark.slow
 def test_a_bag_whose_files_end_and_diagnostics(tmp_path):
     """Files of half a second; the recorder's state is on /diagnostics, also when its folder is gone."""
     topics = (*JOINTS, (DiagnosticArray, '/diagnostics'))

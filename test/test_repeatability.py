@@ -117,6 +117,7 @@ def test_the_zeros_are_reported(tmp_path, capsys):
     assert [run['zeros']['position'] for run in found['error']['runs'].values()] == pytest.approx(OFF, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_effects_of_the_nominal_model_are_no_findings(tmp_path):
     """A scale of power, which the bench needs, is part of the model from the start."""
     files, path = write_runs(tmp_path), with_map(tmp_path, ', zero_std: 2e-3')

@@ -203,6 +203,7 @@ def test_legend_switches_a_curve_off_in_every_channel(desktop):
                    f".every(t => t.visible === 'legendonly')", 'the curves to go')  # fmt: skip
 
 
+@pytest.mark.slow
 def test_page_fits_a_phone(page):
     driver = open_browser(390, 844, phone=True)
     try:

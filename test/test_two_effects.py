@@ -94,6 +94,7 @@ def only_gravity(place):
     return one_that_accepts_nothing(place, 20.0, gravity={'g_y': -9.81})
 
 
+@pytest.mark.slow
 def test_a_lead_beside_which_nothing_explains_is_not_accepted(place, only_gravity):
     assert pair_steps(only_gravity, place) == (only_gravity,)
 

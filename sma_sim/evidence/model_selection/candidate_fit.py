@@ -94,10 +94,13 @@ class CandidateFit:
     def significant(self) -> bool:
         """Whether the score test says so, or the runs do by themselves, fitted and left out.
 
-        A model that is far off predicts better with anything that holds it back; then the fitted runs are hardly helped.
+        A model that is far off predicts better with anything that holds it back; then the fitted runs are hardly helped. The
+        score test sees what an effect gains to first order; where its fit leaves only noise, the odds of both fits count too.
         """
         strong = CRITERIA.strong_error_reduction
-        return self.family_p <= CRITERIA.significance or (self.error_reduction >= strong and self.explained >= strong)
+        found_by_runs = self.error_reduction >= strong and self.explained >= strong
+        found_by_odds = self.fit.error <= CRITERIA.noise_only and self.delta_bic <= -2.0 * CRITERIA.decisive_log_odds
+        return self.family_p <= CRITERIA.significance or found_by_runs or found_by_odds
 
 
 @dataclass(frozen=True)
