@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sma_sim.evidence.diagnosis.diagnose import leaves_room
+from sma_sim.evidence.diagnosis.conclusion import leaves_room
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
 from sma_sim.evidence.model_selection.forward_selection import adds_little, points_beyond_library
 from sma_sim.evidence.symbolic_regression.propose import is_better

@@ -94,8 +94,8 @@ class CandidateFit:
     def significant(self) -> bool:
         """Whether the score test says so, or the runs do by themselves, fitted and left out.
 
-        A model that is far off predicts better with anything that holds it back; then the fitted runs are hardly helped. The
-        score test sees what an effect gains to first order; where its fit leaves only noise, the odds of both fits count too.
+        A model that is far off predicts better with anything that holds it back; then the fitted runs are hardly helped.
+        The score test sees what an effect gains to first order; where its fit leaves only noise, its odds count too.
         """
         strong = CRITERIA.strong_error_reduction
         found_by_runs = self.error_reduction >= strong and self.explained >= strong
