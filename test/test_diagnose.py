@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import permutations
 from threading import Event
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.judgement import helps_little, is_contradicted, predicts_best, verdict_after_removal
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
 from sma_sim.evidence.diagnosis.verdict import as_data
@@ -144,30 +142,6 @@ def test_a_second_look_begins_some_way_from_nothing():
     assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and (started.gain, started.family_p) == (5.0, 0.5)
 
 
-@pytest.mark.parametrize(
-    ('train', 'held', 'effects', 'verdict'),
-    [(1.0, 1.0, ('gravity',), 'missing_effect'), (3.0, 1.2, (), 'unknown_effect'), (1.0, 1.5, (), 'unknown_effect')],
-)
-def test_the_verdict_after_an_effect_was_taken_back(train, held, effects, verdict):
-    assert verdict_after_removal(SimpleNamespace(train=train, held_out=held, effects=effects)) == verdict
-
-
-@pytest.mark.parametrize(
-    ('bare', 'last', 'little', 'contradicted'),
-    [
-        ((0.9, 0.7), (0.5, 5.0), True, True),  # predicted without the effect, and not with it
-        ((3.0, 4.0), (1.0, 5.0), True, False),  # explained where they were fitted, and further runs by neither
-        ((3.0, 4.0), (2.0, 5.0), True, True),
-        ((3.0, 4.0), (2.0, 3.0), False, False),  # a part
-        ((1.5, 1.1), (1.0, 1.2), False, False),  # predicted by both
-    ],
-)
-def test_held_out_runs_contradict_an_effect(bare, last, little, contradicted):
-    both = zip((bare, last), ((), ('gravity',)), strict=True)
-    stages = [SimpleNamespace(train=train, held_out=held, effects=names) for (train, held), names in both]
-    assert (helps_little(stages), is_contradicted(stages)) == (little, contradicted)
-
-
 def cannot_be_made(run):
     return replace(run, error=np.inf, channel_errors=dict.fromkeys(run.channel_errors, np.inf))
 
@@ -182,21 +156,6 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
     broken = replace(bare, predicted=tuple(cannot_be_made(run) for run in bare.predicted))
     assert stage_change(bare, last, *datasets).held_out and not stage_change(broken, last, *datasets).held_out
     assert np.isfinite(reduction_figure(replace(found, stages=(broken, last))).layout.yaxis.range).all()
-
-
-@pytest.mark.parametrize(
-    ('errors', 'counts', 'kept'),
-    [
-        ((3.0, 2.0, 1.5), (0, 1, 2), 2), ((3.0, 2.0, 1.9), (0, 1, 2), 1), ((2.1, 1.95), (0, 1), 0), ((3.5, 4.4), (0, 1), 0),
-        ((3.0, 2.9, 1.8), (0, 1, 2), 2), ((3.0,), (0,), 0), ((np.inf, 2.0), (0, 1), 1), ((2.0, np.nan), (0, 1), 1),
-        ((3.0, np.inf), (0, 1), 0),
-        ((5.0, 3.0, 2.0, 2.05), (0, 1, 2, 1), 3), ((5.0, 3.0, 2.0, 2.0), (0, 1, 2, 2), 3),  # dropped, and a rival: both stay
-        ((5.0, 3.0, 2.0, 3.1), (0, 1, 2, 2), 2),
-    ],
-)  # fmt: skip
-def test_partial_explanations_that_are_worth_naming(errors, counts, kept):
-    steps = [SimpleNamespace(held_out=error, effects=('a', 'b')[:n]) for error, n in zip(errors, counts, strict=True)]
-    assert predicts_best(steps) == kept
 
 
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):

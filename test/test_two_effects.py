@@ -117,3 +117,13 @@ def test_what_leaves_but_noise_in_all_fitted_runs_is_accepted_though_one_left_ou
     assert best_acceptable([as_likely, far]) is as_likely
     half = replace(far, explained=0.2)  # little was left without it: then the runs left out decide
     assert not half.acceptable and best_acceptable([*better, half]) in better
+
+
+def test_what_leaves_only_noise_is_found_by_its_odds_where_the_score_test_does_not_see_it(only_gravity):
+    """A score test is of first order; the odds of two fits are not."""
+    (gravity,) = (one for one in only_gravity.candidate_fits if one.name == 'gravity')
+    unseen = replace(gravity, error_reduction=0.1, explained=0.2, family_p=0.7)
+    assert unseen.delta_bic < -20.0 and unseen.fit.error <= CRITERIA.noise_only and unseen.acceptable
+    assert not replace(unseen, delta_bic=-19.0).acceptable and not replace(unseen, error_reduction=0.02).acceptable
+    others = [one for one in only_gravity.candidate_fits if one.fit.error > CRITERIA.noise_only]
+    assert others and not any(replace(unseen, fit=other.fit).acceptable for other in others)

@@ -59,7 +59,7 @@ def conclusion(
         return taken_back(path, stages, data, context)
     stages[-1] = final_stage(data, *path[-1], context)
     last, pooled = explained_together(path, stages, data, request.options, context)
-    if pooled is not None and not pooled.explained(data.limit) and helps_little(stages, data.limit):
+    if is_contradicted(stages, data.limit, pooled):
         return taken_back(path, stages, data, context)
     if last.effects != path[-1][1].effects:
         stages.append(final_stage(data, 'taken_back', last, context))

@@ -37,15 +37,17 @@ def helps_little(stages: Sequence[ModelStage], limit: float = CRITERIA.unexplain
     return verdict_of(stages[-1], None, limit) == 'unknown_effect' and predicts_best(stages) < len(stages) - 1
 
 
-def is_contradicted(stages: Sequence[ModelStage], limit: float = CRITERIA.unexplained) -> bool:
+def is_contradicted(
+    stages: Sequence[ModelStage], limit: float = CRITERIA.unexplained, pooled: PooledErrors | None = None
+) -> bool:
     """Whether held-out runs that are left unexplained speak against effects that were added after the stage that predicts
     them best.
 
     Where all fitted runs are explained and no stage predicts those held out, these may only go further than the fitted ones:
-    a fit to all runs tells.
+    a fit to all runs (`pooled`) tells, and speaks against the effects if it leaves as much.
     """
     beyond = reaches_beyond_fitted(stages[-1], limit) and stages[predicts_best(stages)].held_out > limit
-    return helps_little(stages, limit) and not beyond
+    return helps_little(stages, limit) and not (beyond and (pooled is None or pooled.explained(limit)))
 
 
 def verdict_of(last: ModelStage, pooled: PooledErrors | None, limit: float = CRITERIA.unexplained) -> str:
