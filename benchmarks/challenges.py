@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -61,9 +62,14 @@ def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Exe
         'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,
         'alike': data['ranking'][0]['confounded_with'] if ranked else [],
         'p': data['ranking'][0]['family_p'] if ranked else None,
-        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
+        'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
         'together': data.get('fitted_together'),
     }  # fmt: skip
+
+
+def held_out(stage: dict[str, Any]) -> float:
+    """The error over noise of the held-out run, infinite for a model that cannot make it."""
+    return inf if stage['held_out'] is None else float(stage['held_out'])
 
 
 def is_right(one: dict[str, Any]) -> bool:

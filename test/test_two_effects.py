@@ -13,10 +13,10 @@ from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.backward_elimination import best_replacement, eliminate_backward
-from sma_sim.evidence.model_selection.candidate_fit import best_acceptable
+from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, best_acceptable
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import pair_steps, selection_step
+from sma_sim.evidence.model_selection.forward_selection import pair_steps, selection_step, with_another_lead
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.report.html.candidates import elimination_section
 
@@ -54,6 +54,19 @@ def test_two_effects_are_accepted_for_what_they_explain_together(place, first):
     assert second.accepted.fit.prediction_error < (1.0 - CRITERIA.strong_error_reduction) * first.base.prediction_error
     known = [replace(one, plausible=False) for one in first.candidate_fits]
     assert pair_steps(replace(first, candidate_fits=tuple(known)), place) == (replace(first, candidate_fits=tuple(known)),)
+
+
+@pytest.mark.slow
+def test_two_effects_take_the_place_of_one_that_imitates_both(place, first):
+    """Beside what imitates both nothing is found, and it leaves more than noise."""
+    gravity = next(one for one in first.candidate_fits if one.name == 'gravity')
+    imitation = next(one for one in first.candidate_fits if one.plausible and one is not gravity)
+    imitating = replace(first, accepted=imitation, candidate_fits=(imitation, replace(gravity, error_reduction=0.5)))
+    steps = imitating, SelectionStep(imitation.fit, (), (), None)
+    lead, second, end = with_another_lead(steps, imitation.fit, place)
+    assert (lead.accepted.name, second.accepted.name, end.accepted) == ('gravity', 'driver_lag', None)
+    assert second.base is lead.after and end.base is second.after and end.base.error <= CRITERIA.noise_only
+    assert with_another_lead(steps, end.base, place) == steps  # what leaves only noise stands
 
 
 @pytest.mark.slow

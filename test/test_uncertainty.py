@@ -7,9 +7,11 @@ import pytest
 from simulated_data import NOISE, command, config, dataset, recording, scaled
 
 from sma_sim import Dataset, FitOptions, calibrate, module_input, predict
+from sma_sim.evidence.estimation import uncertainty
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
-from sma_sim.evidence.estimation.problem import LinearizedRun
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time, interval, long_run, unidentified
+from sma_sim.evidence.estimation.problem import LinearizedRun, linearize
+from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, autocorrelation_time, interval, long_run, unidentified
+from sma_sim.solver.simulate import SimulationError
 
 S = 1.1  # how far an equivalence is followed
 STRESS = dict.fromkeys(
@@ -56,6 +58,24 @@ def test_an_interval_wider_than_the_fit_could_go_is_no_knowledge():
     wide, narrow = interval(one, 0.3, 3.0, True), interval(one, 0.3, 0.1, True)
     assert not wide.seen and (wide.low, wide.high) == (one.value(-5.0), one.value(5.0))
     assert narrow.seen and narrow.low < one.value(0.3) < narrow.high
+
+
+def test_intervals_of_a_model_that_runs_at_the_tolerance_of_the_fit_only(monkeypatch):
+    """As one may at the edge of what can be run: they are nearly the same."""
+    data, options = (
+        dataset(config('hybrid'), [1], 1.0, 20.0, rate=5.0),
+        FitOptions(free=('beam.E',), model='hybrid', starts=1),
+    )
+    (known,) = calibrate(data, config(), options).uncertainty.intervals
+
+    def stopping(problem, *words, **more):
+        if problem.config.parameters['solver.rtol'] == JACOBIAN_RTOL:
+            raise SimulationError('the beam is unstable')
+        return linearize(problem, *words, **more)
+
+    monkeypatch.setattr(uncertainty, 'linearize', stopping)
+    (found,) = calibrate(data, config(), options).uncertainty.intervals
+    assert found.std != known.std and found.std == pytest.approx(known.std, rel=0.02)
 
 
 def with_other_length(given, stretch):

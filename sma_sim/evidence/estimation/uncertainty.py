@@ -19,6 +19,7 @@ from scipy.linalg import qr
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, measured_steps, normal_equations, robust_weights
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
+from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -69,9 +70,18 @@ class Uncertainty:
 
 
 def precise_linearization(problem: Problem, z: Vector, executor: Executor) -> list[LinearizedRun]:
-    """Every recording linearized at z as intervals need it. Raises SimulationError when the model cannot be run there."""
-    precise = problem.at_tolerance(JACOBIAN_RTOL)
-    return linearize(precise, z, executor, measured_steps(precise, z, executor), central=True)
+    """Every recording linearized at z as intervals need it, or at the tolerance of the fit.
+
+    A model at the edge of what can be run may run at one tolerance only. Raises SimulationError where it runs at neither.
+    """
+
+    def linearized(at: Problem) -> list[LinearizedRun]:
+        return linearize(at, z, executor, measured_steps(at, z, executor), central=True)
+
+    try:
+        return linearized(problem.at_tolerance(JACOBIAN_RTOL))
+    except SimulationError:
+        return linearized(problem)
 
 
 def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) -> Uncertainty:

@@ -21,7 +21,7 @@ from sma_sim.evidence.model_selection.candidate_fit import (
     ordered_by_error,
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
 from sma_sim.evidence.model_selection.differing_recordings import differing_fit
 from sma_sim.evidence.model_selection.kinetics_choice import better_kinetics, is_as_good
 from sma_sim.evidence.model_selection.nominal_fit import report_model
@@ -67,7 +67,7 @@ def select_forward(
         steps[-1] = replace(steps[-1], after=base)
         if not (leaves_something(base) or base.is_bent):
             return (*steps, SelectionStep(base, (), (), None))
-    return tuple(steps)
+    return with_another_lead(steps, base, context)
 
 
 def adds_little(step: SelectionStep) -> bool:
@@ -328,3 +328,26 @@ def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionS
         if stopped or min(best, candidate.fit.error) <= CRITERIA.noise_only:
             break
     return steps if len(steps) > 1 else (replace(first, stopped=stopped),)
+
+
+def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
+    """The steps; or another effect of the first one and a further effect, if they leave only noise where the steps do not.
+
+    What imitates two effects, mostly a variant, explains more than either does alone, and nothing is found beside it.
+    """
+    noise = max(CRITERIA.noise_only, fits_all(unexplained_above(last.problem.span)))
+    if not last.effects or last.error <= noise:
+        return tuple(steps)
+    first = steps[0]
+    leads = [one for one in first.candidate_fits if one is not first.accepted and one.acceptable and not one.is_variant]
+    for lead in sorted(leads, key=lambda one: one.fit.cost)[: CRITERIA.pair_candidates]:
+        if context.stop.is_set():
+            break
+        context.on_progress(f'{lead.name} may explain all beside another effect')
+        limit = CRITERIA.sketch_cost_ratio * cost_with(noise, lead.fit.problem, lead.fit.z)
+        second = selection_step(lead.fit, replace(context, variants=False), limit)
+        if second.accepted is not None and second.accepted.fit.error <= noise:
+            after = tempered_again(second.accepted.fit, context)
+            pair = replace(first, accepted=lead, after=lead.fit), replace(second, after=after)
+            return (*pair, SelectionStep(after, (), (), None))
+    return tuple(steps)
