@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,11 @@ def of(count: int, total: int) -> str:
         return '0 of 0'
     low, high = binomtest(count, total).proportion_ci(method='wilson')
     return f'{count} of {total} ({100.0 * low:.0f} to {100.0 * high:.0f} %)'
+
+
+def held_out(stage: dict[str, Any]) -> float:
+    """The error over noise of the held-out run, infinite for a model that cannot make it."""
+    return inf if stage['held_out'] is None else float(stage['held_out'])
 
 
 def kept(file: Path) -> list[Result]:

@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from math import inf
 from typing import Any
 
 import numpy as np
-from cases import add_options, drawn, solved
+from cases import add_options, drawn, held_out, solved
 
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
@@ -65,11 +64,6 @@ def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Exe
         'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
         'together': data.get('fitted_together'),
     }  # fmt: skip
-
-
-def held_out(stage: dict[str, Any]) -> float:
-    """The error over noise of the held-out run, infinite for a model that cannot make it."""
-    return inf if stage['held_out'] is None else float(stage['held_out'])
 
 
 def is_right(one: dict[str, Any]) -> bool:

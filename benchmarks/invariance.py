@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases import add_options, drawn, of, solved
+from cases import add_options, drawn, held_out, of, solved
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
@@ -139,7 +139,7 @@ def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
         data = as_data(diagnose(dataset, config, request=request, executor=pool))
     return {
         'verdict': data['verdict'], 'effects': data['effects'],
-        'bare': data['error'][0]['held_out'], 'last': data['error'][-1]['held_out'],
+        'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
     }  # fmt: skip
 
 

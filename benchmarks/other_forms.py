@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Any
 
-from cases import add_options, drawn, of, solved
+from cases import add_options, drawn, held_out, of, solved
 from other_form_truths import FORMS
 
 from sma_sim.challenge.make import challenge_with
@@ -38,8 +38,8 @@ def solve(name: str, seed: int, forces: bool, variants: bool, pool: Executor) ->
     proposed, last = data.get('proposed'), data['error'][-1]
     return {
         'verdict': data['verdict'], 'effects': data['effects'], 'variants': data.get('variants', {}),
-        'names': names_with_scopes(data), 'nominal': data['error'][0]['held_out'],
-        'last': last['held_out'], 'train': last['train'],
+        'names': names_with_scopes(data), 'nominal': held_out(data['error'][0]),
+        'last': held_out(last), 'train': last['train'],
         'formula': proposed['formula'] if proposed else None, 'terms': proposed['term'] if proposed else [],
         'place': proposed['place'] if proposed else None, 'processor_seconds': used,
         'taken_back': data['taken_back'],
