@@ -335,7 +335,7 @@ def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: 
 
     What imitates two effects, mostly a variant, explains more than either does alone, and nothing is found beside it.
     """
-    noise = max(CRITERIA.noise_only, fits_all(unexplained_above(last.problem.span)))
+    noise = fits_all(unexplained_above(last.problem.span))
     if not last.effects or last.error <= noise:
         return tuple(steps)
     first = steps[0]
@@ -346,8 +346,9 @@ def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: 
         context.on_progress(f'{lead.name} may explain all beside another effect')
         limit = CRITERIA.sketch_cost_ratio * cost_with(noise, lead.fit.problem, lead.fit.z)
         second = selection_step(lead.fit, replace(context, variants=False), limit)
-        if second.accepted is not None and second.accepted.fit.error <= noise:
-            after = tempered_again(second.accepted.fit, context)
+        found = second.accepted.fit if second.accepted is not None else last
+        if found.error <= noise and found.cost <= last.cost - CRITERIA.decisive_log_odds:
+            after = tempered_again(found, context)
             pair = replace(first, accepted=lead, after=lead.fit), replace(second, after=after)
             return (*pair, SelectionStep(after, (), (), None))
     return tuple(steps)
