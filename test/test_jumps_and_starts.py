@@ -13,7 +13,6 @@ from sma_sim.solver.equilibrium import at_transformation_stress, forget_pose, mo
 from sma_sim.solver.integrate import (
     C_DWELL,
     C_LAST_JUMP,
-    LONG_STEP,
     N_CHATTER,
     NO_JUMP,
     of_wire,
@@ -82,8 +81,8 @@ def test_the_first_of_several_jumps_is_taken(monkeypatch):
     found, evaluated, _ = jumps_of(monkeypatch, [never, never])
     assert found == NO_JUMP and evaluated[-1] == 1.0
     hump = lambda s: 0.1 - np.abs(s - 0.45)  # noqa: E731
-    assert jumps_of(monkeypatch, [hump], h=1.1 * LONG_STEP)[0] == pytest.approx(0.35, abs=1e-3)
-    assert jumps_of(monkeypatch, [hump], h=0.9 * LONG_STEP)[0] == NO_JUMP
+    assert jumps_of(monkeypatch, [hump], h=2.1e-3)[0] == pytest.approx(0.35, abs=1e-3)
+    assert jumps_of(monkeypatch, [hump], h=1.9e-3)[0] == NO_JUMP
     assert jumps_of(monkeypatch, [sooner], mas=True)[0] == NO_JUMP
 
 

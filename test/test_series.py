@@ -33,3 +33,18 @@ def test_the_jacobian_is_that_of_the_whole_flow(kind, modes):
     assert (np.abs((sparse - dense) * model.scales) <= 1e-9 * of_rows).all()
     pattern = jacobian_pattern(p, work.elimination.reach.astype(bool), len(y))
     assert not sparse[~pattern].any() and not (dense * model.scales)[~pattern].any()
+
+
+@pytest.mark.parametrize(('kind', 'per_wire'), [('hybrid', 1), ('mas', 2)])
+def test_the_order_of_elimination_brings_no_fill(kind, per_wire):
+    """What depends on what, counted: wires on their segment, accelerations on neighbours and on rates of turning before."""
+    for segments in (2, 3, 5, 8):
+        model = stack(segments, kind)
+        found = new_work(model).elimination
+        own = 3 + 3 + 2 * per_wire
+        wires, coordinates = 2 * per_wire * (3 + 3 + per_wire), 3 * 2
+        neighbours, beyond = 3 * segments - 2, (segments - 1) * (segments - 2) // 2
+        expected = segments * (wires + coordinates) + 3 * own * neighbours + 3 * beyond
+        pattern = jacobian_pattern(model.compiled, found.reach.astype(bool), len(model.scales))
+        assert np.count_nonzero(pattern) == len(found.entries) == expected
+        assert len(found.rows) + len(found.columns) + len(found.order) == expected
