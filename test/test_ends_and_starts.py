@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from systems import WHOLE_ROWS, evaluate, make_model
+from test_stack import stack
 
 from sma_sim import Config, Model
-from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, SystemState
+from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance, sigma_A, sigma_M
 from sma_sim.model.structures.discovery import package_structures
+from sma_sim.model.system import EVERYTHING, update_flow
 from sma_sim.solver.columns import places, sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import channel_scales, own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
@@ -163,3 +165,24 @@ def test_several_fixed_steps_at_once_show_the_last():
     once.step(u, 1, every=10)
     one_by_one.step(u, 5)
     assert (once.sample == one_by_one.sample).all() and (once.sample != shown).any()
+
+
+@pytest.mark.parametrize(
+    'given',
+    [{'stack__g_x': 3.0, 'stack__g_y': -9.0}, {'stack__g_x': -9.81}, {'initial__x_M_1': 0.9, 'initial__x_M_2': 0.1}],
+    ids=['aslant', 'hanging', 'bent'],
+)
+def test_a_series_starts_at_rest_whatever_bends_it(given):
+    """Nothing accelerates; wires transform, or back, that were asked for more martensite than any pose admits."""
+    model = stack(2, **given)
+    p, u = model.compiled, np.array([0.0, 0.0, 298.0])
+    run, still = new_run(model, u, new_work(model)), Evaluation(np.zeros(len(model.scales)), new_findings(p))
+    update_flow(0.0, run.state, InputPoint(u, np.zeros(3)), p, still, EVERYTHING)
+    assert np.abs(still.dy / model.scales).max() < 1e-6 and not run.state.y[6:12].any() and run.state.y[:6].any()
+    expected = still.obs[:, O_S_A].copy()
+    if 'initial__x_M_1' in given:
+        expected[0] = still.obs[0, O_S_M]
+    assert still.obs[:, O_SIGMA] == pytest.approx(expected, abs=1e-6 * p.wire.dsigma)
+    assert (still.obs[:, O_X] == run.state.x_frozen).all() and (
+        (run.state.x_frozen > 0.4) & (run.state.x_frozen < 0.6)
+    ).all()
