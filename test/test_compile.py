@@ -207,7 +207,7 @@ def test_cache_of_the_user_by_operating_system(monkeypatch, tmp_path, platform, 
     assert user_cache() == tmp_path / 'own' / 'sma_sim'
 
 
-def test_an_edited_source_is_compiled_anew(tmp_path):
+def test_another_source_is_compiled_anew(tmp_path):
     file = tmp_path / 'effect.py'
     keys = set()
     for text in ('a = 1\n', 'a = 2\n', 'a = 1\n'):

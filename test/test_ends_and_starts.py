@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 from systems import WHOLE_ROWS, evaluate, make_model
 from test_stack import stack
 
-from sma_sim import Config, Model
+from sma_sim import Config, Model, module_input
 from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance, sigma_A, sigma_M
 from sma_sim.model.structures.discovery import package_structures
@@ -14,7 +14,7 @@ from sma_sim.model.system import EVERYTHING, update_flow
 from sma_sim.solver.columns import places, sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import channel_scales, own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
-from sma_sim.solver.fixed_rate import FixedRateRun
+from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
 from sma_sim.solver.integrate import (
     COMPLETED,
     RATE_NOT_FINITE,
@@ -186,3 +186,25 @@ def test_a_series_starts_at_rest_whatever_bends_it(given):
     assert (still.obs[:, O_X] == run.state.x_frozen).all() and (
         (run.state.x_frozen > 0.4) & (run.state.x_frozen < 0.6)
     ).all()
+
+
+def test_fixed_steps_that_cannot_be_made_are_said():
+    """With the time until which there are samples; a command that no step can follow."""
+    model, wild = make_model('module'), np.array([1e300, 298.0])
+    run = FixedRateRun(model, 1000.0, np.array([0.0, 298.0]))
+    run.step(np.array([0.0, 298.0]), 3)
+    with pytest.raises(SimulationError, match='the run ended after 0.003 s: step size underflow'):
+        run.step(wild)
+    source = module_input([0.0, 0.003, 0.006], [0.0, 1e300, 0.0])
+    found = simulate_fixed_rate(model, source, 1000.0, 1000.0)
+    assert 'step size underflow' in found.reason and not found.completed
+
+
+def test_jumps_of_a_stretched_wire_are_taken_once():
+    run = FixedRateRun(make_model('wire'), 100.0, np.array([0.02, 0.0, 298.0]))
+    seen = []
+    for strain in (0.03, 0.04, 0.03, 0.02, 0.01):
+        run.step(np.array([strain, 0.0, 298.0]))
+        seen.append([(jump.source, jump.target, jump.j) for jump in run.take_jumps()])
+        assert run.take_jumps() == ()
+    assert seen[0][0] == (3, 4, 0) and [jump[:2] for jumps in seen for jump in jumps] == [(3, 4), (4, 3), (3, 5)]

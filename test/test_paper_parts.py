@@ -76,7 +76,7 @@ def test_the_fastest_run_counts_and_the_first_does_not(monkeypatch):
     assert calls == list(MODEL_KINDS) * 10
 
 
-def test_random_runs_compare_models_and_each_with_itself(monkeypatch):
+def test_runs_of_random_steps_compare_models_and_each_with_itself(monkeypatch):
     """Angles of the hybrid model are larger by one degree, those at a finite tolerance by a tenth of one."""
     rtols, said = [], []
 

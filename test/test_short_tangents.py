@@ -152,3 +152,20 @@ def test_tangents_of_a_structure_are_exact_where_its_run_is():
         (lever.samples(what, 3e-4) - lever.samples(what, -3e-4)) / 6e-4 for what in ('stiffness', 'start', 'row')
     ])  # fmt: skip
     assert (np.abs(found.tangents - expected).max(axis=2) < 1e-3 * np.abs(expected).max(axis=2)).all()
+
+
+def test_a_run_with_tangents_that_stops_says_why():
+    """In whichever row; with what was sampled until then."""
+    config, channels = configuration('hybrid'), ('stress', 'T')
+    model, times = Model(config), np.linspace(0.0, 0.2, 21)
+    start = new_run(model, RAMP.values[0], new_work(model))
+    whole = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA)
+    for most in (3, whole.trajectory.steps - 1):
+        found = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA, max_steps=most)
+        count = len(found.trajectory.time)
+        assert found.trajectory.reason == 'step limit reached' and not found.trajectory.completed and 0 < count < 21
+        assert found.trajectory.steps == most and found.tangents.shape == (1, 2, count) and found.slopes.shape == (2, count)
+        assert (found.slopes == whole.slopes[:, :count]).all()
+    assert whole.trajectory.completed and not whole.tangents.any() and len(whole.trajectory.time) == 21
+    one_row = wire_input([0.0], [0.02])
+    assert simulate_with_tangents(model, one_row, [0.0], start, channels, (Neighbour(),), DELTA) is None

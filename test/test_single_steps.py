@@ -200,7 +200,7 @@ def test_a_jump_makes_the_next_step_short(mode, strain, rate, target, first):
     assert jump_at(0.6) and run.control[integration.C_H] == 1e-4
 
 
-def test_a_wire_that_waits_does_not_jump_before_its_time():
+def test_a_wire_that_waits_jumps_when_its_time_has_come():
     run, _, jump_at = ready_to_jump(3, (0.04, 0.0))
     run.control[integration.of_wire(0, integration.C_LAST_JUMP)] = 0.25
     run.control[integration.of_wire(0, integration.C_DWELL)] = 0.5

@@ -25,7 +25,7 @@ from sma_sim.solver.series import elimination_of
 from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.stepper import Segment
 from sma_sim.solver.structure_kernels import check_gradients
-from sma_sim.solver.wire_columns import heating_of_wire
+from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 MOVING = sorted(name for name, found in package_structures().items() if found.structure.coordinates)
 
@@ -342,3 +342,32 @@ def test_progress_is_the_share_of_rows_that_are_done(monkeypatch):
     source, told = module_input(np.linspace(0.0, 0.05, 6).tolist(), [0.0, 1.0, 2.0, 3.0, 4.0, 4.0]), []
     assert simulate(make_model('module'), source, 100.0, progress=told.append).completed
     assert told == pytest.approx([2.0 / 6.0, 4.0 / 6.0, 1.0])
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_strains_follow_from_the_pose(name):
+    model = Model(Config(system=name))
+    state, u = moved_state(model)
+    row, _ = row_of(model, state, u)
+    where, wires = sample_columns(model.structure), model.wires
+    pose = {c.column: row[where.pose][[j]] for j, c in enumerate(model.structure.coordinates)}
+    lengths = row[where.wires].reshape(wires, PER_WIRE)[:, WIRE_COLUMNS.index('length')]
+    strains = strains_from_pose(model.config, pose)
+    assert list(strains) == [f'strain{suffix}' for suffix in model.structure.wire_suffixes]
+    assert np.ravel(list(strains.values())) == pytest.approx(lengths / model.compiled.wire.l0 - 1.0, abs=1e-12)
+
+
+def test_an_imposed_temperature_is_among_the_samples():
+    model = Model(Config(system='wire_at_T'))
+    state, u = (
+        SystemState(np.array([321.0]), np.array([3]), np.array([0.4])),
+        np.full(len(model.structure.input_columns), 0.02),
+    )
+    row, _ = row_of(model, state, u)
+    numbers_asked, p = sampled_numbers(None, model.structure), own_scratch(model.compiled)
+    found, whole = np.zeros(len(numbers_asked)), places(model.structure, WHOLE_ROWS)
+    segment = Segment(0.0, 1.0, u, np.zeros(len(u)), False)
+    sample_numbers(0.0, state, segment, p, new_work(model), numbers_asked, needed_for(numbers_asked, p), found)
+    for column, k in places(model.structure, numbers_asked).items():
+        assert found[k] == pytest.approx(row[whole[column]], rel=1e-12)
+    assert found[-1] == 321.0 and found[-2] == 3.0 and found[-3] == 0.4

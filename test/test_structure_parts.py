@@ -334,6 +334,8 @@ def test_the_state_that_a_driven_kernel_returns_is_counted():
             else:
                 with pytest.raises(EffectError, match=f'returns {count} numbers, port {port} takes'):
                     returns_tuple(effect, one, kinds)
+        singular = OneKernel('value', lambda s, w, p: 1.0 / (s.T - s.T), outputs, False)
+        assert returns_tuple(effect, singular, kinds) == (outputs > 1 and not may_be_one)
 
 
 def test_a_wire_moves_to_another_bench_with_what_it_is():
