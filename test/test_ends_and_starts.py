@@ -1,17 +1,22 @@
 """Why a run ends and where it starts, at the limits of each reason; what is shown of wires that all but rest."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from systems import WHOLE_ROWS, evaluate, make_model
 from test_stack import stack
 
-from sma_sim import Config, Model, module_input
+from sma_sim import Config, Model, module_input, simulate
+from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance, sigma_A, sigma_M
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.system import EVERYTHING, update_flow
+from sma_sim.solver import simulate as simulation
 from sma_sim.solver.columns import places, sample_columns, sampled_numbers
+from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import channel_scales, own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
@@ -21,6 +26,7 @@ from sma_sim.solver.integrate import (
     STALLED,
     STEP_LIMIT,
     STEP_UNDERFLOW,
+    integrate,
     observe,
 )
 from sma_sim.solver.model import new_findings
@@ -121,6 +127,7 @@ def test_a_wire_under_a_load_starts_where_its_stress_admits(part, x):
     sigma = sigma_M(T, w) + (1e-6 + part * (1.0 - 2e-6)) * (sigma_A(T, w) - sigma_M(T, w))
     run = started(model, [{'stress_Pa': sigma, 'T_E_K': T}.get(name, 0.0) for name in names])
     assert run.state.x_frozen[0] == x and run.state.y[model.compiled.first_T] == T
+    assert run.state.mode[0] == {0.0: AUSTENITE, 0.3: INNER, 1.0: MARTENSITE}[x]
     assert run.state.y[0] == pytest.approx(compliance(x, w) * sigma + w.eps_T * x, rel=1e-8)
 
 
@@ -208,3 +215,19 @@ def test_jumps_of_a_stretched_wire_are_taken_once():
         seen.append([(jump.source, jump.target, jump.j) for jump in run.take_jumps()])
         assert run.take_jumps() == ()
     assert seen[0][0] == (3, 4, 0) and [jump[:2] for jumps in seen for jump in jumps] == [(3, 4), (4, 3), (3, 5)]
+
+
+def test_what_bounds_a_run(monkeypatch):
+    """Steps that are kept short do not look stalled by that: a tenth of the longest is enough."""
+    model, source, seen = make_model('module'), module_input([0.0, 0.01], [0.0, 0.0]), []
+    usual = package_compiler()
+
+    def integrated(*given):
+        seen.append(given[4])
+        return usual.function(integrate)(*given)
+
+    compiler = SimpleNamespace(function=lambda python: integrated if python is integrate else usual.function(python))
+    monkeypatch.setattr(simulation, 'package_compiler', lambda: compiler)
+    simulate(model, source, 100.0)
+    simulate(model, source, 100.0, max_step=2e-6, max_steps=7)
+    assert seen == [pytest.approx((np.inf, 10_000_000, 1e-6)), pytest.approx((2e-6, 7, 2e-7))]

@@ -75,6 +75,9 @@ def test_shifts_of_rows_are_derivatives_of_their_times():
     shifts = row_shifts(PULSE, beside, DELTA)
     assert shifts.shape[1] == padded(3) == 8 and padded(8) == 8 and padded(9) == 16
     assert shifts[:, 1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6) and not shifts[:, [0, 2, 3]].any()
+    for size, same in ((0.5e-4, True), (1.5e-4, False)):  # of a difference between rows that are taken for the same
+        near = row_shifts(PULSE, [Neighbour(source=replace(PULSE, values=PULSE.values * (1.0 + size)))], DELTA)
+        assert (near is not None) == same
     other = replace(PULSE, values=PULSE.values + 0.1)
     assert row_shifts(PULSE, [Neighbour(source=other)], DELTA) is None
     fewer = module_input([0.0, 0.1], [14.0, -9.0])

@@ -1,12 +1,13 @@
 """Samples, inputs, starts and fixed steps by themselves, in plain Python: against differences and against each other."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from systems import WHOLE_ROWS, active, make_model
 
-from sma_sim import Config, Input, Model, module_input, simulate, wire_input
+from sma_sim import Config, Input, Model, UserError, module_input, simulate, wire_input
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_F, O_X, SystemState
 from sma_sim.model.parameters import DEFAULTS
@@ -20,6 +21,7 @@ from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
 from sma_sim.solver.inputs import pieces
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUMNS, observe, of_wire
 from sma_sim.solver.linear import DENSE, eliminate, elimination, solve_eliminated
+from sma_sim.solver.model import inertia_of
 from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.series import elimination_of
 from sma_sim.solver.simulate import new_run, new_work, stall_step
@@ -371,3 +373,15 @@ def test_an_imposed_temperature_is_among_the_samples():
     for column, k in places(model.structure, numbers_asked).items():
         assert found[k] == pytest.approx(row[whole[column]], rel=1e-12)
     assert found[-1] == 321.0 and found[-2] == 3.0 and found[-3] == 0.4
+
+
+def test_an_inertia_that_cannot_be():
+    slider, lever, module = (package_structures()[name].structure for name in ('slider', 'lever', 'module'))
+    for structure, unit in ((slider, 'kg'), (lever, 'kg m^2')):
+        assert inertia_of(replace(structure, inertia=lambda p: 1e-9), structure.default_constants) == (1e-9,)
+        for wrong in (0.0, -1.0, np.inf, np.nan):
+            odd = replace(structure, inertia=lambda p, wrong=wrong: wrong)
+            with pytest.raises(UserError, match=re.escape(f' is {wrong:g} {unit}; expected more than 0')):
+                inertia_of(odd, structure.default_constants)
+    with pytest.raises(UserError, match='returns 2 number.s.; expected one for each of U_x, U_y, alpha'):
+        inertia_of(replace(module, inertia=lambda p: (1.0, 1.0)), module.default_constants)
