@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from systems import active, evaluate, make_model, random_state
 
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance
 from sma_sim.model.structures.discovery import package_structures
@@ -192,3 +193,18 @@ def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
         assert as_on(own, structure).values == own.values
     for plain in (active('gravity'), active('sensor_lag')):
         assert as_on(plain, structure) is plain
+
+
+def test_forces_of_effects_add_up_as_long_as_there_is_room():
+    """For 64 of them on one structure; more are refused."""
+    random, found = np.random.default_rng(2), {}
+    state = random_state(make_model('module'), random, 3)
+    for count in (0, 1, 2, 64):
+        model = make_model('module', 'hybrid', [active('gravity')] * count)
+        found[count] = evaluate(model, state.y, state.u, state.du, state.mode, state.x_frozen).dy
+    one = found[1] - found[0]
+    assert np.abs(one[3:6]).max() > 1.0 and not one[:3].any()
+    for count in (2, 64):
+        assert found[count] - found[0] == pytest.approx(count * one, rel=1e-9, abs=1e-6)
+    with pytest.raises(UserError, match='65 effects act on the .*: expected at most 64'):
+        new_work(make_model('module', 'hybrid', [active('gravity')] * 65))

@@ -22,6 +22,7 @@ from sma_sim.solver.integrate import (
     N_REJECTED,
     N_SIZE,
     N_STEPS,
+    N_WINDOW,
     NOT_FINITE,
     PER_WIRE_CONTROLS,
     RATE_NOT_FINITE,
@@ -73,7 +74,9 @@ def tried(monkeypatch, errors, h, end=1.0, mas=False, limits=FREE):
     return lengths, found, run
 
 
-@pytest.mark.parametrize(('h', 'first'), [(0.3, 0.3), (0.59, 0.59), (0.61, 0.5), (0.99, 0.5), (1.0, 1.0), (7.0, 1.0)])
+@pytest.mark.parametrize(
+    ('h', 'first'), [(0.3, 0.3), (0.6, 0.6), (0.61, 0.5), (0.9999985, 0.5), (0.9999995, 1.0), (1.0, 1.0), (7.0, 1.0)]
+)
 def test_the_last_two_steps_of_a_stretch_share_it(monkeypatch, h, first):
     lengths, (status, made), run = tried(monkeypatch, [1.0], h)
     assert lengths == [first] == [made] and status == COMPLETED and run.count[N_STEPS] == 1
@@ -96,6 +99,8 @@ def test_the_next_step_is_made_from_the_error(monkeypatch):
     segment = Segment(0.0, 0.2, np.zeros(2), np.zeros(2), False)
     accepted_step(0.0, 0.7, run, segment, SimpleNamespace(mas=False, coordinates=0), None, FREE)
     assert run.control[C_H] == 0.7  # though 0.2 were made
+    accepted_step(0.0, 0.1, run, segment, SimpleNamespace(mas=False, coordinates=0), None, FREE)
+    assert run.control[C_H] == pytest.approx(0.09)
 
 
 def test_reasons_to_give_up(monkeypatch):
@@ -120,6 +125,11 @@ def test_a_run_is_stalled_when_a_window_of_steps_leads_nowhere():
         assert said.index(True) == 20_000 if stalled else not any(said)
     run.control[C_WINDOW] = 3.0
     assert not is_stalled(7.0, new_state(), FREE)
+    for end, stalled in ((20_000.0, False), (19_999.0, True)):  # no longer than they must be in the mean
+        run = new_state()
+        run.count[N_WINDOW], run.control[C_WINDOW] = 20_000, 0.0
+        assert is_stalled(end, run, Limits(np.inf, 1000, 1.0)) == stalled
+        assert run.control[C_WINDOW] == end and run.count[N_WINDOW] == 1
 
 
 def test_before_a_run_is_given_up_its_rates_are_resolved_once(monkeypatch):
@@ -148,6 +158,9 @@ def test_a_wire_that_jumps_often_waits_and_is_forgiven():
     record_jump(3.0, 1, 6, run, jumps)
     assert run.control[burst] == pytest.approx(1.0) and run.control[dwell] == 0.0
     assert run.control[of_wire(1, C_LAST_JUMP)] == 3.0 and run.control[of_wire(0, C_LAST_JUMP)] == -1.0
+    run.control[dwell] = 0.5
+    record_jump(3.0, 1, 6, run, jumps)
+    assert run.control[burst] == 2.0 and run.control[dwell] == 0.5  # two at once are no quiet time
 
 
 @pytest.mark.parametrize('linear', [(False, False), (True, False), (True, True)])
