@@ -1,5 +1,6 @@
 """Why a run ends and where it starts, at the limits of each reason; what is shown of wires that all but rest."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.optimize import brentq
 from systems import WHOLE_ROWS, evaluate, make_model
 from test_stack import stack
 
-from sma_sim import Config, Model, module_input, simulate
+from sma_sim import Config, Input, Model, module_input, simulate
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance, sigma_A, sigma_M
@@ -231,3 +232,23 @@ def test_what_bounds_a_run(monkeypatch):
     simulate(model, source, 100.0)
     simulate(model, source, 100.0, max_step=2e-6, max_steps=7)
     assert seen == [pytest.approx((np.inf, 10_000_000, 1e-6)), pytest.approx((2e-6, 7, 2e-7))]
+
+
+def test_the_order_of_what_is_imposed_does_not_matter(interpreted):
+    """A load and a temperature: as the package has them, and the temperature first."""
+    usual = package_structures()['wire_under_load_at_T']
+    drives = usual.structure.drives
+    turned = replace(usual, structure=replace(usual.structure, name='turned', drives=drives[::-1]))
+    times, given = np.array([0.0, 5.0, 10.0]), {'stress': [1e8, 1.5e8, 1.2e8], 'T': [330.0, 300.0, 350.0]}
+
+    def run(found):
+        model = Model(Config(own_structure=found, system=found.structure.name))
+        columns = [given[drive.name] for drive in found.structure.drives]
+        rows = np.column_stack([*columns, np.zeros(3), np.full(3, 298.0)])
+        source = Input(times, rows, (True, True, False, False), found.structure.input_columns)
+        return simulate(model, source, 2.0)
+
+    one, other = interpreted(run, usual), interpreted(run, turned)
+    assert one.completed and len(one.jumps) > 1 and other.jumps == one.jumps
+    assert list(one.columns) == list(other.columns) and np.ptp(one['strain']) > 0.01
+    assert all((one[column] == other[column]).all() for column in one.columns)
