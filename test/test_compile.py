@@ -185,6 +185,7 @@ def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
 def test_compiled_code_calls_by_address_and_reads_kept_records(tmp_path, monkeypatch):
     """As plain Python does it, which keeps objects in place of copies."""
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
+    monkeypatch.setenv('NUMBA_DISABLE_JIT', '0')  # which numba reads again when it has changed
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     table = np.arange(8.0).reshape(4, 2)
     first = Larger(Large(True, Small(1.5, 2.5), table, (1.0, 2.0, 3.0, 4.0, 5.0), 7), 3.0)
