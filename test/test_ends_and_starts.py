@@ -252,3 +252,15 @@ def test_the_order_of_what_is_imposed_does_not_matter(interpreted):
     assert one.completed and len(one.jumps) > 1 and other.jumps == one.jumps
     assert list(one.columns) == list(other.columns) and np.ptp(one['strain']) > 0.01
     assert all((one[column] == other[column]).all() for column in one.columns)
+
+
+def test_segments_without_weight_start_as_modules_of_their_own():
+    """Whatever is asked of the others; of one that nothing is asked of too."""
+    asked = {'initial.x_M_1': 0.9, 'initial.x_M_2': 0.1, 'initial.x_M_3': 0.55, 'initial.x_M_4': 0.56}
+    pairs = [{f'initial.x_M_{i + 1}': x for i, x in enumerate(list(asked.values())[k : k + 2])} for k in (0, 2)]
+    whole = new_run(stack(2, **asked), np.array([0.0, 0.0, 298.0]), new_work(stack(2, **asked))).state
+    for k, given in enumerate(pairs):
+        one = started(Model(Config(given))).state
+        assert whole.x_frozen[2 * k : 2 * k + 2] == pytest.approx(one.x_frozen, abs=1e-9)
+        assert whole.mode[2 * k : 2 * k + 2].tolist() == one.mode.tolist()
+        assert whole.y[3 * k : 3 * k + 3] == pytest.approx(one.y[:3], rel=1e-7, abs=1e-12)

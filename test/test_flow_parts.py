@@ -179,16 +179,16 @@ def test_strains_in_series_carry_one_stress(names, more):
         assert found[O_STRAIN] == pytest.approx(strain(sigma), rel=1e-7, abs=1e-12)
 
 
-@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire'])
+@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire', 'wire_under_load'])
 def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
-    """Of the module's declaration a coordinate in m takes U_y's, one in rad alpha's; a structure's own stay as they are."""
+    """Of the module's declaration one in m takes U_y's, in rad alpha's, a strain the first; a structure's own stay."""
     structure = package_structures()[system].structure
     given = active('sensor_bias', U_x=1.0, U_y=2.0, alpha=3.0, stress=4.0)
     found = as_on(given, structure)
     if system in ('module', 'wire'):
         assert found.values == given.values
     else:
-        assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
+        assert found.values == tuple({'m': 2.0, 'rad': 3.0, '-': 1.0}[c.unit] for c in structure.coordinates)
         own = ActiveEffect(given.found.on(structure), tuple(range(len(structure.coordinates))))
         assert as_on(own, structure).values == own.values
     for plain in (active('gravity'), active('sensor_lag')):
