@@ -13,7 +13,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.model.system import EVERYTHING, depends_on, guard, update_flow, update_guards
+from sma_sim.model.system import EVERYTHING, PER_WIRE_BITS, STRESS_1, depends_on, guard, update_flow, update_guards
 from sma_sim.solver.columns import sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import as_on
 from sma_sim.solver.integrate import observe
@@ -208,3 +208,29 @@ def test_forces_of_effects_add_up_as_long_as_there_is_room():
         assert found[count] - found[0] == pytest.approx(count * one, rel=1e-9, abs=1e-6)
     with pytest.raises(UserError, match='65 effects act on the .*: expected at most 64'):
         new_work(make_model('module', 'hybrid', [active('gravity')] * 65))
+
+
+@pytest.mark.parametrize(
+    ('effect', 'wires'),
+    [
+        ('', 'own'), ('natural_convection', 'own'), ('guide_friction', 'all'),
+        ('sensor_lag', 'own'), ('thermal_expansion', 'all'), ('smooth_transformation', 'all'),
+        ('driver_lag', 'own'),
+    ],
+)  # fmt: skip
+def test_samples_evaluate_what_they_show(effect, wires):
+    """Nothing for a pose or a temperature, the stress of a wire for its force; everything where an effect adds to these."""
+    model = make_model('module', 'hybrid', [active(effect)] if effect else [])
+    p, known = model.compiled, list(model.structure.channels)
+    stress = {0: STRESS_1, 1: STRESS_1 << PER_WIRE_BITS}
+    for i in (0, 1):
+        force, resistance = known.index(f'F_{i + 1}'), known.index(f'R_{i + 1}')
+        assert needed_for(np.array([force]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([p.channels + i]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([p.channels + 2 + i]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([resistance]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+    lagging = effect == 'sensor_lag'  # of the pose
+    assert needed_for(np.array([known.index('alpha')]), p) == (EVERYTHING if lagging else 0)
+    assert needed_for(np.array([known.index('T_1')]), p) == 0
+    both = needed_for(np.array([known.index('alpha'), p.channels, p.channels + 1]), p)
+    assert both == (EVERYTHING if wires == 'all' or lagging else stress[0] | stress[1])

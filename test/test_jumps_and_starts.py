@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from test_step_control import new_state
 
-from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, SystemState
+from sma_sim import Config, Model
+from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, SystemState
 from sma_sim.solver import events, first_start
 from sma_sim.solver import integrate as integration
-from sma_sim.solver.equilibrium import at_transformation_stress, forget_pose, move_to_admitted, run_to_end
+from sma_sim.solver.equilibrium import (
+    at_transformation_stress,
+    forget_pose,
+    move_to_admitted,
+    run_to_end,
+    start_on_hysteresis_edge,
+)
 from sma_sim.solver.integrate import (
     C_DWELL,
     C_LAST_JUMP,
@@ -17,6 +24,7 @@ from sma_sim.solver.integrate import (
     NO_JUMP,
     of_wire,
 )
+from sma_sim.solver.simulate import new_work
 from sma_sim.solver.stepper import Step
 
 
@@ -146,3 +154,14 @@ def test_progress_of_a_compilation_is_told_in_quarters(monkeypatch):
     assert said[0] == 'compiling the equations: about 45 s on this machine'  # 10 of 100 in 5 s
     assert said[1:3] == [f'compiling the equations: {k} % done, about {(100 - k) // 2} s left' for k in (35, 60)]
     assert said[-1] == 'compiled in 40 s' and one not in first_start.on_compiled and len(said) == 4
+
+
+def test_wires_that_have_no_equilibrium_are_put_on_the_nearer_edge():
+    """From wherever a search got lost: to austenite those that were asked for more martensite than can be, and back."""
+    model = Model(Config(system='lever'))
+    p, work, u = model.compiled, new_work(model), np.array([0.0, 298.0])
+    for requested, modes in (([0.9, 0.1], [5, 4]), ([0.1, 0.9], [4, 5]), ([0.9, 0.9], [5, 5]), ([0.1, np.nan], [4, 4])):
+        y = np.concatenate([[3.0, 0.0], [298.0] * 2])
+        state = SystemState(y, np.array([3, 3]), np.array(requested))
+        start_on_hysteresis_edge(state, InputPoint(u, np.zeros(2)), np.array(requested), p, work)
+        assert state.mode.tolist() == modes and state.y[0] == pytest.approx(0.0, abs=1e-9)

@@ -235,3 +235,25 @@ def test_every_step_that_is_tried_is_counted(monkeypatch):
     for row in (0.0225, 0.03):
         before = steps[:, 0] < row - 1e-9
         assert (steps[before, 0] + steps[before, 1] <= row + 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    ('kind', 'effects', 'kept'), [('hybrid', (), True), ('hybrid', ('thermal_expansion',), False), ('mas', (), False)]
+)
+def test_the_flow_at_the_end_of_a_step_is_not_evaluated_again(monkeypatch, kind, effects, kept):
+    """Where guards have been looked at there, no jump has changed it, and no effect depends on the fraction there."""
+    known, linearize = {}, linearize_flow
+
+    def noted(t, state, segment, p, w, evaluated):
+        known[t] = evaluated
+        linearize(t, state, segment, p, w, evaluated)
+
+    monkeypatch.setattr(integration, 'linearize_flow', noted)
+    model = make_model('wire', kind, [active(name) for name in effects])
+    _, log, run = followed(monkeypatch, model, wire_input([0.0, 0.1, 0.2], [0.0195, 0.022, 0.022], [0.0, 0.3, 0.0]))
+    jumps = set(log.jumps[: run.count[integration.N_JUMPS], 0])
+    assert (len(jumps) > 1) == (kind == 'hybrid') and len(set(known) - jumps - {0.0, 0.1}) >= 4
+    for t, evaluated in known.items():
+        within = t not in (0.0, 0.1)
+        expected = kind == 'hybrid' and t not in jumps and (kept or not within)
+        assert evaluated == expected, t
