@@ -215,7 +215,7 @@ def test_forces_of_effects_add_up_as_long_as_there_is_room():
     [
         ('', 'own'), ('natural_convection', 'own'), ('guide_friction', 'all'),
         ('sensor_lag', 'own'), ('thermal_expansion', 'all'), ('smooth_transformation', 'all'),
-        ('driver_lag', 'own'),
+        ('driver_lag', 'own'), ('gravity', 'own'),
     ],
 )  # fmt: skip
 def test_samples_evaluate_what_they_show(effect, wires):
