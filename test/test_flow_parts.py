@@ -8,12 +8,22 @@ import pytest
 from scipy.optimize import brentq
 from systems import active, evaluate, make_model, random_state
 
+from sma_sim import Config, Model
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.model.system import EVERYTHING, PER_WIRE_BITS, STRESS_1, depends_on, guard, update_flow, update_guards
+from sma_sim.model.system import (
+    EVERYTHING,
+    PER_WIRE_BITS,
+    STRESS_1,
+    commanded_heating,
+    depends_on,
+    guard,
+    update_flow,
+    update_guards,
+)
 from sma_sim.solver.columns import sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import as_on
 from sma_sim.solver.integrate import observe
@@ -179,16 +189,16 @@ def test_strains_in_series_carry_one_stress(names, more):
         assert found[O_STRAIN] == pytest.approx(strain(sigma), rel=1e-7, abs=1e-12)
 
 
-@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire', 'wire_under_load'])
+@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire'])
 def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
-    """Of the module's declaration one in m takes U_y's, in rad alpha's, a strain the first; a structure's own stay."""
+    """Of the module's declaration a coordinate in m takes U_y's, one in rad alpha's; a structure's own stay as they are."""
     structure = package_structures()[system].structure
     given = active('sensor_bias', U_x=1.0, U_y=2.0, alpha=3.0, stress=4.0)
     found = as_on(given, structure)
     if system in ('module', 'wire'):
         assert found.values == given.values
     else:
-        assert found.values == tuple({'m': 2.0, 'rad': 3.0, '-': 1.0}[c.unit] for c in structure.coordinates)
+        assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
         own = ActiveEffect(given.found.on(structure), tuple(range(len(structure.coordinates))))
         assert as_on(own, structure).values == own.values
     for plain in (active('gravity'), active('sensor_lag')):
@@ -234,3 +244,17 @@ def test_samples_evaluate_what_they_show(effect, wires):
     assert needed_for(np.array([known.index('T_1')]), p) == 0
     both = needed_for(np.array([known.index('alpha'), p.channels, p.channels + 1]), p)
     assert both == (EVERYTHING if wires == 'all' or lagging else stress[0] | stress[1])
+
+
+@pytest.mark.parametrize(
+    ('system', 'command', 'heated'),
+    [('module', [8.0], [8.0, 0.0]), ('module', [-8.0], [0.0, 8.0]), ('lever', [-4.0], [0.0, 4.0]), ('slider', [6.0], [6.0]),
+     ('slider', [-6.0], [0.0]), ('spatial', [1.0, -2.0, 3.0], [1.0, 0.0, 3.0]),
+     ('stack', [1.0, -2.0, 3.0], [1.0, 0.0, 0.0, 2.0, 3.0, 0.0])],
+)  # fmt: skip
+def test_the_wires_of_a_bundle_share_its_power(system, command, heated):
+    """Of an antagonistic pair one is heated, by the sign; no bundle is cooled."""
+    model = Model(Config({'wire.n': 4.0}, system))
+    assert [commanded_heating(i, np.array([*command, 298.0]), model.compiled) for i in range(model.wires)] == [
+        power / 4.0 for power in heated
+    ]
