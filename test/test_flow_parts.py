@@ -242,6 +242,12 @@ def test_samples_evaluate_what_they_show(effect, wires):
     lagging = effect == 'sensor_lag'  # of the pose
     assert needed_for(np.array([known.index('alpha')]), p) == (EVERYTHING if lagging else 0)
     assert needed_for(np.array([known.index('T_1')]), p) == 0
+    state, shown = next(states(model)), np.array([known.index('U_y'), known.index('T_2')])
+    work, row, still = new_work(model), np.zeros(2), Segment(0.0, 1.0, state.u, state.du, False)
+    work.sample.obs[:] = np.nan
+    at, needed = SystemState(state.y, state.mode, state.x_frozen), needed_for(shown, p)
+    sample_numbers(0.0, at, still, p, work, shown, needed, row)
+    assert np.isnan(work.sample.obs).all() == (needed == 0) and row[1] == state.y[p.first_T + 1]
     both = needed_for(np.array([known.index('alpha'), p.channels, p.channels + 1]), p)
     assert both == (EVERYTHING if wires == 'all' or lagging else stress[0] | stress[1])
 

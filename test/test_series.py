@@ -48,3 +48,15 @@ def test_elimination_from_the_end_to_the_base_brings_no_fill(kind, per_wire):
         pattern = jacobian_pattern(model.compiled, found.reach.astype(bool), len(model.scales))
         assert np.count_nonzero(pattern) == len(found.entries) == expected
         assert len(found.rows) + len(found.columns) + len(found.order) == expected
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_what_is_asked_of_segments_is_as_before_when_a_flow_is_linearised(kind):
+    """All of them, of a series without effects; and no effect is left to push one."""
+    model = stack(3, kind)
+    p, work, n = model.compiled, new_work(model), 9
+    state = new_run(model, np.array([0.0] * 3 + [298.0]), work).state
+    linearize_flow(0.0, state, Segment(0.0, 1.0, np.array([6.0, -4.0, 2.0, 298.0]), np.zeros(4), False), p, work, False)
+    asked = len(p.structure.effects) - n - 4
+    assert p.structure.effects[asked : asked + 4].tolist() == [0.0, 3.0, 0.0, 3.0] and not p.structure.effects[:asked].any()
+    assert work.first.dy.any()
