@@ -235,7 +235,7 @@ def test_what_bounds_a_run(monkeypatch):
     assert [limits.stall_step for limits in seen] == pytest.approx([1e-6, 2e-7])
 
 
-def test_the_order_of_what_is_imposed_does_not_matter(interpreted):
+def test_what_is_imposed_may_come_in_any_order(interpreted):
     """A load and a temperature: as the package has them, and the temperature first."""
     usual = package_structures()['wire_under_load_at_T']
     drives = usual.structure.drives
