@@ -9,7 +9,7 @@ from systems import WHOLE_ROWS, active, make_model
 
 from sma_sim import Config, Input, Model, UserError, module_input, simulate, wire_input
 from sma_sim.model.automaton import INNER
-from sma_sim.model.layout import O_DL, O_F, O_X, SystemState
+from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, SystemState
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import numbers, record
@@ -66,7 +66,11 @@ def test_forces_on_coordinates_are_the_work_of_the_wires(name):
     state, u = moved_state(model)
     row, obs = row_of(model, state, u)
     where, n = sample_columns(model.structure), model.compiled.coordinates
-    forces = row[where.wires].reshape(model.wires, PER_WIRE)[:, WIRE_COLUMNS.index('F')]
+    shown = dict(zip(WIRE_COLUMNS, row[where.wires].reshape(model.wires, PER_WIRE).T, strict=True))
+    found = {'x_M': O_X, 'F': O_F, 'length': O_LENGTH, 'v': O_V, 'sigma': O_SIGMA, 'dx_M': O_DX, 'J': O_J}
+    assert all((shown[column] == obs[:, at]).all() for column, at in found.items())
+    first_T, forces = model.compiled.first_T, shown['F']
+    assert (shown['T'] == state.y[first_T : first_T + model.wires]).all() and (shown['mode'] == state.mode).all()
     assert (forces == obs[:, O_F]).all() and forces.all()
     for j in range(n):
         step = 1e-4 * model.scales[j] * (np.arange(n) == j)
