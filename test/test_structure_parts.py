@@ -382,3 +382,6 @@ def test_a_fault_of_a_declaration_names_the_structure():
     assert fault_of(one_coordinate(fitted=('wire.x',))) == (
         "structure 'one': fitted names wire.x, which is no parameter; its own are none"
     )
+    for value, said in ((-0.1, '-0.1 N; expected 0 to 2'), (2.1, '2.1 N; expected 0 to 2'), (0.0, ''), (2.0, '')):
+        found = fault_of(one_coordinate(parameters=(Parameter('k', value, 'N', (0.0, 2.0), 'a force', 'a test'),)))
+        assert found == (f"structure 'one': parameter k: default {said}" if said else '')
