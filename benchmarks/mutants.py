@@ -52,7 +52,7 @@ TESTS = {
         'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
         'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts', 'jumps_and_starts',
         'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents', 'solver_parts', 'compile',
-        'paper_parts',
+        'paper_parts', 'single_steps', 'ends_and_starts',
     ),
     NATIVE: (
         'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
@@ -62,6 +62,7 @@ TESTS = {
         'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
         'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
         'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents', 'solver_parts', 'paper_parts',
+        'single_steps', 'ends_and_starts',
     ),
     FITS: (
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',

@@ -19,6 +19,7 @@ from numba.core import typed_passes, untyped_passes
 
 from sma_sim import Input, Model, simulate
 from sma_sim.cli.main import main
+from sma_sim.model.effects.ports import call_kernel
 from sma_sim.solver import first_start
 from sma_sim.solver.by_reference import is_large, size_of
 from sma_sim.solver.compile import (
@@ -37,6 +38,7 @@ from sma_sim.solver.compile import (
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.fragments import ENTRY, FRAGMENT, NOT_NEEDED, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
+from sma_sim.solver.records import keep_record, kept_records, record_at
 
 ROOT = Path(__file__).resolve().parents[1]
 # A function with large records, one inside the other, that calls another with a constant and with a number.
@@ -110,6 +112,21 @@ def in_whole(k, both, out):
     return both.factor * both.large.small.a
 
 
+def called_and_kept(native, numbers, kept, like, out):
+    at = numbers.ctypes.data
+    call_kernel(native, at, at + 8, at + 16, at + 24, out.ctypes.data)
+    both = record_at(kept[1], like)
+    out[2] = both.factor * both.large.table[2, 1] * both.large.count + in_part(
+        1, record_at(kept[0], like).large, like.large.small
+    )
+
+
+def sum_of_others(a, b, c, d, out):
+    written = carray(out, 2)
+    written[0] = 1000.0 * carray(a, 1)[0] + 100.0 * carray(b, 1)[0] + 10.0 * carray(c, 1)[0] + carray(d, 1)[0]
+    written[1] = doubled(carray(a, 2)[1])
+
+
 def five_addresses(a, b, c, d, out):
     written = carray(out, 2)
     written[1] = doubled(carray(a, 2)[1])
@@ -165,6 +182,26 @@ def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
     assert numbers.tolist() == [3.0, 4.0, 0.0, 8.0]
 
 
+def test_compiled_code_calls_by_address_and_reads_kept_records(tmp_path, monkeypatch):
+    """As plain Python does it, which keeps objects in place of copies."""
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
+    monkeypatch.setenv('NUMBA_DISABLE_JIT', '0')  # which numba reads again when it has changed
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    table = np.arange(8.0).reshape(4, 2)
+    first = Larger(Large(True, Small(1.5, 2.5), table, (1.0, 2.0, 3.0, 4.0, 5.0), 7), 3.0)
+    second = first._replace(factor=0.5, large=first.large._replace(table=2.0 * table, count=11))
+    made, numbers = Compiler('own', (__name__, helpers.__name__, 'sma_sim.')), np.array([1.0, 2.0, 3.0, 4.0])
+    native = made.native(sum_of_others, doubled)
+    kept = kept_records([first, second, None], made.function(keep_record), False)
+    assert kept.addresses[2] == 0 and len(set(kept.addresses.tolist())) == 3
+    for like in (first, second):
+        out = np.zeros(3)
+        made.function(called_and_kept)(native.address, numbers, kept.addresses, like, out)
+        assert out.tolist() == [1234.0, 4.0, 0.5 * 10.0 * 11 + 3.0 * 7 + 2.5 + 2.0]
+    plain = kept_records([first, second, None], None, True)
+    assert record_at(plain.addresses[1], first) is second and plain.addresses[2] == 0
+
+
 def test_what_is_compiled_is_known_before_it_is_loaded(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
@@ -207,7 +244,7 @@ def test_cache_of_the_user_by_operating_system(monkeypatch, tmp_path, platform, 
     assert user_cache() == tmp_path / 'own' / 'sma_sim'
 
 
-def test_an_edited_source_is_compiled_anew(tmp_path):
+def test_another_source_is_compiled_anew(tmp_path):
     file = tmp_path / 'effect.py'
     keys = set()
     for text in ('a = 1\n', 'a = 2\n', 'a = 1\n'):

@@ -114,3 +114,19 @@ def test_joints_have_limits_and_the_axes_that_are_told():
     assert lift.effort > turn.effort > 0.0  # URDF wants one, and only the lift is pulled
     with pytest.raises(ValueError, match="coordinate 'a': expected an axis x, y or z, got 'w'"):
         Coordinate('a', 'm', 1.0, axis='w')
+
+
+def test_the_drawn_spatial_beam_is_a_cantilever_with_the_plate_on_its_tip():
+    """Fixed and straight at its root, at the tip where and as the plate is; the plate joins the ends of the wires."""
+    structure = FOUND['spatial'].structure
+    p, pose = structure.default_constants, record('Pose', structure.coordinate_names)
+    for q in poses(structure):
+        axis, plate = structure.drawing.bodies(pose(**q), p)
+        ends = [wire[-1] for wire in structure.drawing.wires(pose(**q), p)]
+        assert plate == [*ends, ends[0]] and np.mean(ends, axis=0) == pytest.approx(axis[-1])
+        assert axis[0] == (0.0, 0.0, 0.0) and axis[-1] == pytest.approx((p.L + q['U_x'], q['U_y'], q['U_z']))
+        _, y, z = np.array(axis).T
+        at, slopes = np.linspace(0.0, p.L, len(axis)), {0.0: (0.0, 0.0), p.L: (q['alpha'], -q['beta'])}
+        for x, expected in slopes.items():
+            found = [np.polyval(np.polyder(np.polyfit(at, line, 3)), x) for line in (y, z)]
+            assert found == pytest.approx(expected, abs=1e-9)

@@ -16,6 +16,7 @@ from sma_sim.model.effects.discovery import ActiveEffect, effects_on
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_SIGMA, O_STRAIN, O_V, O_X
 from sma_sim.model.material import internal_energy, latent_heat
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import numbers, record
 from sma_sim.model.system import extra_heat
 
@@ -216,6 +217,26 @@ def test_parameters_have_the_units_of_the_coordinate():
         read_config(words=['system=slider'], effects=['joint_friction:M_c=3e3'])
     assert find_effects()['beam_creep'].on(structure).effect.phrase == 'creep of the springs'
     assert find_effects()['gravity'].on(MOVING['module'].structure) is find_effects()['gravity']
+
+
+@pytest.mark.parametrize('system', ['slider', 'lever', 'spatial', 'wire_under_load'])
+def test_sensors_are_off_by_a_part_of_the_usual_change(system):
+    """That of the module: of U_y for what is no angle, of alpha for angles; gains are the same everywhere."""
+    structure, module = package_structures()[system].structure, package_structures()['module'].structure
+    bias, gain = (find_effects()[name] for name in ('sensor_bias', 'sensor_gain'))
+    own, declared = bias.on(structure).effect.parameters, {p.name: p for p in bias.effect.parameters}
+    usual = {c.name: c.sensor_size(module.default_constants) for c in module.coordinates}
+    assert [p.name for p in own] == list(structure.coordinate_names)
+    for found, coordinate in zip(own, structure.coordinates, strict=True):
+        like = declared['alpha' if coordinate.unit == 'rad' else 'U_y']
+        factor = coordinate.sensor_size(structure.default_constants) / usual[like.name]
+        assert found.unit == coordinate.unit and found.default == pytest.approx(factor * like.default, rel=0.05)
+        assert found.realistic == pytest.approx([factor * x for x in like.realistic], rel=0.05)
+        assert found.bounds == pytest.approx([factor * x for x in like.bounds], rel=0.05)
+        assert coordinate.name in found.description
+    plain = gain.effect.parameters[1]
+    for found in gain.on(structure).effect.parameters:
+        assert (found.default, found.bounds, found.realistic) == (plain.default, plain.bounds, plain.realistic)
 
 
 def test_effects_of_a_structure_are_listed(capsys):

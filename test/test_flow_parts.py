@@ -8,11 +8,22 @@ import pytest
 from scipy.optimize import brentq
 from systems import active, evaluate, make_model, random_state
 
+from sma_sim import Config, Model
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance
 from sma_sim.model.structures.discovery import package_structures
-from sma_sim.model.system import EVERYTHING, depends_on, guard, update_flow, update_guards
+from sma_sim.model.system import (
+    EVERYTHING,
+    PER_WIRE_BITS,
+    STRESS_1,
+    commanded_heating,
+    depends_on,
+    guard,
+    update_flow,
+    update_guards,
+)
 from sma_sim.solver.columns import sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import as_on
 from sma_sim.solver.integrate import observe
@@ -192,3 +203,64 @@ def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
         assert as_on(own, structure).values == own.values
     for plain in (active('gravity'), active('sensor_lag')):
         assert as_on(plain, structure) is plain
+
+
+def test_forces_of_effects_add_up_as_long_as_there_is_room():
+    """For 64 of them on one structure; more are refused."""
+    random, found = np.random.default_rng(2), {}
+    state = random_state(make_model('module'), random, 3)
+    for count in (0, 1, 2, 64):
+        model = make_model('module', 'hybrid', [active('gravity')] * count)
+        found[count] = evaluate(model, state.y, state.u, state.du, state.mode, state.x_frozen).dy
+    one = found[1] - found[0]
+    assert np.abs(one[3:6]).max() > 1.0 and not one[:3].any()
+    for count in (2, 64):
+        assert found[count] - found[0] == pytest.approx(count * one, rel=1e-9, abs=1e-6)
+    with pytest.raises(UserError, match='65 effects act on the .*: expected at most 64'):
+        new_work(make_model('module', 'hybrid', [active('gravity')] * 65))
+
+
+@pytest.mark.parametrize(
+    ('effect', 'wires'),
+    [
+        ('', 'own'), ('natural_convection', 'own'), ('guide_friction', 'all'),
+        ('sensor_lag', 'own'), ('thermal_expansion', 'all'), ('smooth_transformation', 'all'),
+        ('driver_lag', 'own'), ('gravity', 'own'),
+    ],
+)  # fmt: skip
+def test_samples_evaluate_what_they_show(effect, wires):
+    """Nothing for a pose or a temperature, the stress of a wire for its force; everything where an effect adds to these."""
+    model = make_model('module', 'hybrid', [active(effect)] if effect else [])
+    p, known = model.compiled, list(model.structure.channels)
+    stress = {0: STRESS_1, 1: STRESS_1 << PER_WIRE_BITS}
+    for i in (0, 1):
+        force, resistance = known.index(f'F_{i + 1}'), known.index(f'R_{i + 1}')
+        assert needed_for(np.array([force]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([p.channels + i]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([p.channels + 2 + i]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+        assert needed_for(np.array([resistance]), p) == (stress[i] if wires == 'own' else EVERYTHING)
+    lagging = effect == 'sensor_lag'  # of the pose
+    assert needed_for(np.array([known.index('alpha')]), p) == (EVERYTHING if lagging else 0)
+    assert needed_for(np.array([known.index('T_1')]), p) == 0
+    state, shown = next(states(model)), np.array([known.index('U_y'), known.index('T_2')])
+    work, row, still = new_work(model), np.zeros(2), Segment(0.0, 1.0, state.u, state.du, False)
+    work.sample.obs[:] = np.nan
+    at, needed = SystemState(state.y, state.mode, state.x_frozen), needed_for(shown, p)
+    sample_numbers(0.0, at, still, p, work, shown, needed, row)
+    assert np.isnan(work.sample.obs).all() == (needed == 0) and row[1] == state.y[p.first_T + 1]
+    both = needed_for(np.array([known.index('alpha'), p.channels, p.channels + 1]), p)
+    assert both == (EVERYTHING if wires == 'all' or lagging else stress[0] | stress[1])
+
+
+@pytest.mark.parametrize(
+    ('system', 'command', 'heated'),
+    [('module', [8.0], [8.0, 0.0]), ('module', [-8.0], [0.0, 8.0]), ('lever', [-4.0], [0.0, 4.0]), ('slider', [6.0], [6.0]),
+     ('slider', [-6.0], [0.0]), ('spatial', [1.0, -2.0, 3.0], [1.0, 0.0, 3.0]),
+     ('stack', [1.0, -2.0, 3.0], [1.0, 0.0, 0.0, 2.0, 3.0, 0.0])],
+)  # fmt: skip
+def test_the_wires_of_a_bundle_share_its_power(system, command, heated):
+    """Of an antagonistic pair one is heated, by the sign; no bundle is cooled."""
+    model = Model(Config({'wire.n': 4.0}, system))
+    assert [commanded_heating(i, np.array([*command, 298.0]), model.compiled) for i in range(model.wires)] == [
+        power / 4.0 for power in heated
+    ]

@@ -6,18 +6,25 @@ import numpy as np
 import pytest
 from test_step_control import new_state
 
-from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, SystemState
+from sma_sim import Config, Model
+from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, SystemState
 from sma_sim.solver import events, first_start
 from sma_sim.solver import integrate as integration
-from sma_sim.solver.equilibrium import at_transformation_stress, forget_pose, move_to_admitted, run_to_end
+from sma_sim.solver.equilibrium import (
+    at_transformation_stress,
+    forget_pose,
+    move_to_admitted,
+    run_to_end,
+    start_on_hysteresis_edge,
+)
 from sma_sim.solver.integrate import (
     C_DWELL,
     C_LAST_JUMP,
-    LONG_STEP,
     N_CHATTER,
     NO_JUMP,
     of_wire,
 )
+from sma_sim.solver.simulate import new_work
 from sma_sim.solver.stepper import Step
 
 
@@ -82,8 +89,8 @@ def test_the_first_of_several_jumps_is_taken(monkeypatch):
     found, evaluated, _ = jumps_of(monkeypatch, [never, never])
     assert found == NO_JUMP and evaluated[-1] == 1.0
     hump = lambda s: 0.1 - np.abs(s - 0.45)  # noqa: E731
-    assert jumps_of(monkeypatch, [hump], h=1.1 * LONG_STEP)[0] == pytest.approx(0.35, abs=1e-3)
-    assert jumps_of(monkeypatch, [hump], h=0.9 * LONG_STEP)[0] == NO_JUMP
+    assert jumps_of(monkeypatch, [hump], h=2.1e-3)[0] == pytest.approx(0.35, abs=1e-3)
+    assert jumps_of(monkeypatch, [hump], h=2e-3)[0] == NO_JUMP
     assert jumps_of(monkeypatch, [sooner], mas=True)[0] == NO_JUMP
 
 
@@ -109,7 +116,9 @@ def test_a_start_moves_wires_to_modes_that_admit_them():
     for mode, x, sigma, moved, new_mode, new_x in (
         (4, 0.4, 2e8, False, 4, 0.4), (4, -0.1, 2e8, True, 3, 0.0), (5, 1.1, 1e8, True, 3, 1.0),
         (3, 0.4, 1.5e8, False, 3, 0.4), (3, 0.4, 2.1e8, True, 4, 0.4), (3, 0.4, 0.9e8, True, 5, 0.4),
-        (3, 1.0, 2.1e8, False, 3, 1.0), (3, 0.0, 0.9e8, False, 3, 0.0), (3, 0.4, 2e8 + 1e-3, False, 3, 0.4),
+        (3, 1.0, 2.1e8, False, 3, 1.0), (3, 0.0, 0.9e8, False, 3, 0.0), (3, 0.4, 2e8 + 1e-2, False, 3, 0.4),
+        (3, 0.4, 1e8 - 1e-2, False, 3, 0.4), (4, 0.0, 2e8, False, 4, 0.0), (5, 1.0, 1e8, False, 5, 1.0),
+        (3, 0.4, 2e8 + 2e-2, True, 4, 0.4), (3, 0.4, 1e8 - 2e-2, True, 5, 0.4),
     ):  # fmt: skip
         state, obs = at_rest([mode], [x], [sigma])
         assert move_to_admitted(state, p, obs) == moved and state.mode[0] == new_mode
@@ -124,7 +133,7 @@ def test_a_start_moves_wires_to_modes_that_admit_them():
     assert run_to_end(state, p) and state.x_frozen.tolist() == [1.0, 0.6]
     for modes, sigma, on_edge in (
         ((4, 5), (2e8, 1e8), True), ((4, 5), (2e8 + 20.0, 1e8), False), ((4, 5), (2e8, 1e8 - 20.0), False),
-        ((4, 5), (2e8 + 5.0, 1e8), True), ((3, 1), (0.0, 0.0), True),
+        ((4, 5), (2e8 + 10.0, 1e8), True), ((4, 5), (2e8, 1e8 + 20.0), False), ((3, 1), (0.0, 0.0), True),
     ):  # fmt: skip
         state, obs = at_rest(modes, [0.4, 0.6], sigma)
         assert at_transformation_stress(state, p, obs) == on_edge
@@ -145,3 +154,14 @@ def test_progress_of_a_compilation_is_told_in_quarters(monkeypatch):
     assert said[0] == 'compiling the equations: about 45 s on this machine'  # 10 of 100 in 5 s
     assert said[1:3] == [f'compiling the equations: {k} % done, about {(100 - k) // 2} s left' for k in (35, 60)]
     assert said[-1] == 'compiled in 40 s' and one not in first_start.on_compiled and len(said) == 4
+
+
+def test_wires_that_have_no_equilibrium_are_put_on_the_nearer_edge():
+    """From wherever a search got lost: to austenite those that were asked for more martensite than can be, and back."""
+    model = Model(Config(system='lever'))
+    p, work, u = model.compiled, new_work(model), np.array([0.0, 298.0])
+    for requested, modes in (([0.9, 0.1], [5, 4]), ([0.1, 0.9], [4, 5]), ([0.9, 0.9], [5, 5]), ([0.1, np.nan], [4, 4])):
+        y = np.concatenate([[3.0, 0.0], [298.0] * 2])
+        state = SystemState(y, np.array([3, 3]), np.array(requested))
+        start_on_hysteresis_edge(state, InputPoint(u, np.zeros(2)), np.array(requested), p, work)
+        assert state.mode.tolist() == modes and state.y[0] == pytest.approx(0.0, abs=1e-9)

@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 
 from sma_sim.model.material import sigma_A, sigma_M
+from sma_sim.model.parameters import DEFAULTS
 from sma_sim.solver import paper_experiments as paper
 from sma_sim.solver.inputs import inputs_at, module_input, regular_times
 from sma_sim.solver.paper_experiments import (
     COMPARED_COLUMNS,
     EXACT_RTOL,
     MODEL_KINDS,
-    PLATEAU,
-    REPEATS,
-    RUN_LENGTH,
-    SINE_AMPLITUDE,
-    SINE_PERIOD,
-    TOLERANCES,
     PaperResults,
     StressStrainLoop,
 )
@@ -45,7 +40,7 @@ def test_plateaus_of_a_loop_are_means_of_its_outer_branches(monkeypatch):
         return Made(time, stress_Pa=stress)
 
     monkeypatch.setattr(paper, 'complete_run', run)
-    loop, middle = paper.stress_strain_loop(315.0), 1e9 * np.mean(PLATEAU)
+    loop, middle = paper.stress_strain_loop(315.0), 1e9 * 0.035
     assert loop.plateaus['hybrid'] == pytest.approx((middle + 5e7, middle), rel=1e-9)
     assert loop.plateaus['mas'] == pytest.approx((middle + 4e7, middle - 1e7), rel=1e-9)
     assert (loop.T_E, len(loop.strain)) == (315.0, 2101)
@@ -67,21 +62,21 @@ def test_plateaus_of_one_model_lie_inside_those_of_the_other():
 
 def test_the_fastest_run_counts_and_the_first_does_not(monkeypatch):
     now, calls = [0.0], []
-    lasts = {'hybrid': [1.0, *np.linspace(9.0, 3.0, REPEATS)], 'mas': [2.0, *np.linspace(4.0, 8.0, REPEATS)]}
+    lasts = {'hybrid': [1.0, *np.linspace(9.0, 3.0, 9)], 'mas': [2.0, *np.linspace(4.0, 8.0, 9)]}
 
     def run(model, source, samples):
         calls.append(model)
-        assert samples.tolist() == [0.0, RUN_LENGTH]
+        assert samples.tolist() == [0.0, 100.0]
         now[0] += lasts[model].pop(0)
 
     monkeypatch.setattr(paper, 'complete_run', run)
     monkeypatch.setattr(paper.time, 'perf_counter', lambda: now[0])
     found = paper.seconds_per_run({kind: kind for kind in MODEL_KINDS}, None)
     assert found == pytest.approx({'hybrid': 3.0, 'mas': 4.0})
-    assert calls == list(MODEL_KINDS) * (1 + REPEATS)
+    assert calls == list(MODEL_KINDS) * 10
 
 
-def test_random_runs_compare_models_and_each_with_itself(monkeypatch):
+def test_runs_of_random_steps_compare_models_and_each_with_itself(monkeypatch):
     """Angles of the hybrid model are larger by one degree, those at a finite tolerance by a tenth of one."""
     rtols, said = [], []
 
@@ -97,7 +92,10 @@ def test_random_runs_compare_models_and_each_with_itself(monkeypatch):
     found = paper.random_runs(3, 5, said.append)
     assert set(found.difference) == set(COMPARED_COLUMNS) and found.difference['T_1_K'].shape == (3, 5)
     assert found.difference_of('alpha_rad') == pytest.approx([np.radians(1.0)] * 3)
-    assert [timing.rtol for timing in found.timings] == list(TOLERANCES) and rtols.count(EXACT_RTOL) == 6
+    equal = dict.fromkeys(MODEL_KINDS, DEFAULTS['solver.rtol'].default)
+    assert [timing.rtol for timing in found.timings] == [{'hybrid': 1e-4, 'mas': 3e-5}, equal] and rtols.count(
+        EXACT_RTOL
+    ) == 6
     for timing in found.timings:
         assert timing.seconds['hybrid'].tolist() == [0.5] * 3 and timing.seconds['mas'].tolist() == [0.25] * 3
         assert timing.steps['hybrid'].tolist() == [77.0] * 3 and timing.steps['mas'].tolist() == [97.0] * 3
@@ -113,8 +111,8 @@ def test_the_sine_is_shown_from_rest_in_its_second_period(monkeypatch):
 
     monkeypatch.setattr(paper, 'complete_run', run)
     sine = paper.slow_sine()
-    expected = SINE_AMPLITUDE * np.sin(2.0 * np.pi * np.linspace(SINE_PERIOD, 2.0 * SINE_PERIOD, 2001) / SINE_PERIOD)
-    assert sine.J_eq == pytest.approx(expected, abs=1e-9 * SINE_AMPLITUDE)
+    expected = 12.0 * np.sin(2.0 * np.pi * np.linspace(1.0, 2.0, 2001))
+    assert sine.J_eq == pytest.approx(expected, abs=1e-8)
     assert sine.alpha['hybrid'] == pytest.approx(2.0 * expected, abs=1e-9) and sine.largest_difference == pytest.approx(1.0)
 
 

@@ -13,6 +13,8 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.homogeneity import cochran_p
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.run_estimates import (
+    ParameterByRun,
+    RunEstimate,
     agreement_sentence,
     by_run_data,
     cochran,
@@ -135,3 +137,18 @@ def test_spread_of_two_estimates_is_their_difference_over_its_standard_deviation
         covariance = np.array([[1.0, common], [common, 3.0]])
         assert cochran(np.array([1.0, 4.0]), covariance) == pytest.approx(9.0 / (4.0 - 2.0 * common))
     assert cochran(np.array([1.0]), np.eye(1)) == 0.0
+
+
+def test_how_many_parameters_disagree_is_counted_over_all_that_were_tested():
+    """A chance of 1 % over all: of three, 0.33 % each; one that could not be compared does not count."""
+
+    def by_run(name, p, dof=1):
+        runs = tuple(RunEstimate(f'run{k}', 1.0 + k, 0.1, 3.0 * k, True, 1.0, 0.1) for k in range(2))
+        return ParameterByRun(name, 'W', 1.5, runs, 9.0, dof, p)
+
+    found = [by_run('a', 0.0005), by_run('b', 0.003), by_run('c', 0.004), by_run('d', float('nan'), 0)]
+    assert disagreement(found) is found[0] and 'disagree on a and 1 more (' in agreement_sentence(found)
+    assert 'most of all run1 (2 +- 0.1 W, all together 1.5)' in agreement_sentence(found)
+    assert 'disagree on a (' in agreement_sentence([found[0], *found[2:]] + [by_run('e', 0.9)])
+    assert 'agree on every parameter (least on c: p = 0.004)' in agreement_sentence([found[2], by_run('e', 0.9), found[2]])
+    assert agreement_sentence([found[3]]) == '' and disagreement([found[3]]) is None

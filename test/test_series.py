@@ -33,3 +33,30 @@ def test_the_jacobian_is_that_of_the_whole_flow(kind, modes):
     assert (np.abs((sparse - dense) * model.scales) <= 1e-9 * of_rows).all()
     pattern = jacobian_pattern(p, work.elimination.reach.astype(bool), len(y))
     assert not sparse[~pattern].any() and not (dense * model.scales)[~pattern].any()
+
+
+@pytest.mark.parametrize(('kind', 'per_wire'), [('hybrid', 1), ('mas', 2)])
+def test_elimination_from_the_end_to_the_base_brings_no_fill(kind, per_wire):
+    """What depends on what, counted: wires on their segment, accelerations on neighbours and on rates of turning before."""
+    for segments in (2, 3, 4, 7):
+        model = stack(segments, kind)
+        found = new_work(model).elimination
+        own = 3 + 3 + 2 * per_wire
+        wires, coordinates = 2 * per_wire * (3 + 3 + per_wire), 3 * 2
+        neighbours, beyond = 3 * segments - 2, (segments - 1) * (segments - 2) // 2
+        expected = segments * (wires + coordinates) + 3 * own * neighbours + 3 * beyond
+        pattern = jacobian_pattern(model.compiled, found.reach.astype(bool), len(model.scales))
+        assert np.count_nonzero(pattern) == len(found.entries) == expected
+        assert len(found.rows) + len(found.columns) + len(found.order) == expected
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_what_is_asked_of_segments_is_as_before_when_a_flow_is_linearised(kind):
+    """All of them, of a series without effects; and no effect is left to push one."""
+    model = stack(3, kind)
+    p, work, n = model.compiled, new_work(model), 9
+    state = new_run(model, np.array([0.0] * 3 + [298.0]), work).state
+    linearize_flow(0.0, state, Segment(0.0, 1.0, np.array([6.0, -4.0, 2.0, 298.0]), np.zeros(4), False), p, work, False)
+    asked = len(p.structure.effects) - n - 4
+    assert p.structure.effects[asked : asked + 4].tolist() == [0.0, 3.0, 0.0, 3.0] and not p.structure.effects[:asked].any()
+    assert work.first.dy.any()

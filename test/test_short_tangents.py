@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sma_sim import Config, Model, default_parameters, module_input, simulate, wire_input
+from sma_sim import Config, Input, Model, default_parameters, module_input, simulate, wire_input
 from sma_sim.solver.sensitivities import Neighbour, direct_states, padded, row_shifts, simulate_with_tangents
-from sma_sim.solver.simulate import new_run, new_work
+from sma_sim.solver.simulate import copy_of_run, new_run, new_work
 
 DELTA, STEP, RTOL = 1e-6, 1e-3, 1e-6
 RAMP = wire_input([0.0, 0.1, 0.2], [0.0195, 0.024, 0.022], [0.0, 0.3, 0.0])
@@ -75,6 +75,9 @@ def test_shifts_of_rows_are_derivatives_of_their_times():
     shifts = row_shifts(PULSE, beside, DELTA)
     assert shifts.shape[1] == padded(3) == 8 and padded(8) == 8 and padded(9) == 16
     assert shifts[:, 1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6) and not shifts[:, [0, 2, 3]].any()
+    for size, same in ((0.5e-4, True), (1.5e-4, False)):  # of a difference between rows that are taken for the same
+        near = row_shifts(PULSE, [Neighbour(source=replace(PULSE, values=PULSE.values * (1.0 + size)))], DELTA)
+        assert (near is not None) == same
     other = replace(PULSE, values=PULSE.values + 0.1)
     assert row_shifts(PULSE, [Neighbour(source=other)], DELTA) is None
     fewer = module_input([0.0, 0.1], [14.0, -9.0])
@@ -92,3 +95,80 @@ def test_states_that_sensors_show_as_they_are(system):
         if p.imposed_T < 0:
             assert found.pop(f'T{suffix}') == p.first_T + i
     assert set(found.values()) == {-1} and len(found) >= 2 * p.wires - 1
+
+
+def test_tangents_of_a_wire_are_exact_where_its_run_is():
+    """Ramps, a row of heating, jumps between: the difference to extrapolated ones falls with the tolerance."""
+    config, channels = with_parameter(configuration('hybrid'), 'solver.rtol', 1e-8 / RTOL - 1.0), ('stress', 'T', 'R')
+    model, times = Model(config), np.linspace(0.0, 0.2, 12)
+    start = new_run(model, RAMP.values[0], new_work(model))
+    moved = [Model(with_parameter(config, name, DELTA)) for name in NAMES]
+    beside = [Neighbour(other, new_run(other, RAMP.values[0], new_work(other))) for other in moved]
+    found = simulate_with_tangents(model, RAMP, times, start, channels, beside, DELTA)
+    assert [(jump.source, jump.target) for jump in found.trajectory.jumps] == [(3, 4), (4, 3), (3, 5)]
+    for j, name in enumerate(NAMES):
+        runs = {h: run_at(with_parameter(config, name, h), RAMP, times, channels) for h in (2e-4, 1e-4, -1e-4, -2e-4)}
+        for c, column in enumerate(runs[1e-4].columns | runs[1e-4].resistances):
+            wide, close = ((runs[h][column] - runs[-h][column]) / (2.0 * h) for h in (2e-4, 1e-4))
+            expected = (4.0 * close - wide) / 3.0
+            assert np.abs(found.tangents[j, c] - expected).max() < 1e-5 * np.abs(expected).max(), (name, column)
+
+
+class MovedLever:
+    """Short runs of the lever from a start in motion: its wires' stiffness, its start, or the time of a row is moved."""
+
+    channels, times = ('angle', 'F_1', 'F_2', 'T_1', 'R_2'), np.linspace(0.0, 0.0551, 8)
+
+    def __init__(self):
+        self.model = Model(Config({'solver.rtol': 1e-6}, 'lever'))
+        self.start = new_run(self.model, np.array([0.0, 298.0]), new_work(self.model), (0.4, 0.6))
+        self.start.state.y[:] += 1e-3 * self.model.scales * [0.3, -0.9, 0.5, 0.7]
+
+    def moved(self, what, z):
+        """Model, start and input."""
+        model, start, row = self.model, copy_of_run(self.model, self.start), 0.05
+        if what == 'stiffness':
+            model = Model(with_parameter(self.model.config, 'wire.E_A', z))
+        elif what == 'start':
+            start.state.y[:] += 0.1 * z * self.model.scales * [0.7, 0.5, -0.9, 0.3]
+            start.state.x_frozen[:] += z * np.array([0.3, 0.7])
+        else:
+            row += z * 0.04
+        rows = np.column_stack([[9.0, -8.0, -8.0], [298.0] * 3])
+        return model, start, Input(np.array([0.0, row, 0.0551]), rows, (False, False), model.structure.input_columns)
+
+    def samples(self, what, z):
+        model, start, source = self.moved(what, z)
+        run = simulate(model, source, self.times, initial_state=start, channels=self.channels)
+        return np.array(list((run.columns | run.resistances).values()))
+
+
+def test_tangents_of_a_structure_are_exact_where_its_run_is():
+    """Over two jumps of its wires and a row of its command, from whatever is moved."""
+    lever = MovedLever()
+    stiffer, other, later = (lever.moved(what, DELTA) for what in ('stiffness', 'start', 'row'))
+    beside = [Neighbour(model=stiffer[0]), Neighbour(initial_state=other[1]), Neighbour(source=later[2])]
+    model, start, source = lever.moved('row', 0.0)
+    found = simulate_with_tangents(model, source, lever.times, start, lever.channels, beside, DELTA)
+    assert [jump.wire for jump in found.trajectory.jumps] == [1, 2, 2] and found.trajectory.completed
+    expected = np.array([
+        (lever.samples(what, 3e-4) - lever.samples(what, -3e-4)) / 6e-4 for what in ('stiffness', 'start', 'row')
+    ])  # fmt: skip
+    assert (np.abs(found.tangents - expected).max(axis=2) < 1e-3 * np.abs(expected).max(axis=2)).all()
+
+
+def test_a_run_with_tangents_that_stops_says_why():
+    """In whichever row; with what was sampled until then."""
+    config, channels = configuration('hybrid'), ('stress', 'T')
+    model, times = Model(config), np.linspace(0.0, 0.2, 21)
+    start = new_run(model, RAMP.values[0], new_work(model))
+    whole = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA)
+    for most in (3, whole.trajectory.steps - 1):
+        found = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA, max_steps=most)
+        count = len(found.trajectory.time)
+        assert found.trajectory.reason == 'step limit reached' and not found.trajectory.completed and 0 < count < 21
+        assert found.trajectory.steps == most and found.tangents.shape == (1, 2, count) and found.slopes.shape == (2, count)
+        assert (found.slopes == whole.slopes[:, :count]).all()
+    assert whole.trajectory.completed and not whole.tangents.any() and len(whole.trajectory.time) == 21
+    one_row = wire_input([0.0], [0.02])
+    assert simulate_with_tangents(model, one_row, [0.0], start, channels, (Neighbour(),), DELTA) is None

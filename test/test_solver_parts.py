@@ -1,14 +1,15 @@
 """Samples, inputs, starts and fixed steps by themselves, in plain Python: against differences and against each other."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from systems import WHOLE_ROWS, active, make_model
 
-from sma_sim import Config, Input, Model, module_input, simulate, wire_input
+from sma_sim import Config, Input, Model, UserError, module_input, simulate, wire_input
 from sma_sim.model.automaton import INNER
-from sma_sim.model.layout import O_DL, O_F, O_X, SystemState
+from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, SystemState
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import numbers, record
@@ -20,12 +21,13 @@ from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
 from sma_sim.solver.inputs import pieces
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUMNS, observe, of_wire
 from sma_sim.solver.linear import DENSE, eliminate, elimination, solve_eliminated
+from sma_sim.solver.model import inertia_of
 from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.series import elimination_of
 from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.stepper import Segment
 from sma_sim.solver.structure_kernels import check_gradients
-from sma_sim.solver.wire_columns import heating_of_wire
+from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 MOVING = sorted(name for name, found in package_structures().items() if found.structure.coordinates)
 
@@ -64,7 +66,11 @@ def test_forces_on_coordinates_are_the_work_of_the_wires(name):
     state, u = moved_state(model)
     row, obs = row_of(model, state, u)
     where, n = sample_columns(model.structure), model.compiled.coordinates
-    forces = row[where.wires].reshape(model.wires, PER_WIRE)[:, WIRE_COLUMNS.index('F')]
+    shown = dict(zip(WIRE_COLUMNS, row[where.wires].reshape(model.wires, PER_WIRE).T, strict=True))
+    found = {'x_M': O_X, 'F': O_F, 'length': O_LENGTH, 'v': O_V, 'sigma': O_SIGMA, 'dx_M': O_DX, 'J': O_J}
+    assert all((shown[column] == obs[:, at]).all() for column, at in found.items())
+    first_T, forces = model.compiled.first_T, shown['F']
+    assert (shown['T'] == state.y[first_T : first_T + model.wires]).all() and (shown['mode'] == state.mode).all()
     assert (forces == obs[:, O_F]).all() and forces.all()
     for j in range(n):
         step = 1e-4 * model.scales[j] * (np.arange(n) == j)
@@ -174,7 +180,7 @@ def test_samples_of_fixed_steps_stand_at_whole_steps():
     run = simulate_fixed_rate(model, source, 100.0, 50.0, told.append)
     assert run.completed and run.time == pytest.approx([1.0, 1.02, 1.04, 1.06, 1.08, 1.1]) and told[-1] == 1.0
     heated = np.diff(run['T_K'])
-    assert (heated[:3] > 0.0).all() and (heated[3:] < 0.0).all() and run.steps >= 10
+    assert len(heated) == 5 and (heated[:3] > 0.0).all() and (heated[3:] < 0.0).all() and run.steps >= 10
 
 
 def test_sizes_of_states_follow_the_structure():
@@ -342,3 +348,44 @@ def test_progress_is_the_share_of_rows_that_are_done(monkeypatch):
     source, told = module_input(np.linspace(0.0, 0.05, 6).tolist(), [0.0, 1.0, 2.0, 3.0, 4.0, 4.0]), []
     assert simulate(make_model('module'), source, 100.0, progress=told.append).completed
     assert told == pytest.approx([2.0 / 6.0, 4.0 / 6.0, 1.0])
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_strains_follow_from_the_pose(name):
+    model = Model(Config(system=name))
+    state, u = moved_state(model)
+    row, _ = row_of(model, state, u)
+    where, wires = sample_columns(model.structure), model.wires
+    pose = {c.column: row[where.pose][[j]] for j, c in enumerate(model.structure.coordinates)}
+    lengths = row[where.wires].reshape(wires, PER_WIRE)[:, WIRE_COLUMNS.index('length')]
+    strains = strains_from_pose(model.config, pose)
+    assert list(strains) == [f'strain{suffix}' for suffix in model.structure.wire_suffixes]
+    assert np.ravel(list(strains.values())) == pytest.approx(lengths / model.compiled.wire.l0 - 1.0, abs=1e-12)
+
+
+def test_an_imposed_temperature_is_among_the_samples():
+    model = Model(Config(system='wire_at_T'))
+    state, u = (
+        SystemState(np.array([321.0]), np.array([3]), np.array([0.4])),
+        np.full(len(model.structure.input_columns), 0.02),
+    )
+    row, _ = row_of(model, state, u)
+    numbers_asked, p = sampled_numbers(None, model.structure), own_scratch(model.compiled)
+    found, whole = np.zeros(len(numbers_asked)), places(model.structure, WHOLE_ROWS)
+    segment = Segment(0.0, 1.0, u, np.zeros(len(u)), False)
+    sample_numbers(0.0, state, segment, p, new_work(model), numbers_asked, needed_for(numbers_asked, p), found)
+    for column, k in places(model.structure, numbers_asked).items():
+        assert found[k] == pytest.approx(row[whole[column]], rel=1e-12)
+    assert found[-1] == 321.0 and found[-2] == 3.0 and found[-3] == 0.4
+
+
+def test_an_inertia_that_cannot_be():
+    slider, lever, module = (package_structures()[name].structure for name in ('slider', 'lever', 'module'))
+    for structure, unit in ((slider, 'kg'), (lever, 'kg m^2')):
+        assert inertia_of(replace(structure, inertia=lambda p: 1e-9), structure.default_constants) == (1e-9,)
+        for wrong in (0.0, -1.0, np.inf, np.nan):
+            odd = replace(structure, inertia=lambda p, wrong=wrong: wrong)
+            with pytest.raises(UserError, match=re.escape(f' is {wrong:g} {unit}; expected more than 0')):
+                inertia_of(odd, structure.default_constants)
+    with pytest.raises(UserError, match='returns 2 number.s.; expected one for each of U_x, U_y, alpha'):
+        inertia_of(replace(module, inertia=lambda p: (1.0, 1.0)), module.default_constants)

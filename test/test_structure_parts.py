@@ -334,6 +334,8 @@ def test_the_state_that_a_driven_kernel_returns_is_counted():
             else:
                 with pytest.raises(EffectError, match=f'returns {count} numbers, port {port} takes'):
                     returns_tuple(effect, one, kinds)
+        singular = OneKernel('value', lambda s, w, p: 1.0 / (s.T - s.T), outputs, False)
+        assert returns_tuple(effect, singular, kinds) == (outputs > 1 and not may_be_one)
 
 
 def test_a_wire_moves_to_another_bench_with_what_it_is():
@@ -380,3 +382,6 @@ def test_a_fault_of_a_declaration_names_the_structure():
     assert fault_of(one_coordinate(fitted=('wire.x',))) == (
         "structure 'one': fitted names wire.x, which is no parameter; its own are none"
     )
+    for value, said in ((-0.1, '-0.1 N; expected 0 to 2'), (2.1, '2.1 N; expected 0 to 2'), (0.0, ''), (2.0, '')):
+        found = fault_of(one_coordinate(parameters=(Parameter('k', value, 'N', (0.0, 2.0), 'a force', 'a test'),)))
+        assert found == (f"structure 'one': parameter k: default {said}" if said else '')
