@@ -112,7 +112,8 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
 def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
     """An effect with the parameters that its kernels read on a structure: one for each channel, where it is by channel.
 
-    Of the effect as it is on the module, a coordinate takes the value of the channel in the same unit.
+    Of the effect as it is on the module, a coordinate takes the value of the channel in the same unit, else that of U_y, as
+    its declaration does (`parameters_of_channels`).
     """
     found = active.found
     if not found.effect.by_channel or not structure.coordinates or found.effect.scope.name:
@@ -122,7 +123,7 @@ def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
         return active
     units = {p.unit: value for p, value in zip(found.effect.parameters, active.values, strict=True)}
     units |= {structure_unit: active.values[k] for structure_unit, k in SHOWN.items()}
-    return ActiveEffect(own, tuple(units.get(c.unit, active.values[0]) for c in structure.coordinates))
+    return ActiveEffect(own, tuple(units.get(c.unit, active.values[1]) for c in structure.coordinates))
 
 
 def effect_table(

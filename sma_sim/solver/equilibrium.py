@@ -137,8 +137,6 @@ def start_at(state: SystemState, point: InputPoint, requested: Vector, p: System
     for i in range(p.wires):
         x_frozen[i] = min(max(w.first.obs[i, O_X], 0.0), 1.0)
         mode[i] = AUSTENITE if x_frozen[i] <= 0.0 else MARTENSITE if x_frozen[i] >= 1.0 else INNER
-        if p.mas:
-            state.y[p.first_x + i] = x_frozen[i]
     return True
 
 
