@@ -50,7 +50,6 @@ def test_a_control_that_cannot_be_used_any_more_leaves_the_focus_to_its_neighbou
     assert browser.execute_script(FOCUSED) == 'redo'
 
 
-@pytest.mark.slow
 def test_what_is_being_typed_and_chosen_outlasts_a_change_from_another_tab(browser, server):
     opened(browser, server)
     browser.find_element('id', 'tab-history').click()

@@ -238,13 +238,13 @@ def test_hypotheses_and_reasons():
 def test_what_is_left_is_simulated_and_tells_the_port():
     """A cap of the power: around the fit that it biases, heat and stress promise too much.
 
-    No temperature is measured: heat over time, whatever it comes from, imitates it nearly, and is said to.
+    No temperature is measured: heat over time, whatever it comes from, may imitate it nearly, and is said to then.
     """
     case = make_challenge(8, kinds=['supply_limit'], plan=RecordingPlan(duration=20.0, rate=10.0))
     found = estimate_latent_inputs(case.dataset, case.nominal)
     best, *others = found.findings
     assert found.error > 2.0 and found.verdict == 'power' and best.error < 1.2
-    assert set(found.indistinguishable) == {'heat'} and all(finding.error > 1.08 * best.error for finding in others)
+    assert set(found.indistinguishable) <= {'heat'} and all(finding.error > 1.08 * best.error for finding in others)
     assert 0.8 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
     assert all(finding.error > 1.3 for finding in others if not finding.name.startswith('heat')) and set(
         best.parameters

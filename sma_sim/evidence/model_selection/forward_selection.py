@@ -66,7 +66,8 @@ def select_forward(
         report_model('accepted', base, context)
         steps[-1] = replace(steps[-1], after=base)
         if not (leaves_something(base) or base.is_bent):
-            return (*steps, SelectionStep(base, (), (), None))
+            steps.append(SelectionStep(base, (), (), None))
+            break
     return with_another_lead(steps, base, context)
 
 
@@ -331,24 +332,28 @@ def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionS
 
 
 def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
-    """The steps; or another effect of the first one and a further effect, if they leave only noise where the steps do not.
+    """The steps; or another effect of the first one and a further effect, which leave only noise.
 
-    What imitates two effects, mostly a variant, explains more than either does alone, and nothing is found beside it.
+    Asked where the steps do not, and the two must fit better by more than chance; and where the first of them accepted a
+    variant that leaves more, and they must not fit worse by more than chance. What imitates two effects, mostly a variant,
+    explains more than either does alone.
     """
+    accepted = steps[0].accepted if steps else None
     noise = fits_all(unexplained_above(last.problem.span))
-    if not last.effects or last.error <= noise:
+    variant = accepted is not None and accepted.is_variant
+    if accepted is None or (accepted.fit if variant else last).error <= noise:
         return tuple(steps)
-    first = steps[0]
-    leads = [one for one in first.candidate_fits if one is not first.accepted and one.acceptable and not one.is_variant]
+    most = last.cost + (CRITERIA.decisive_log_odds if variant else -CRITERIA.decisive_log_odds)
+    leads = [one for one in steps[0].candidate_fits if one is not accepted and one.acceptable and not one.is_variant]
     for lead in sorted(leads, key=lambda one: one.fit.cost)[: CRITERIA.pair_candidates]:
         if context.stop.is_set():
             break
         context.on_progress(f'{lead.name} may explain all beside another effect')
         limit = CRITERIA.sketch_cost_ratio * cost_with(noise, lead.fit.problem, lead.fit.z)
         second = selection_step(lead.fit, replace(context, variants=False), limit)
-        found = second.accepted.fit if second.accepted is not None else last
-        if found.error <= noise and found.cost <= last.cost - CRITERIA.decisive_log_odds:
+        found = last if second.accepted is None else second.accepted.fit
+        if found is not last and found.error <= noise and found.cost <= most:
             after = tempered_again(found, context)
-            pair = replace(first, accepted=lead, after=lead.fit), replace(second, after=after)
+            pair = replace(steps[0], accepted=lead, after=lead.fit), replace(second, after=after)
             return (*pair, SelectionStep(after, (), (), None))
     return tuple(steps)
