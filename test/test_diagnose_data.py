@@ -45,6 +45,7 @@ def without(recording, *channels, empty=()):
     return replace(recording, channels=kept | {name: np.full(len(recording.time), np.nan) for name in empty})
 
 
+@pytest.mark.slow
 def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     """Two runs of a robot that lacks nothing: none is held out, and that is said."""
     robot = make_challenge(2, 0, forces=True, plan=RecordingPlan(duration=20.0, rate=10.0))

@@ -89,6 +89,7 @@ def test_stopped_before_anything_was_accepted(case, tmp_path, words, model):
     assert 'Stopped before the search was complete' in page and not any('Traceback' in line for line in one.said)
 
 
+@pytest.mark.slow
 def test_stopped_after_an_effect_was_accepted(case, tmp_path):
     one = Diagnosing(case, tmp_path, '--model', 'mas')
     one.wait_for('accepted ')

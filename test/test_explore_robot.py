@@ -68,6 +68,7 @@ def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
             server.application.close()
 
 
+@pytest.mark.slow
 def test_without_a_robot_the_page_waits(browser, tmp_path):
     with serving(tmp_path / 'session', words=WORDS) as server:
         try:

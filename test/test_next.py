@@ -277,6 +277,7 @@ def test_mistakes_are_said_at_once(tmp_path, capsys, words, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_mistakes_that_need_the_fit(rivals):
     runs, plan = rivals
     with ThreadPoolExecutor(1) as pool, pytest.raises(UserError, match='gravity'):

@@ -51,6 +51,7 @@ def test_an_effect_is_judged_by_its_realistic_range():
     assert [implausible.reason for implausible in beyond] == ['realistic'] and 'realistic: ' in beyond[0].text
 
 
+@pytest.mark.slow
 def test_fit_and_diagnosis_say_it():
     """A robot that cools 1.8 times as fast as the model says: the fit explains it, with a value that is not plausible."""
     runs = dataset(scaled(config(), wire__lambda=1.8), (1, 2), 1.0, 25.0, rate=5.0, channels=('alpha', 'F_1'))
