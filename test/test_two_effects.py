@@ -18,7 +18,7 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import pair_steps, selection_step, with_another_lead
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
-from sma_sim.report.html.candidates import elimination_section
+from sma_sim.report.html.candidates import decision, elimination_section
 
 QUICK = DiagnosisRequest('mas', options=FitOptions(starts=1))
 
@@ -140,3 +140,13 @@ def test_what_leaves_only_noise_is_found_by_its_odds_where_the_score_test_does_n
     assert not replace(unseen, delta_bic=-19.0).acceptable and not replace(unseen, error_reduction=0.02).acceptable
     others = [one for one in only_gravity.candidate_fits if one.fit.error > CRITERIA.noise_only]
     assert others and not any(replace(unseen, fit=other.fit).acceptable for other in others)
+
+
+def test_the_report_says_why_what_explains_more_alone_is_not_taken(only_gravity):
+    (gravity,) = (one for one in only_gravity.candidate_fits if one.name == 'gravity')
+    lead = next(replace(one, plausible=True, family_p=0.01) for one in only_gravity.candidate_fits if one is not gravity)
+    assert gravity.acceptable and gravity.error_ratio < lead.error_ratio
+    alone = replace(lead, indistinguishable=())
+    assert f'more than {lead.name} alone, but less than it does with' in decision(gravity, alone)
+    better = replace(lead, error_reduction=0.5)
+    assert 'explains less than gravity' in decision(better, gravity)

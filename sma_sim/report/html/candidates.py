@@ -108,8 +108,13 @@ def decision(candidate: CandidateFit, accepted: CandidateFit | None) -> str:
     against = '; '.join(objections(candidate))
     if against or accepted is None:
         return against
-    extent = 'as well as' if candidate.name in accepted.indistinguishable else 'less than'
-    return f'explains {extent} {accepted.name}, {fitted_values(candidate)}'
+    if candidate.name in accepted.indistinguishable:
+        extent = f'as well as {accepted.name}'
+    elif candidate.error_ratio < accepted.error_ratio:
+        extent = f'more than {accepted.name} alone, but less than it does with the effect of the next step'
+    else:
+        extent = f'less than {accepted.name}'
+    return f'explains {extent}, {fitted_values(candidate)}'
 
 
 def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:
