@@ -51,7 +51,8 @@ class SelectionCriteria:
     """Most candidates that are refitted: one more than are cross-validated, as sketches seldom order neighbours wrongly."""
     min_relative_gain: float = 0.1
     """Fraction of the best candidate's gain below which a candidate is not tried: a refit would have to gain ten times
-    what the score test predicts to catch up."""
+    what the score test predicts to catch up. Of what more than noise is, a difference between recordings must promise as
+    much."""
     variants_above: float = 1.02
     """Cross-validated error up to which no variant is tried: it is what runs differ by."""
     min_explained_by_screening: float = 0.02

@@ -44,7 +44,8 @@ class Promise:
 def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> FitResult | None:
     """The base with what differs between its recordings; None where a rival with an effect more leaves no more.
 
-    It must leave only noise, explain what the base leaves, and fit better than the rival by odds that are no chance.
+    It must leave only noise, explain what the base leaves, and fit better than the rival by odds that are no chance. One
+    that promises far less to first order is not tried.
     """
     problem = base.problem
     quasi_static = any(problem.wires(run) == 0 for run in problem.runs)
@@ -54,7 +55,8 @@ def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> 
     starts = ((base.z, ADDED_EFFECT), (at_prior_means(base).z, WEAKLY_DAMPED))
     found = promises(problem, base.z, context)
     found += [one for one in promises(problem, starts[1][0], context) if one.difference.lost_side]
-    found = [one for one in found if one.gain >= 2.0 * CRITERIA.decisive_log_odds]
+    least = CRITERIA.min_relative_gain * max(0.0, 1.0 - (CRITERIA.noise_only / base.error) ** 2)
+    found = [one for one in found if one.gain >= 2.0 * CRITERIA.decisive_log_odds and one.part >= least]
     tried = [one.difference for one in sorted(found, key=lambda one: -one.part)][: CRITERIA.first_refits]
     target = min(cost_with(CRITERIA.noise_only, problem, base.z), rival.cost)
     jobs = [

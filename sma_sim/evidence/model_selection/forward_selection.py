@@ -68,7 +68,7 @@ def select_forward(
         if not (leaves_something(base) or base.is_bent):
             steps.append(SelectionStep(base, (), (), None))
             break
-    return with_another_lead(steps, base, context)
+    return with_another_lead(steps, base, context, unlisted_explains)
 
 
 def adds_little(step: SelectionStep) -> bool:
@@ -331,12 +331,15 @@ def pair_steps(first: SelectionStep, context: SearchContext) -> tuple[SelectionS
     return steps if len(steps) > 1 else (replace(first, stopped=stopped),)
 
 
-def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: SearchContext) -> tuple[SelectionStep, ...]:
+def with_another_lead(
+    steps: Sequence[SelectionStep], last: FitResult, context: SearchContext,
+    unlisted_explains: Callable[[FitResult], bool] | None = None,
+) -> tuple[SelectionStep, ...]:  # fmt: skip
     """The steps; or another effect of the first one and a further effect, which leave only noise.
 
     Asked where the steps do not, and the two must fit better by more than chance; and where the first of them accepted a
     variant that leaves more, and they must not fit worse by more than chance. What imitates two effects, mostly a variant,
-    explains more than either does alone.
+    explains more than either does alone. A law that is not listed and explains all alone is one cause less.
     """
     accepted = steps[0].accepted if steps else None
     noise = fits_all(unexplained_above(last.problem.span))
@@ -345,6 +348,8 @@ def with_another_lead(steps: Sequence[SelectionStep], last: FitResult, context: 
         return tuple(steps)
     most = last.cost + (CRITERIA.decisive_log_odds if variant else -CRITERIA.decisive_log_odds)
     leads = [one for one in steps[0].candidate_fits if one is not accepted and one.acceptable and not one.is_variant]
+    if leads and last.error > noise and unlisted_explains and unlisted_explains(steps[0].base):
+        return tuple(steps)
     for lead in sorted(leads, key=lambda one: one.fit.cost)[: CRITERIA.pair_candidates]:
         if context.stop.is_set():
             break
