@@ -67,7 +67,7 @@ def test_two_effects_take_the_place_of_one_that_imitates_both(place, first):
     assert (lead.accepted.name, second.accepted.name, end.accepted) == ('gravity', 'driver_lag', None)
     assert second.base is lead.after and end.base is second.after and end.base.error <= CRITERIA.pooled_noise_only
     assert with_another_lead(steps, end.base, place) == steps  # what leaves only noise stands
-    assert with_another_lead(steps, imitation.fit, place, lambda bare: bare is first.base) == steps  # an equation explains it
+    assert with_another_lead(steps, imitation.fit, place, lambda bare: bare is first.base) == steps  # an equation does
 
 
 @pytest.mark.slow

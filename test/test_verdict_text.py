@@ -37,7 +37,7 @@ CALIBRATION = SimpleNamespace(
 
 
 def candidate(name, *rivals):
-    return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals)
+    return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals, plausible=True)
 
 
 def stage(effects, held_out, kind='added'):
@@ -126,6 +126,25 @@ def test_an_unknown_effect_with_and_without_an_equation():
     stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'taken_back'), stage((), 1.0, 'formula'))
     said = headline(replace(found, proposal=proposal, effects=(), stages=stages))
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
+
+
+def test_an_effect_that_explains_all_with_unrealistic_values_is_left_to_people():
+    fit = SimpleNamespace(error=0.99, effects=('radiation',), values_of=lambda name: {'emissivity': 3.0})
+    beyond = SimpleNamespace(**vars(candidate('radiation')) | {'plausible': False, 'leaves_only_noise': True, 'fit': fit})
+    step = SimpleNamespace(accepted=None, candidate_fits=(beyond,), stopped=False)
+    found = diagnosis('unknown_effect', errors=(5.0,), selection_steps=(step,))
+    (said,) = [line for line in remarks(found) if line.startswith('A listed effect')]
+    low, high = EFFECTS['radiation'].parameters[0].realistic
+    assert f'{EFFECTS["radiation"].phrase} (radiation) with emissivity = 3 (realistic: {low:g} to {high:g})' in said
+    assert '(error over noise 0.99). If they are possible on your robot' in said
+    worse = SimpleNamespace(**vars(fit) | {'error': 5.1})
+    for change in ({'plausible': True}, {'leaves_only_noise': False}, {'fit': worse}):
+        other = SimpleNamespace(**vars(beyond) | change)
+        quiet = replace(found, selection_steps=(SimpleNamespace(accepted=None, candidate_fits=(other,), stopped=False),))
+        assert not any(line.startswith('A listed effect') for line in remarks(quiet))
+    beside = SimpleNamespace(**vars(beyond) | {'fit': SimpleNamespace(**vars(fit) | {'effects': ('gravity', 'radiation')})})
+    both = SimpleNamespace(accepted=None, candidate_fits=(candidate('gravity'), beside), stopped=False)
+    assert '(radiation) beside gravity with' in ' '.join(remarks(replace(found, selection_steps=(both,))))
 
 
 def test_effects_that_an_equation_replaces_are_named(monkeypatch):

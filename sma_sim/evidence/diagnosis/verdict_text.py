@@ -15,6 +15,7 @@ from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
+from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.parameters import Parameter
@@ -42,6 +43,10 @@ ROOMS_DIFFER = (
 REMOVED = (
     'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
+)
+UNREALISTIC = (
+    'A listed effect explains all as well, but with values that are not realistic: {effect} ({name}){beside} with {values} '
+    '(error over noise {error:.2f}). If they are possible on your robot, that is the simpler explanation.'
 )
 REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
 TOGETHER = (
@@ -250,6 +255,29 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)
+    yield from unrealistic_lines(diagnosis)
+
+
+def unrealistic_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """The listed effect that leaves only noise, but with values beyond what is realistic: people know what is possible."""
+    most = (1.0 + CRITERIA.same_error) * diagnosis.stages[-1].train
+    fits = [
+        candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits
+        if not candidate.plausible and candidate.leaves_only_noise and candidate.fit.error <= most
+    ]  # fmt: skip
+    if not fits:
+        return
+    best = min(fits, key=lambda candidate: candidate.fit.error)
+    values = best.fit.values_of(best.name)
+    shown = [
+        f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
+        for p in unrealistic(best.found, values) if p.realistic is not None
+    ]  # fmt: skip
+    others = [phrase_of(name, diagnosis) for name in best.fit.effects if name not in (best.name, *diagnosis.nominal.effects)]
+    yield UNREALISTIC.format(
+        effect=best.found.effect.phrase, name=best.name, beside=f' beside {joined_words(others)}' if others else '',
+        values=joined_words(shown), error=best.fit.error,
+    )  # fmt: skip
 
 
 def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:
@@ -287,9 +315,13 @@ def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:
 def value_words(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> str:
     """A fitted value with its unit and its 95 % interval, if the data determine it."""
     value, interval = value_of(parameter, diagnosis, effect), interval_of(parameter, diagnosis, effect)
-    unit = '' if parameter.unit == '-' else f' {parameter.unit}'
     known = f' ({interval.low:.4g} to {interval.high:.4g})' if interval is not None else ''
-    return f'{parameter.name} = {value:.4g}{unit}{known}'
+    return f'{parameter.name} = {value:.4g}{unit_of(parameter)}{known}'
+
+
+def unit_of(parameter: Parameter) -> str:
+    """The unit after a number, if it has one."""
+    return '' if parameter.unit == '-' else f' {parameter.unit}'
 
 
 def value_of(parameter: Parameter, diagnosis: Diagnosis, effect: str) -> float | None:
