@@ -84,6 +84,15 @@ def test_a_wire_with_less_than_a_tenth_of_its_heat_capacity_is_named(kind):
         assert 'heat capacity' not in stop_reason(STEP_LIMIT, model, run)
 
 
+def test_a_reason_is_found_without_a_warning_where_rates_are_not_finite(recwarn):
+    model = make_model('wire', 'mas')
+    for x in (np.inf, np.nan):
+        run = started(model, (0.02, 0.0, 298.0))
+        run.state.y[model.compiled.first_x] = x
+        assert stop_reason(RATE_NOT_FINITE, model, run)
+    assert not recwarn.list
+
+
 def test_stresses_without_a_barrier_between_phases_are_named():
     """eps_T + (1/E_M - 1/E_A) sigma is not positive: far below zero stress, where martensite is the softer one."""
     model = make_model('wire', 'mas')

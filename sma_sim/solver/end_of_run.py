@@ -55,7 +55,8 @@ def odd_hysteresis(model: Model, run: Run) -> str:
     no_input = np.zeros(len(model.structure.input_columns))
     point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
     found.obs.fill(np.nan)
-    with suppress(OverflowError, ZeroDivisionError):  # as plain Python; the stresses of this wire are known by then
+    # as plain Python; the stresses of this wire are known by then
+    with suppress(OverflowError, ZeroDivisionError), np.errstate(all='ignore'):
         flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
     dsigma, eps_T = (model.config.parameters[f'wire.{name}'] for name in ('dsigma', 'eps_T'))
     for i in range(p.wires):
