@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import replace
+from threading import Event
 from types import SimpleNamespace
 
 import pytest
 
 from sma_sim.evidence.diagnosis.conclusion import leaves_room
 from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
-from sma_sim.evidence.model_selection.forward_selection import adds_little, points_beyond_library
+from sma_sim.evidence.model_selection.forward_selection import adds_little, points_beyond_library, with_unrealistic_values
 from sma_sim.evidence.symbolic_regression.propose import is_better
 
 
@@ -74,6 +75,35 @@ def test_where_a_law_that_is_not_listed_may_explain_alone(accepted, imitating, b
 def test_an_effect_that_takes_little_of_little_may_imitate_what_is_not_listed(before, after, little):
     chosen = None if after is None else SimpleNamespace(fit=SimpleNamespace(error=after))
     assert adds_little(SelectionStep(SimpleNamespace(error=before), (), (), chosen)) == little
+
+
+@pytest.mark.parametrize(('error', 'cost', 'changes', 'taken'), [
+    (1.2, 600.0, {}, True),
+    (1.04, 600.0, {}, False),  # what is realistic leaves only noise
+    (1.2, 505.0, {}, False),  # it fits hardly worse
+    (1.2, 600.0, {'plausible': True}, False),
+    (1.2, 600.0, {'convincing': False}, False),
+    (1.2, 600.0, {'not_cross_validated': True}, False),
+    (1.2, 600.0, {'error': 1.03}, False),
+    (1.2, 600.0, {'predicted': 1.03}, False),
+])  # fmt: skip
+def test_an_effect_with_unrealistic_values_is_taken_only_where_nothing_realistic_explains(error, cost, changes, taken):
+    one = {'plausible': False, 'convincing': True, 'not_cross_validated': False, 'error': 1.0, 'predicted': 1.01} | changes
+    problem = SimpleNamespace(span=math.nan, runs=())
+    fit = SimpleNamespace(error=one['error'], prediction_error=one['predicted'], cost=489.0, problem=problem)
+    candidate = SimpleNamespace(name='slack', fit=fit, **one)
+    realistic = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=error, cost=cost))
+    last = SimpleNamespace(error=error, cost=cost, problem=problem)
+    first = SelectionStep(SimpleNamespace(error=5.0, cost=1e4), (), (candidate, realistic), realistic, last)
+    steps, place = (first, SelectionStep(last, (), (), None)), SimpleNamespace(stop=Event(), on_progress=str)
+    found = with_unrealistic_values(steps, place)
+    if not taken:
+        assert found == steps
+        return
+    step, end = found
+    assert step.accepted is candidate and step.after is fit and end.base is fit and end.accepted is None
+    place.stop.set()
+    assert with_unrealistic_values(steps, place) == steps
 
 
 @pytest.mark.parametrize(('known', 'formula', 'better'), [

@@ -147,6 +147,27 @@ def test_an_effect_that_explains_all_with_unrealistic_values_is_left_to_people()
     assert '(radiation) beside gravity with' in ' '.join(remarks(replace(found, selection_steps=(both,))))
 
 
+def test_an_effect_that_is_taken_with_unrealistic_values_is_said_to_be():
+    name, low, high = 'effects.radiation.emissivity', 0.0, 1.1
+    beyond = ImplausibleParameter(name, 3.0, 0.0, low, high, '-', 'realistic')
+    other = ImplausibleParameter('wire.c_V', 140.0, 380.0, 250.0, 570.0, 'J/(kg K)', 'nominal')
+    taken = candidate('radiation')
+    taken.plausible = False
+    for implausible in ((beyond,), (beyond, other)):
+        changed = SimpleNamespace(
+            **vars(CALIBRATION) | {'implausible': implausible, 'values': CALIBRATION.values | {name: 3.0}}
+        )
+        found = diagnosis('missing_effect', taken, errors=(5.0, 1.0))
+        found.stages[-1].calibration = changed
+        said = list(remarks(found))
+        (line,) = [line for line in said if line.startswith('Not realistic: emissivity = 3 (realistic: ')]
+        assert line.endswith('make sure that your robot can have it.')
+        assert any(line.startswith('Outside the plausible range: wire.c_V') for line in said) == (other in implausible)
+        assert not any('effects.radiation' in line for line in said)
+    taken.plausible = True
+    assert any(line.startswith('Outside the plausible range: effects.radiation') for line in remarks(found))
+
+
 def test_effects_that_an_equation_replaces_are_named(monkeypatch):
     monkeypatch.setattr(verdict_text, 'proposed_text', lambda diagnosis: iter(()))
     stages = (stage((), 10.0, 'nominal'), stage(('gravity',), 1.1, 'added'), stage(('proposed',), 1.0, 'formula'))

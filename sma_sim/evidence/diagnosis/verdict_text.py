@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
@@ -47,6 +47,10 @@ REMOVED = (
 UNREALISTIC = (
     'A listed effect explains all as well, but with values that are not realistic: {effect} ({name}){beside} with {values} '
     '(error over noise {error:.2f}). If they are possible on your robot, that is the simpler explanation.'
+)
+TAKEN_UNREALISTIC = (
+    'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
+    'robot can have it.'
 )
 REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
 TOGETHER = (
@@ -221,9 +225,17 @@ def verdict_words(found: HeldOutVerdict, diagnosis: Diagnosis) -> str:
 
 def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """Parameters that left their plausible range: in the last fit, else in the nominal one."""
-    if diagnosis.calibration.implausible:
-        yield implausible_sentence(diagnosis.calibration.implausible)
-    elif diagnosis.implausible and len(diagnosis.stages) > 1:
+    implausible = diagnosis.calibration.implausible
+    for candidate in accepted_fits(diagnosis):
+        own = [one for one in implausible if one.name.startswith(f'effects.{candidate.name}.')]
+        if own and not candidate.plausible:
+            fitted = {p.name: value_of(p, diagnosis, candidate.name) for p in candidate.found.effect.parameters}
+            known = {name: value for name, value in fitted.items() if value is not None}
+            yield TAKEN_UNREALISTIC.format(values=beyond_words(candidate, known))
+            implausible = tuple(one for one in implausible if one not in own)
+    if implausible:
+        yield implausible_sentence(implausible)
+    elif not diagnosis.calibration.implausible and diagnosis.implausible and len(diagnosis.stages) > 1:
         yield BENT_NOMINAL.format(parameters=', '.join(parameter.text for parameter in diagnosis.implausible))
 
 
@@ -268,16 +280,19 @@ def unrealistic_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if not fits:
         return
     best = min(fits, key=lambda candidate: candidate.fit.error)
-    values = best.fit.values_of(best.name)
-    shown = [
-        f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
-        for p in unrealistic(best.found, values) if p.realistic is not None
-    ]  # fmt: skip
     others = [phrase_of(name, diagnosis) for name in best.fit.effects if name not in (best.name, *diagnosis.nominal.effects)]
     yield UNREALISTIC.format(
         effect=best.found.effect.phrase, name=best.name, beside=f' beside {joined_words(others)}' if others else '',
-        values=joined_words(shown), error=best.fit.error,
+        values=beyond_words(best, best.fit.values_of(best.name)), error=best.fit.error,
     )  # fmt: skip
+
+
+def beyond_words(candidate: CandidateFit, values: Mapping[str, float]) -> str:
+    """The values of an effect that are not realistic, beside what is."""
+    return joined_words([
+        f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
+        for p in unrealistic(candidate.found, values) if p.realistic is not None
+    ])  # fmt: skip
 
 
 def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:

@@ -54,7 +54,8 @@ class SelectionCriteria:
     what the score test predicts to catch up. Of what more than noise is, a difference between recordings must promise as
     much."""
     variants_above: float = 1.02
-    """Cross-validated error up to which no variant is tried: it is what runs differ by."""
+    """Cross-validated error up to which no variant is tried, and an effect with unrealistic values may be taken: it is what
+    runs differ by."""
     min_explained_by_screening: float = 0.02
     """Fraction of the squares that the best candidate must promise for refits to be worth their time."""
     cross_validated_candidates: int = 4

@@ -54,7 +54,7 @@ def select_forward(
         steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
         first = [*steps, step][0]
         if unlisted_explains and points_beyond_library(step, len(steps)) and unlisted_explains(first.base):
-            return (replace(first, accepted=None, after=None),)
+            return with_unrealistic_values((replace(first, accepted=None, after=None),), context)
         full = len(steps) + 2 > CRITERIA.max_effects
         steps += [step] if step.accepted is not None or full else pair_steps(step, context)
         accepted = steps[-1].accepted
@@ -68,7 +68,7 @@ def select_forward(
         if not (leaves_something(base) or base.is_bent):
             steps.append(SelectionStep(base, (), (), None))
             break
-    return with_another_lead(steps, base, context, unlisted_explains)
+    return with_unrealistic_values(with_another_lead(steps, base, context, unlisted_explains), context)
 
 
 def adds_little(step: SelectionStep) -> bool:
@@ -362,3 +362,25 @@ def with_another_lead(
             pair = replace(steps[0], accepted=lead, after=lead.fit), replace(second, after=after)
             return (*pair, SelectionStep(after, (), (), None))
     return tuple(steps)
+
+
+def with_unrealistic_values(steps: tuple[SelectionStep, ...], context: SearchContext) -> tuple[SelectionStep, ...]:
+    """The steps; or the effect of the first one that alone leaves only noise, though its values are not realistic.
+
+    Taken where the steps leave more, and fit worse by odds that outweigh the literature, from which the ranges are.
+    """
+    if not steps or context.stop.is_set():
+        return steps
+    last = steps[-1].base if steps[-1].accepted is None else steps[-1].accepted.fit
+    noise, most = fits_all(unexplained_above(last.problem.span)), last.cost - 2.0 * CRITERIA.decisive_log_odds
+    found = [
+        one for one in steps[0].candidate_fits
+        if not one.plausible and one.convincing and not one.not_cross_validated and one.fit.cost <= most
+        and max(one.fit.error, one.fit.prediction_error) <= CRITERIA.variants_above
+    ]  # fmt: skip
+    if last.error <= noise or not found:
+        return steps
+    best = min(found, key=lambda one: one.fit.cost)
+    context.on_progress(f'{best.name} alone explains all, with values that are not realistic')
+    after = tempered_again(best.fit, context)
+    return replace(steps[0], accepted=best, after=after, only_together=False), SelectionStep(after, (), (), None)
