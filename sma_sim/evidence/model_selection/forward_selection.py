@@ -42,7 +42,7 @@ def select_forward(
     `unlisted_explains`: whether a law that is not listed explains alone, beside a base, all that effects do not. It is asked
     before effects are put together (`points_beyond_library`); then no effect is accepted, nor is a further one that adds
     little where such laws are sought. `over_floor`: whether errors are over what repeats differ by, which is not sharp as
-    noise is: less than that asks for no effect at all.
+    noise is: less than that asks for no effect at all, and nothing speaks for values that are not realistic.
     """
     base, steps = nominal, list[SelectionStep]()
     if over_floor and base.error <= 1.0 and not base.is_bent:
@@ -54,7 +54,8 @@ def select_forward(
         steps[-1:] = [replace(last, after=step.base) for last in steps[-1:]]
         first = [*steps, step][0]
         if unlisted_explains and points_beyond_library(step, len(steps)) and unlisted_explains(first.base):
-            return with_unrealistic_values((replace(first, accepted=None, after=None),), context)
+            steps = [replace(first, accepted=None, after=None)]
+            break
         full = len(steps) + 2 > CRITERIA.max_effects
         steps += [step] if step.accepted is not None or full else pair_steps(step, context)
         accepted = steps[-1].accepted
@@ -68,7 +69,8 @@ def select_forward(
         if not (leaves_something(base) or base.is_bent):
             steps.append(SelectionStep(base, (), (), None))
             break
-    return with_unrealistic_values(with_another_lead(steps, base, context, unlisted_explains), context)
+    found = with_another_lead(steps, base, context, unlisted_explains)
+    return found if over_floor else with_unrealistic_values(found, context)
 
 
 def adds_little(step: SelectionStep) -> bool:
