@@ -76,7 +76,8 @@ def is_right(one: dict[str, Any]) -> bool:
 def is_detectable(one: dict[str, Any]) -> bool:
     """Whether the best fit without effects misses the held-out run, and does so even when it is fitted to that run too."""
     together = one.get('together')
-    reconciled = bool(together) and not one['effects'] and max(together.values()) <= CRITERIA.pooled_noise_only
+    left = max(together['train'], together['held_out']) if together else DETECTABLE
+    reconciled = not one['effects'] and left <= CRITERIA.pooled_noise_only
     return one['bare'] > DETECTABLE and not reconciled
 
 
