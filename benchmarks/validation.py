@@ -4,7 +4,7 @@
     python benchmarks/validation.py --list          # the parts, and how long they take on two free cores
     python benchmarks/validation.py --minutes 0     # only write the page from the results that there are
 
-By default, parts of many cases run a share of them, drawn by a hash of each, so that the whole takes about 40 minutes;
+By default, parts of many cases run a share of them, drawn by a hash of each, so that the whole takes about an hour;
 `--scale 2` runs twice as many, and `--scale 20` all. Finished parts are kept in the folder and not run again; a part that
 was stopped, or is asked for at a larger scale, is continued. Results of other sources (another state of sma_sim/ or
 benchmarks/) are moved to a folder `old` and measured again. A part that is not measured keeps its section of the page, which
@@ -34,7 +34,7 @@ HEAD = """# Validation
 
 All numbers on this page are measured by scripts in `benchmarks/`; each table names its command. The page is written by
 
-<!-- not run: takes forty minutes; it can be stopped and continued -->
+<!-- not run: takes an hour; it can be stopped and continued -->
 ```bash
 python benchmarks/validation.py
 ```
@@ -170,9 +170,9 @@ def main() -> None:
         for part in PARTS:
             share = part.share_at(asked.scale)
             print(
-                f'{part.name:12} {part.minutes * share:5.0f} min  {part.title}' + f' ({100.0 * share:.0f} %)' * (share < 1.0)
+                f'{part.name:14} {part.minutes * share:5.0f} min  {part.title}' + f' ({100.0 * share:.0f} %)' * (share < 1.0)
             )
-        print(f'{"together":12} {sum(part.minutes * part.share_at(asked.scale) for part in PARTS):5.0f} min')
+        print(f'{"together":14} {sum(part.minutes * part.share_at(asked.scale) for part in PARTS):5.0f} min')
         return
     results = Results(asked.folder)
     measure(asked, results)

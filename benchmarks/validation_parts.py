@@ -220,7 +220,7 @@ PARTS = (
     Part('challenges', 'Hidden effects', 25, cases('challenges', '--part', 'library', 'nothing', '--seeds', '481'),
          '[Challenges](challenges.md) of a seed that no development used: one effect of the library, or none. '
          'Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True, share=0.1),
-    Part('beyond_one', 'Two effects, and effects outside the library', 40,
+    Part('beyond_one', 'Two effects, and effects outside the library', 29,
          cases('challenges', '--part', 'pairs', 'outside', '--seeds', '481'),
          'The same with two effects of the library, or with one that it does not have, without the search for an equation.',
          challenge_tables, True, share=0.1),
