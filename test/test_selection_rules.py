@@ -79,7 +79,8 @@ def test_an_effect_that_takes_little_of_little_may_imitate_what_is_not_listed(be
 
 @pytest.mark.parametrize(('error', 'cost', 'changes', 'taken'), [
     (1.2, 600.0, {}, True),
-    (1.04, 600.0, {}, False),  # what is realistic leaves only noise
+    (1.03, 600.0, {}, True),
+    (1.0, 600.0, {}, False),  # what is realistic leaves only noise
     (1.2, 505.0, {}, False),  # it fits hardly worse
     (1.2, 600.0, {'plausible': True}, False),
     (1.2, 600.0, {'convincing': False}, False),
@@ -93,7 +94,7 @@ def test_an_effect_with_unrealistic_values_is_taken_only_where_nothing_realistic
     fit = SimpleNamespace(error=one['error'], prediction_error=one['predicted'], cost=489.0, problem=problem)
     candidate = SimpleNamespace(name='slack', fit=fit, **one)
     realistic = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=error, cost=cost))
-    last = SimpleNamespace(error=error, cost=cost, problem=problem)
+    last = SimpleNamespace(error=error, prediction_error=error, cost=cost, problem=problem)
     first = SelectionStep(SimpleNamespace(error=5.0, cost=1e4), (), (candidate, realistic), realistic, last)
     steps, place = (first, SelectionStep(last, (), (), None)), SimpleNamespace(stop=Event(), on_progress=str)
     found = with_unrealistic_values(steps, place)

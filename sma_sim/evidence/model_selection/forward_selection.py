@@ -374,13 +374,13 @@ def with_unrealistic_values(steps: tuple[SelectionStep, ...], context: SearchCon
     if not steps or context.stop.is_set():
         return steps
     last = steps[-1].base if steps[-1].accepted is None else steps[-1].accepted.fit
-    noise, most = fits_all(unexplained_above(last.problem.span)), last.cost - 2.0 * CRITERIA.decisive_log_odds
+    most = last.cost - 2.0 * CRITERIA.decisive_log_odds
     found = [
         one for one in steps[0].candidate_fits
         if not one.plausible and one.convincing and not one.not_cross_validated and one.fit.cost <= most
         and max(one.fit.error, one.fit.prediction_error) <= CRITERIA.variants_above
     ]  # fmt: skip
-    if last.error <= noise or not found:
+    if not found or not leaves_something(last):
         return steps
     best = min(found, key=lambda one: one.fit.cost)
     context.on_progress(f'{best.name} alone explains all, with values that are not realistic')
