@@ -69,3 +69,17 @@ def test_fit_and_diagnosis_say_it():
         == ['wire.lambda']
     )
     assert not calibrate(runs, config(), replace(options, intervals=False)).implausible
+
+
+@pytest.mark.slow
+def test_an_effect_three_times_as_strong_as_is_realistic_is_found_and_said_to_be():
+    """A plate three times as heavy as the model's: nothing realistic explains it."""
+    truth = with_effect(config(), find_effects()['gravity'], {'g_y': -30.0})
+    runs = dataset(truth, (1, 2, 3), 1.0, 25.0, rate=5.0, channels=('alpha', 'F_1'))
+    options = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
+    request = DiagnosisRequest('hybrid', options=options, equation=False, variants=False)
+    found = diagnose(runs, config(), request=request)
+    assert (found.verdict, found.effects) == ('missing_effect', ('gravity',))
+    assert found.calibration.values['effects.gravity.g_y'] == pytest.approx(-30.0, rel=0.02)
+    (said,) = [line for line in as_text(found) if line.startswith('Not realistic: g_y = -')]
+    assert '(realistic: -9.81 to 9.81). The effect is taken since nothing realistic' in said
