@@ -48,7 +48,7 @@ class Stopwatch:
     def __init__(self) -> None:
         """Starts now."""
         self.wall, self.processor = defaultdict[str, float](float), defaultdict[str, float](float)
-        self._stage, self._since = 'preparation', (time.perf_counter(), time.process_time())
+        self._stage, self._since = next(iter(STAGES.values())), (time.perf_counter(), time.process_time())
 
     def __call__(self, line: str) -> None:
         """The stage that a line of progress begins; one that begins none belongs to the stage it is in."""
