@@ -240,7 +240,8 @@ PARTS = (
     Part('equations', 'Equations', 25, cases('equations', '--no-known-effects', '--seeds', '41'),
          'Effects that the library does not have, pose recorded, without the search among known effects.',
          joined(equation_rows), True, share=0.12),
-    Part('other_forms', 'Listed effects in other forms', 27, cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
+    Part('other_forms', 'Listed effects in other forms', 27,
+         cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
          'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
          'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
          joined(other_form_rows), True, share=0.1),
