@@ -84,14 +84,14 @@ def test_an_effect_that_takes_little_of_little_may_imitate_what_is_not_listed(be
     (1.2, 505.0, {}, False),  # it fits hardly worse
     (1.2, 600.0, {'plausible': True}, False),
     (1.2, 600.0, {'convincing': False}, False),
-    (1.2, 600.0, {'not_cross_validated': True}, False),
+    (1.2, 600.0, {'predicted': math.nan}, False),  # a single run, or one that could not win
     (1.2, 600.0, {'error': 1.03}, False),
     (1.2, 600.0, {'predicted': 1.03}, False),
 ])  # fmt: skip
 def test_an_effect_with_unrealistic_values_is_taken_only_where_nothing_realistic_explains(error, cost, changes, taken):
-    one = {'plausible': False, 'convincing': True, 'not_cross_validated': False, 'error': 1.0, 'predicted': 1.01} | changes
+    one = {'plausible': False, 'convincing': True, 'error': 1.0, 'predicted': 1.01} | changes
     problem = SimpleNamespace(span=math.nan, runs=())
-    fit = SimpleNamespace(error=one['error'], prediction_error=one['predicted'], cost=489.0, problem=problem)
+    fit = SimpleNamespace(error=one['error'], cross_validated_error=one['predicted'], cost=489.0, problem=problem)
     candidate = SimpleNamespace(name='slack', fit=fit, **one)
     realistic = SimpleNamespace(plausible=True, fit=SimpleNamespace(error=error, cost=cost))
     last = SimpleNamespace(error=error, prediction_error=error, cost=cost, problem=problem)

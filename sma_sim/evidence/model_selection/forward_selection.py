@@ -369,7 +369,8 @@ def with_another_lead(
 def with_unrealistic_values(steps: tuple[SelectionStep, ...], context: SearchContext) -> tuple[SelectionStep, ...]:
     """The steps; or the effect of the first one that alone leaves only noise, though its values are not realistic.
 
-    Taken where the steps leave more, and fit worse by odds that outweigh the literature, from which the ranges are.
+    Taken where the steps leave more, and fit worse by odds that outweigh the literature, from which the ranges are. Runs
+    that were left out must say so too, which a single run cannot.
     """
     if not steps or context.stop.is_set():
         return steps
@@ -377,8 +378,8 @@ def with_unrealistic_values(steps: tuple[SelectionStep, ...], context: SearchCon
     most = last.cost - 2.0 * CRITERIA.decisive_log_odds
     found = [
         one for one in steps[0].candidate_fits
-        if not one.plausible and one.convincing and not one.not_cross_validated and one.fit.cost <= most
-        and max(one.fit.error, one.fit.prediction_error) <= CRITERIA.variants_above
+        if not one.plausible and one.convincing and one.fit.cost <= most
+        and one.fit.error <= CRITERIA.variants_above and one.fit.cross_validated_error <= CRITERIA.variants_above
     ]  # fmt: skip
     if not found or not leaves_something(last):
         return steps
