@@ -222,7 +222,7 @@ PARTS = (
          'Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True, share=0.1),
     Part('beyond_one', 'Two effects, and effects outside the library', 29,
          cases('challenges', '--part', 'pairs', 'outside', '--seeds', '481'),
-         'The same with two effects of the library, or with one that it does not have, without the search for an equation.',
+         'Two effects of the library, or one that it does not have, without the search for an equation.',
          challenge_tables, True, share=0.1),
     Part('diagnosis_time', 'Where the time of a diagnosis goes', 7, script('diagnosis_time'),
          'Robots whose pose and forces were recorded in three runs of 100 s (or thirty), by what is hidden: nothing, '
@@ -243,7 +243,8 @@ PARTS = (
     Part('other_forms', 'Listed effects in other forms', 27,
          cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
          'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
-         'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
+         'wires share, with another exponent. `right`: name and scope, or exactly the true equation. `wire_2_latent` with '
+         'forces is a case by which the rule for unrealistic values was made.',
          joined(other_form_rows), True, share=0.1),
     Part('recovery', 'Recovery against magnitude', 8, cases('recovery', '--seeds', '503'),
          'Six effects of the library whose strength is scaled until the best fit without them leaves a given error over '
