@@ -67,19 +67,3 @@ def test_the_check_sees_what_is_wrong():
     """An import upwards, of the package, relative, of a compiler and of a tool for pictures."""
     text = 'import sma_sim\nfrom sma_sim.evidence.diagnosis import diagnose\nfrom . import x\nimport numba, plotly.io'
     assert len(list(wrong_imports(PACKAGE / 'evidence' / 'data' / 'units.py', ast.parse(text)))) == 5
-
-
-def test_sizes():
-    """Files and functions that one can hold in the head."""
-    for file, tree in sources().items():
-        assert len(file.read_text().splitlines()) <= 400, f'{file}: split it'
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                assert lines_of_code(node) <= 40, f'{file}: {node.name} is too long'
-
-
-def lines_of_code(function):
-    """Lines of a function without its docstring."""
-    first = function.body[0]
-    documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
-    return function.end_lineno - function.lineno + 1 - (first.end_lineno - first.lineno + 1) * documented
