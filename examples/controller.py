@@ -9,9 +9,7 @@ ros2_control's topic-based hardware sends. Time is that of the stamps of `joint_
 real-time factor. The heating goes off when joint_states stop, and at the end.
 """
 
-import atexit
 import math
-import signal
 import sys
 import time
 
@@ -19,9 +17,10 @@ import rclpy
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
+
+from sma_sim.ros.command_session import CommandSession
 
 JOINT = 'alpha'
 PARAMETERS = {  # name: default, smallest, largest, unit, whether it can be changed while running
@@ -154,22 +153,12 @@ class AlphaController(Node):
 
 
 def run(kind):
-    """Run a controller of a kind until Ctrl-C or SIGTERM; the last word is a command of zero."""
-    signals = []  # a list, since a signal may interrupt the one before it, and an Event would wait for its own lock
-    for number in (signal.SIGINT, signal.SIGTERM):  # rclpy's own handlers would end the publisher before the last word
-        signal.signal(number, lambda *given: signals.append(given[0]))
-        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = kind()
-    try:
-        while not signals:
-            rclpy.spin_once(node, timeout_sec=WATCH_PERIOD)
+    """Run a controller of a kind until a signal stops it; whatever does, the last message is a command of zero."""
+    with CommandSession() as session:
+        node = kind()
+        session.end_with(node.command, Float64(data=0.0))
+        session.spin(node)
         node.get_logger().info('stopped: heating off')
-    finally:
-        node.heating_off()
-        node.command.wait_for_all_acked(rclpy.duration.Duration(seconds=1.0))
-        node.destroy_node()
-        rclpy.shutdown(uninstall_handlers=False)  # uninstalling lets Ctrl-C kill for a moment
     return 0
 
 

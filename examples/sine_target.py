@@ -5,15 +5,13 @@
 Parameters: amplitude [rad], period [s] of the node's clock, rate [Hz].
 """
 
-import atexit
 import math
-import signal
 import sys
 
-import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
+
+from sma_sim.ros.command_session import CommandSession
 
 
 class SineTarget(Node):
@@ -37,17 +35,11 @@ class SineTarget(Node):
 
 
 def main():
-    """Run until Ctrl-C or SIGTERM."""
-    signals = []  # a list, since a signal may interrupt the one before it, and an Event would wait for its own lock
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *given: signals.append(given[0]))
-        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = SineTarget()
-    while not signals:
-        rclpy.spin_once(node, timeout_sec=0.1)
-    node.destroy_node()
-    rclpy.shutdown(uninstall_handlers=False)  # uninstalling lets Ctrl-C kill for a moment
+    """Run until a signal stops it; the last target is zero."""
+    with CommandSession() as session:
+        node = SineTarget()
+        session.end_with(node.target, Float64(data=0.0))
+        session.spin(node)
     return 0
 
 

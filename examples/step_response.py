@@ -5,15 +5,13 @@ A plain rclpy node: start from here for a controller of your own. Then: sma-sim 
 
 import csv
 import math
-import signal
 import sys
-import threading
 
-import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
+
+from sma_sim.ros.command_session import CommandSession
 
 STEP, BEGIN, END, STOP = 12.0, 1.0, 8.0, 14.0  # [W], [s]
 COLUMNS = ('time_s', 'J_eq_W', 'U_x_m', 'U_y_m', 'alpha_rad', 'T_1_K', 'T_2_K')
@@ -47,14 +45,11 @@ class StepResponse(Node):
         self.done = time > STOP
 
 
-stop = threading.Event()
-for number in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(number, lambda *_: stop.set())
-rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-node = StepResponse()
-print('waiting for joint_states of sma_module_sim ...')
-while not (stop.is_set() or node.done):
-    rclpy.spin_once(node, timeout_sec=0.1)
+with CommandSession() as session:  # whatever stops it, its last command is zero
+    node = StepResponse()
+    session.end_with(node.command, Float64(data=0.0))
+    print('waiting for joint_states of sma_module_sim ...')
+    session.spin(node, until=lambda: node.done)
 if not node.rows:
     sys.exit('stopped before a joint state came: nothing is written')
 name = sys.argv[1] if len(sys.argv) > 1 else 'step.csv'

@@ -13,13 +13,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 from sma_sim.report.style import axes_of, save, sized_figure
+from sma_sim.ros.command_session import CommandSession
 
 NAMESPACE = '/tracking'
 STEPS = ((0.0, 0.0), (2.0, 4.0), (17.0, -6.0), (37.0, 2.0))  # from [s], angle [deg]
@@ -84,18 +84,19 @@ def collect(speed):
         [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', *ns, '-p', f'node.real_time_factor:={speed}'],
         [sys.executable, controller, '--ros-args', *ns],
     )
-    parts = [subprocess.Popen(command) for command in commands]
-    rclpy.init()
-    node = Tracking()
     end = time.monotonic() + PATIENCE + END / speed
-    try:
-        while node.time < END and time.monotonic() < end and all(part.poll() is None for part in parts):
-            rclpy.spin_once(node, timeout_sec=0.1)
-    finally:
-        for part in parts:
-            part.terminate()
-        for part in parts:
-            part.wait(20)
+    with CommandSession([]) as session:
+        parts = [subprocess.Popen(command) for command in commands]
+        try:
+            node = Tracking()
+            session.end_with(node.targets, Float64(data=0.0))
+            session.spin(
+                node, lambda: node.time >= END or time.monotonic() > end or any(part.poll() is not None for part in parts)
+            )
+        finally:
+            for part in reversed(parts):  # the controller first: its last command is zero
+                part.terminate()
+                part.wait(20)
     if node.time < END:
         sys.exit(f'the run ended at {node.time:.1f} of {END:g} s')
     return np.array(node.rows)

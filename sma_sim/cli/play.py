@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from contextlib import suppress
 from pathlib import Path
+from signal import Signals
 from typing import Any
 
 import numpy as np
@@ -55,11 +58,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(NO_ROS.format(reason=error)) from error
     progress = ProgressLine(f'playing {arguments.file.name}')
     try:
-        sent = play(times, heating, commands, arguments.namespace or '', arguments.speed, progress)
+        played = play(times, heating, commands, arguments.namespace or '', arguments.speed, progress)
     finally:
         progress.close()
-    print(f'{arguments.file}: {times[-1] - times[0]:g} s played, {sent} messages; heating off')
-    return 0
+    if played.stopped_by is None:
+        print(f'{arguments.file}: {played.seconds:g} s played, {played.rounds} messages; heating off')
+        return 0
+    with suppress(OSError):  # the terminal may be closed
+        print(
+            f'{arguments.file}: stopped by {Signals(played.stopped_by).name} after {played.seconds:.1f} of '
+            f'{times[-1] - times[0]:g} s; heating off',
+            file=sys.stderr,
+        )
+    return 128 + played.stopped_by  # as a shell says of a program that a signal ended
 
 
 def structure_for(arguments: argparse.Namespace) -> Structure | None:

@@ -5,11 +5,9 @@ Nothing that takes long to import is imported above: Ctrl-C is heard as soon as 
 
 from __future__ import annotations
 
-import atexit
 import os
 import queue
 import shlex
-import signal
 import sys
 import threading
 import traceback
@@ -18,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sma_sim.model.errors import UserError
+from sma_sim.ros.stop_signals import ignore_at_exit, take_stop_signals
 
 if TYPE_CHECKING:
     from sma_sim.model.config import Config
@@ -138,10 +137,10 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
 
 
 def end_by_signals(stop: threading.Event, working: threading.Event) -> None:
-    """Let Ctrl-C and SIGTERM set `stop`, however often they come; before `working` is set they end the process."""
+    """Let Ctrl-C and the other stop signals set `stop`, however often they come; before `working` they end the process."""
     arrived: queue.SimpleQueue[int] = queue.SimpleQueue()
 
-    def note(number: int, _: object) -> None:
+    def note(number: int) -> None:
         # not stop.set(): a signal that interrupts another one, or a wait, would wait for ever for the lock of the event
         arrived.put(number)
         if not working.is_set():  # compiling: do not wait for its end (an exception would get lost in LLVM)
@@ -152,9 +151,7 @@ def end_by_signals(stop: threading.Event, working: threading.Event) -> None:
         stop.set()
 
     threading.Thread(target=tell, daemon=True).start()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
-        atexit.register(signal.signal, number, signal.SIG_IGN)  # launch repeats Ctrl-C, which must not kill what is ending
+    ignore_at_exit(take_stop_signals(note))
 
 
 def compile_first(name: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
@@ -12,43 +12,45 @@ from numpy.typing import NDArray
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.ros.command_session import CommandSession
 
 PLAYER_NODE = 'sma_play'
 REPEAT_PERIOD = 0.1  # [s] after which a held command is sent again, so that no timeout turns the heating off
 LISTENER_TIMEOUT = 10.0  # [s] for a subscriber to appear
-LAST_MESSAGE_TIME = 0.1  # [s] for the last message to leave
 
 Vector = NDArray[np.float64]
 Commands = Mapping[str, Vector]  # by topic: one number per time (k,), or one for each wire (k, w)
 
 
+class Played(NamedTuple):
+    """What was sent: rounds of messages, seconds of the command, and the number of the signal that ended it, if one did."""
+
+    rounds: int
+    seconds: float
+    stopped_by: int | None
+
+
 def play(
     times: Vector, heating: str, commands: Commands, namespace: str, speed: float, on_progress: Callable[[float], None]
-) -> int:
-    """Send commands at `times` (k,) [s], each held until the next; the last time ends it. Rounds of messages sent.
+) -> Played:
+    """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     The topic `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction
     that is done. Raises UserError when nobody subscribes.
     """
-    rclpy.init(args=[])
-    try:
-        node = rclpy.create_node(PLAYER_NODE, namespace=namespace)
+    with CommandSession([], rclpy.Context()) as session:
+        node = rclpy.create_node(PLAYER_NODE, namespace=namespace, context=session.context)
         publishers = {topic: node.create_publisher(kind_of(values), topic, 10) for topic, values in commands.items()}
+        session.end_with(publishers[heating], message_of(0.0 * commands[heating][0]))
         for publisher in publishers.values():
-            wait_for_listener(publisher)
+            wait_for_listener(publisher, session)
 
         def send(row: int) -> None:
             for topic, values in commands.items():
                 publishers[topic].publish(message_of(values[row]))
 
-        try:
-            return send_all(times, speed, send, on_progress)
-        finally:
-            if heating in publishers:
-                publishers[heating].publish(message_of(0.0 * commands[heating][0]))
-            time.sleep(LAST_MESSAGE_TIME)
-    finally:
-        rclpy.try_shutdown()
+        rounds, seconds = send_all(times, speed, send, session, on_progress)
+    return Played(rounds, seconds, session.stopped_by)
 
 
 def kind_of(values: Vector) -> Any:
@@ -64,10 +66,10 @@ def message_of(value: Any) -> Any:
     return Float64MultiArray(data=numbers)
 
 
-def wait_for_listener(publisher: Any) -> None:
-    """Wait until somebody subscribes. Raises UserError when nobody does."""
+def wait_for_listener(publisher: Any, session: CommandSession) -> None:
+    """Wait until somebody subscribes, or the session is to stop. Raises UserError when nobody does."""
     end = time.monotonic() + LISTENER_TIMEOUT
-    while publisher.get_subscription_count() == 0:
+    while session.stopped_by is None and publisher.get_subscription_count() == 0:
         if time.monotonic() > end:
             raise UserError(
                 f'nobody listens to {publisher.topic_name}: is sma_module_sim running, with this ROS_DOMAIN_ID and '
@@ -76,14 +78,19 @@ def wait_for_listener(publisher: Any) -> None:
         time.sleep(0.02)
 
 
-def send_all(times: Vector, speed: float, send: Callable[[int], None], on_progress: Callable[[float], None]) -> int:
-    """Send each row at its time, and again while it holds; how often."""
-    start, sent = time.monotonic() - times[0] / speed, 0
+def send_all(
+    times: Vector, speed: float, send: Callable[[int], None], session: CommandSession, on_progress: Callable[[float], None]
+) -> tuple[int, float]:
+    """Send each row at its time, and again while it holds, until the session is to stop; how often, and up to when [s]."""
+    start, sent, played = time.monotonic() - times[0] / speed, 0, 0.0
     for row, until in enumerate(times[1:]):
         end = start + until / speed
         while (left := end - time.monotonic()) > 0.0:
+            played = speed * (time.monotonic() - start) - times[0]
+            if session.stopped_by is not None:
+                return sent, played
             send(row)
             sent += 1
-            on_progress(min(1.0, (time.monotonic() - start - times[0] / speed) * speed / (times[-1] - times[0])))
+            on_progress(min(1.0, played / (times[-1] - times[0])))
             time.sleep(max(0.0, min(left, REPEAT_PERIOD)))
-    return sent
+    return sent, times[-1] - times[0]
