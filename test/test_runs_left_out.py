@@ -1,5 +1,6 @@
 """Which runs a search sees, where it starts, and how well runs that it has not seen are predicted: without simulations."""
 
+import math
 from dataclasses import replace
 from threading import Event
 from types import SimpleNamespace
@@ -239,41 +240,22 @@ def test_where_the_error_is_far_below_the_noise_weights_grow(monkeypatch, errors
     assert found.problem.config.parameters['solver.rtol'] == (1e-6 if stages == 1 else 1e-7)
 
 
-def test_of_two_kinetics_the_one_that_predicts_better_is_taken(monkeypatch):
+@pytest.mark.parametrize(
+    ('evidences', 'taken', 'kinetics'),
+    [((-10.0, -30.0), 'hybrid', 'hybrid'), ((-30.0, -10.0), 'mas', 'mas'), ((-11.0, -10.0), 'hybrid', 'auto')],
+)
+def test_of_two_kinetics_the_more_probable_ones_are_taken(monkeypatch, evidences, taken, kinetics):
     problem, tried = problem_of(2), []
 
     def search(_, config, __, ___):
         tried.append(config.model)
-        return fit_of(problem, 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.model], model=config.model)
-
-    def judged(fit, _):
-        return replace(fit, cross_validated_error={'hybrid': 1.2, 'mas': 1.5}[fit.config.model])
+        return fit_of(replace(problem, config=config), 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.model], model=config.model)
 
     monkeypatch.setattr(calibration, 'multistart_search', search)
-    monkeypatch.setattr(calibration, 'cross_validated', judged)
-    context = SearchContext(None, Event())
-    found = calibration.fits_by_model(None, Config(), FitOptions(), context)
-    assert tried == ['hybrid', 'mas'] and [fit.cross_validated_error for fit in found] == [1.2, 1.5]
-    (one,) = calibration.fits_by_model(None, Config(), FitOptions(model='mas'), context)
-    assert one.config.model == 'mas' and np.isnan(one.cross_validated_error)
-    monkeypatch.setattr(calibration, 'check', lambda *_: None)
-    monkeypatch.setattr(calibration, 'on_leading_bench', lambda config, _: config)
-    monkeypatch.setattr(calibration, 'starting_model', lambda _, config, __: config)
-    chosen = []
-    monkeypatch.setattr(calibration, 'final_calibration', lambda _, best, *__: chosen.append(best) or reported(best))
-    for errors, expected in (((1.2, 1.5), 'hybrid'), ((1.5, 1.2), 'mas'), ((float('nan'),) * 2, 'mas')):
-        fits = [replace(fit, cross_validated_error=e) for fit, e in zip(found, errors, strict=True)]
-        monkeypatch.setattr(calibration, 'fits_by_model', lambda *_, fits=fits: fits)
-        result = calibration.calibrate(Dataset((), {}), Config(), FitOptions())
-        assert chosen[-1].config.model == expected
-        assert dict(result.cross_validation) == (
-            {} if np.isnan(errors[0]) else dict(zip(('hybrid', 'mas'), errors, strict=True))
-        )
-        assert result.config.parameters['solver.rtol'] == 1e-5
-
-
-def reported(fit):
-    """A calibration of which only the configuration is known."""
-    return calibration.Calibration(
-        fit.config, (), (), {}, 0.0, (), {}, 1.0, 1.0, 1, True, False, (), {}, (), None, 0.0
-    )  # fmt: skip
+    monkeypatch.setattr(calibration, 'log_evidences', lambda fits, _: evidences)
+    found, probabilities = calibration.fit_with_kinetics(None, Config(), FitOptions(), SearchContext(None, Event()))
+    assert tried == ['hybrid', 'mas'] and (found.config.model, found.config.kinetics) == (taken, kinetics)
+    odds = math.exp(evidences[1] - evidences[0])
+    assert probabilities['mas'] == pytest.approx(odds / (1.0 + odds)) and sum(probabilities.values()) == pytest.approx(1.0)
+    one, none = calibration.fit_with_kinetics(None, Config(), FitOptions(model='mas'), SearchContext(None, Event()))
+    assert one.config.model == 'mas' and not none

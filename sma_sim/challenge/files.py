@@ -94,7 +94,7 @@ def recording_columns(recording: Recording) -> dict[str, Vector]:
 
 def nominal_yaml(nominal: Config) -> str:
     """The model that the user is given, as a ROS 2 parameter file."""
-    parameters: dict[str, object] = {'system': nominal.system, 'model': nominal.model}
+    parameters: dict[str, object] = {'system': nominal.system, 'model': nominal.kinetics}
     for group in NOMINAL_GROUPS:
         names = [name for name in nominal.parameters if name.startswith(f'{group}.')]
         parameters[group] = {name.removeprefix(f'{group}.'): nominal.parameters[name] for name in names}

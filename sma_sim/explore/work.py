@@ -137,7 +137,7 @@ def fit_options(options: Mapping[str, Any]) -> FitOptions:
     """The options of a calibration: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed``."""
     free = options.get('free')
     return FitOptions(
-        tuple(free) if free is not None else None, str(options.get('model', 'auto')), int(options.get('starts', 2)),
+        tuple(free) if free is not None else None, options.get('model'), int(options.get('starts', 2)),
         bool(options.get('robust', False)), int(options.get('seed', 0)),
     )  # fmt: skip
 
@@ -168,7 +168,7 @@ def diagnosis_request(
 ) -> DiagnosisRequest:
     """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``."""
     return DiagnosisRequest(
-        str(options.get('model', 'auto')), folders, int(options.get('seed', 0)),
+        options.get('model'), folders, int(options.get('seed', 0)),
         equation=bool(options.get('equation', True)), variants=bool(options.get('variants', True)), on_model=on_model,
     )  # fmt: skip
 

@@ -19,6 +19,7 @@ from sma_sim.model.structures.discovery import FoundStructure, find_structures, 
 from sma_sim.model.structures.structure import Structure
 
 MODELS = ('hybrid', 'mas')
+AUTO = 'auto'  # of kinetics: fits take the more probable one, simulations are hybrid
 
 
 def default_parameters(system: str = 'module') -> dict[str, float]:
@@ -70,6 +71,8 @@ class Config:
         Settings of the node that are not numbers.
     own_structure : FoundStructure, optional
         The structure where it is not one of the package.
+    model_is_given : bool
+        Whether a file or a command line says which kinetics; then fits keep them.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Config:
     effects: tuple[ActiveEffect, ...] = ()
     settings: Mapping[str, str | bool] = field(default_factory=default_settings)
     own_structure: FoundStructure | None = None
+    model_is_given: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.own_structure is None and self.system not in package_structures():
@@ -90,6 +94,14 @@ class Config:
         needed = self.structure.structure.default_values
         if not needed.keys() <= self.parameters.keys():
             object.__setattr__(self, 'parameters', needed | dict(self.parameters))
+
+    @property
+    def kinetics(self) -> str:
+        """``'hybrid'`` or ``'mas'`` where these kinetics were given, ``'auto'`` where fits may choose.
+
+        Hybrid is the default, so that only `model_is_given` tells whether it was given.
+        """
+        return self.model if self.model_is_given or self.model != MODELS[0] else AUTO
 
     @property
     def structure(self) -> FoundStructure:
@@ -198,10 +210,10 @@ def checked(given: Mapping[str, Given]) -> Config:
         check_effects_found(given, found, folders)
     found = effects_on(found, names_of_effects(given), structure, numbers_within(given, defaults, ranges))
     declared = ranges | effect_parameters(found)
-    model, settings = MODELS[0], {name: setting.default for name, setting in texts.items()}
+    model, settings = AUTO, {name: setting.default for name, setting in texts.items()}
     for name, entry in given.items():
         if name == 'model':
-            model = checked_choice(name, entry, MODELS)
+            model = checked_choice(name, entry, (*MODELS, AUTO))
         elif name in texts:
             settings[name] = checked_setting(name, entry, texts[name])
         elif name not in LISTS and name != 'system' and name not in structure.options:
@@ -209,7 +221,10 @@ def checked(given: Mapping[str, Given]) -> Config:
     active = names_in('effects.active', given.get('effects.active', Given([], '')))
     effects = tuple(active_effect(name, found, known, given) for name in active)
     values = {name: float(known[name].value) for name in defaults}
-    return Config(values, structure.family, model, effects, settings, own if own.files else None)
+    return Config(
+        values, structure.family, MODELS[0] if model == AUTO else model, effects, settings, own if own.files else None,
+        model != AUTO,
+    )  # fmt: skip
 
 
 def numbers_within(

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
-from sma_sim.model.config import MODELS, Config, folders_of, settings_of
+from sma_sim.model.config import AUTO, MODELS, Config, folders_of, settings_of
 from sma_sim.model.parameters import GROUPS, PAPER, Parameter, Setting
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
@@ -18,6 +18,7 @@ HEAD = f"""\
 /**:
   ros__parameters:
 """
+KINETICS = f'{" | ".join(MODELS)}; {AUTO}: simulations are {MODELS[0]}, fits take the more probable of both'
 ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
 PATHS = 'folders with effect files of your own; relative ones start at this file'
 STRUCTURE_PATHS = 'folders with structure files of your own; relative ones start at this file'
@@ -32,7 +33,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
     found = package_structures()
     variants = {variant.name for each in found.values() for variant in each.structure.variants}
     systems = list(dict.fromkeys([*(name for name in found if name not in variants), config.system]))
-    lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.model}  # {" | ".join(MODELS)}']
+    lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.kinetics}  # {KINETICS}']
     settings = settings_of(config.structure.structure).items()
     for group, members in groups_of(config.structure.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]

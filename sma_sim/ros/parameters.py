@@ -12,7 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sma_sim.model.config import MODELS, Config, checked, names_of_effects, settings_of
+from sma_sim.model.config import AUTO, MODELS, Config, checked, names_of_effects, settings_of
 from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.given import LISTS, ConfigError, Given, belongs_to_ros, named_folders
 from sma_sim.model.parameters import DEFAULTS
@@ -27,7 +27,7 @@ LIST_DESCRIPTIONS = {
     'effects.paths': "folders of the user's own effects; relative ones start at the parameter file",
     'structures.paths': "folders of the user's own structures; relative ones start at the parameter file",
 }
-CHOICE_DESCRIPTIONS = {'system': 'what is simulated', 'model': 'kinetics of the wires'}
+CHOICE_DESCRIPTIONS = {'system': 'what is simulated', 'model': f'kinetics of the wires; {AUTO}: {MODELS[0]} here'}
 
 
 def given_to(node: Node) -> dict[str, Given]:
@@ -64,7 +64,7 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
     for name, parameter in config.structure.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
     systems = dict.fromkeys((*package_structures(), config.system))
-    for name, choices in (('system', tuple(systems)), ('model', MODELS)):
+    for name, choices in (('system', tuple(systems)), ('model', (*MODELS, AUTO))):
         words = ParameterDescriptor(
             description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
             additional_constraints=f'one of {", ".join(choices)}',

@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_o
 from sma_sim.evidence.estimation.fit_result import starts_sentence
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
+from sma_sim.evidence.estimation.log_evidence import kinetics_sentence
 from sma_sim.evidence.estimation.nuisance_report import offset_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
@@ -94,9 +95,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     remarks += [sentence] if (sentence := agreement_sentence(found.by_run)) else []
     remarks += [sentence] if (sentence := starts_sentence(found.other_starts)) else []
-    if found.cross_validation:
-        scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
-        remarks.append(f'error over noise of runs left out in turn: {scores}')
+    remarks.append(kinetics_sentence(found.config, found.kinetics))
     remarks += offset_sentences(found)
     if any(fit.zero for fit in found.runs):
         zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs if fit.quasi_static)
@@ -125,7 +124,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
             'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
             | {fit.name: run_data(fit, held_out=True) for fit in predicted},
         },
-        'cross_validation': found.cross_validation,
+        'kinetics': found.kinetics,
         'unseen': uncertainty.unseen if uncertainty else None,
         'directions': [
             {'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions

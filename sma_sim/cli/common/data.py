@@ -66,7 +66,9 @@ def system_words(arguments: argparse.Namespace) -> list[str]:
 def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
     """``--model`` and ``--seed`` of what searches."""
     parser.add_argument(
-        '--model', choices=('hybrid', 'mas', 'auto'), default='auto', help='kinetics; auto takes those that predict better'
+        '--model',
+        choices=('hybrid', 'mas', 'auto'),
+        help='kinetics; auto: the more probable of both (default: those that --config or --set gives, else auto)',
     )
     parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
 

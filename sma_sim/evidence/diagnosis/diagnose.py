@@ -1,10 +1,10 @@
 """Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
 
-a. The nominal model is fitted with either kinetics; the better one is kept. b. Score tests screen all effects. c. The best
-are refitted and cross-validated on the training runs. d. The best is accepted if it explains enough, by more than chance,
-with a realistic value; then the search returns to b. e. Where the effects leave more than noise, formulas compete with them
-(`sma_sim.evidence.symbolic_regression`). f. The held-out runs are read once, and the verdict is given; partial explanations
-that hardly help there are taken back.
+a. The nominal model is fitted with the kinetics that were given, else with the more probable of both. b. Score tests screen
+all effects. c. The best are refitted and cross-validated on the training runs. d. The best is accepted if it explains
+enough, by more than chance, with a realistic value; then the search returns to b. e. Where the effects leave more than
+noise, formulas compete with them (`sma_sim.evidence.symbolic_regression`). f. The held-out runs are read once, and the
+verdict is given; partial explanations that hardly help there are taken back.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.conclusion import Conclusion, ModelPath, conclusion
 from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind
-from sma_sim.evidence.estimation.calibrate import Calibration, check, on_leading_bench
+from sma_sim.evidence.estimation.calibrate import Calibration, check, kinetics_to_try, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -212,8 +212,9 @@ def diagnose(
     config = starting_model(training, on_leading_bench(config, training))
     with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(
-            pool, stop, on_progress, request.folders, request.seed, variants=request.variants, on_model=request.on_model
-        )
+            pool, stop, on_progress, request.folders, request.seed, variants=request.variants,
+            kinetics=kinetics_to_try(request.model, config), on_model=request.on_model,
+        )  # fmt: skip
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
         if training.floor and held_out is not None:
             found = searched_together(found, training, held_out, config, request, context)

@@ -1,7 +1,7 @@
 """Calibration: weighted nonlinear least squares over the compiled simulator, from several starts, for either model.
 
 Each minimisation begins on thinned samples, where it costs a third; the best one continues with all of them. Of two models
-the one that predicts runs which it was not fitted to is taken (docs/explanation/calibration.md).
+the more probable one is taken (`sma_sim.evidence.estimation.log_evidence`).
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from math import isfinite, isnan
 from threading import Event
 
 import numpy as np
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
-from sma_sim.evidence.estimation.cross_validation import RunFit, cross_validated, mean_error, run_fits, with_starts
+from sma_sim.evidence.estimation.cross_validation import RunFit, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
+from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
@@ -36,7 +36,7 @@ from sma_sim.evidence.estimation.starting_points import minimized_from, starting
 from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
-from sma_sim.model.config import Config
+from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
@@ -48,7 +48,6 @@ JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that h
 # priors weigh nothing then. In stages, because the valley of large weights is narrow.
 CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
 SAME_OPTIMUM = 2.0  # minimisations whose costs differ by less have found the same: the one from the configuration is taken
-MODELS = ('hybrid', 'mas')
 AT_BOUND = 1e-6
 
 
@@ -60,8 +59,9 @@ class FitOptions:
     ----------
     free : tuple of str or None
         Full names of the parameters to fit; None: those that such data determine.
-    model : str
-        ``'hybrid'``, ``'mas'``, or ``'auto'`` for the one that predicts left-out runs better.
+    model : str or None
+        ``'hybrid'``, ``'mas'``, or ``'auto'`` for the more probable of both; None: as the configuration says
+        (`Config.kinetics`).
     starts : int
         Number of starting points: the configuration, and random points around it. Where it is more than one, a single wire
         also starts from what the curves of its tests show, from either end of its hysteresis, and with data that take over
@@ -75,7 +75,7 @@ class FitOptions:
     """
 
     free: tuple[str, ...] | None = None
-    model: str = 'auto'
+    model: str | None = None
     starts: int = 2
     robust: bool = False
     seed: int = 0
@@ -107,7 +107,7 @@ class Calibration:
     at_bound : tuple of str
         Parameters that ended at a bound.
     cross_validation : mapping
-        The error on runs left out in turn, by model (``'hybrid'``, ``'mas'``).
+        Of a diagnosis, the error on runs left out in turn, by model (``'hybrid'``, ``'mas'``).
     other_starts : tuple of OtherStart
         Where the other starting points ended.
     uncertainty : Uncertainty or None
@@ -116,6 +116,8 @@ class Calibration:
         Parameters that left their plausible range, where intervals are known.
     by_run : tuple of ParameterByRun
         What each recording says of every parameter, where intervals are known.
+    kinetics : mapping
+        Where both models were fitted, the probability of each.
     seconds : float
         Time that the fit took.
     """
@@ -139,6 +141,7 @@ class Calibration:
     seconds: float
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_run: tuple[ParameterByRun, ...] = ()
+    kinetics: Mapping[str, float] = field(default_factory=dict)
 
 
 def calibrate(
@@ -191,24 +194,41 @@ def calibrate(
         config = starting_model(dataset, config, options.free is None)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
-        fits = fits_by_model(dataset, config, options, context)
-        best = min(fits, key=lambda fit: (0.0 if isnan(fit.cross_validated_error) else fit.cross_validated_error, fit.cost))
+        best, probabilities = fit_with_kinetics(dataset, config, options, context)
         found = final_calibration(dataset, best, options, context)
-    errors = {fit.config.model: fit.cross_validated_error for fit in fits if isfinite(fit.cross_validated_error)}
     runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
-    return replace(found, config=runs_as_asked, cross_validation=errors, seconds=time.perf_counter() - t_start)
+    return replace(
+        found, config=runs_as_asked, cross_validation={}, kinetics=probabilities, seconds=time.perf_counter() - t_start
+    )
 
 
-def fits_by_model(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> list[FitResult]:
-    """A search with each of the kinetics to try, cross-validated where there are two."""
-    fits: list[FitResult] = []
-    for model in MODELS if options.model == 'auto' else (options.model,):
+def fit_with_kinetics(
+    dataset: Dataset, config: Config, options: FitOptions, context: SearchContext
+) -> tuple[FitResult, Mapping[str, float]]:  # fmt: skip
+    """A search with the kinetics to try; the more probable ones, and the probabilities where there are two.
+
+    Where the data do not decide they stay open, so that a later fit may choose again, and hybrid as they are by default.
+    """
+    tried, fits = kinetics_to_try(options.model, config), list[FitResult]()
+    for model in tried:
         if not (fits and context.stop.is_set()):
-            fits.append(multistart_search(dataset, replace(config, model=model), options, context))
+            known = replace(config, model=model, model_is_given=True)
+            fits.append(multistart_search(dataset, known, options, context))
     if len(fits) == 1:
-        return fits
-    quiet = replace(context, on_iteration=silent_iteration)
-    return [run_in_threads([partial(cross_validated, fit, quiet)], context.stop)[0] for fit in fits]
+        return fits[0], {}
+    evidences = log_evidences(fits, context.pool)
+    probabilities = kinetics_probabilities(fits, evidences)
+    if abs(evidences[0] - evidences[1]) >= DECISIVE:
+        return fits[int(np.argmax(evidences))], probabilities
+    problem = fits[0].problem
+    undecided = replace(problem, config=replace(problem.config, model_is_given=False))
+    return replace(fits[0], problem=undecided), probabilities
+
+
+def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
+    """What `asked` says, as in `FitOptions.model`: both for ``'auto'``."""
+    model = config.kinetics if asked is None else asked
+    return MODELS if model == AUTO else (model,)
 
 
 def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
@@ -219,8 +239,8 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
         if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
             raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                             f'{config.system}: change it, or leave the recording out')  # fmt: skip
-    if options.model not in (*MODELS, 'auto'):
-        raise UserError(f'model {options.model!r}: expected one of {", ".join(MODELS)}, auto')
+    if options.model not in (None, *MODELS, AUTO):
+        raise UserError(f'model {options.model!r}: expected one of {", ".join((*MODELS, AUTO))}')
     if options.starts < 1:
         raise UserError(f'starts = {options.starts}: expected 1 or more')
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from sma_sim.model.config import MODELS
+
 OnProgress = Callable[[str], None]  # what is being done, in words
 OnModel = Callable[[str, tuple[str, ...], str, float, float], None]
 """A model that a diagnosis has fitted: `nominal`, `candidate` or `accepted`; its effects; its kinetics; its error over noise
@@ -42,7 +44,7 @@ class SearchContext:
     """Shared by all steps of a search.
 
     `pool`: runs the simulations; `stop`: set by Ctrl-C; `folders`: the user's own effects; `seed`: of bootstrap and draws;
-    `variants`: whether effects are tried in a part of their places too.
+    `variants`: whether effects are tried in a part of their places too; `kinetics`: those that a model may have.
     """
 
     pool: Executor
@@ -52,4 +54,5 @@ class SearchContext:
     seed: int = 0
     on_iteration: OnIteration = silent_iteration
     variants: bool = True
+    kinetics: tuple[str, ...] = MODELS
     on_model: OnModel = silent_model

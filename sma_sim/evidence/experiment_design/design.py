@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.estimation.calibrate import kinetics_to_try
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -45,7 +46,6 @@ from sma_sim.evidence.experiment_design.rival_fits import (
     NamedFit,
     fit_base_model,
     fit_hypotheses,
-    kinetics_to_fit,
     leading_rivals,
     named_rivals,
     with_common_kinetics,
@@ -187,14 +187,15 @@ def hypotheses_for(
     training: Dataset, config: Config, request: DesignRequest, context: SearchContext
 ) -> tuple[ModelHypothesis, ...]:
     """What is to be discriminated; a single one where parameters are to be known, or where nothing rivals the best."""
-    base = fit_base_model(training, config, kinetics_to_fit(request.model), context)
+    kinetics = kinetics_to_try(request.model, config)
+    base = fit_base_model(training, config, kinetics, context)
     if request.parameters:
         rivals = [NamedFit('the model', base)]
     elif request.between:
         rivals = named_rivals(base, request.between, context)
     else:
         rivals = leading_rivals(base, context)
-    if request.model == 'auto':
+    if len(kinetics) > 1:
         rivals = with_common_kinetics(rivals, context)
     return fit_hypotheses(training, rivals, context)
 

@@ -34,7 +34,7 @@ class DesignRequest:
     power, temperature, stress
         Limits: of the command [W], of the wires [K, Pa]. None: from the recordings.
     model
-        Kinetics: hybrid, mas or auto.
+        Kinetics: hybrid, mas, auto, or None for what the configuration says.
     budget
         Sequences that are evaluated.
     seed
@@ -50,7 +50,7 @@ class DesignRequest:
     power: float | None = None
     temperature: float | None = None
     stress: float | None = None
-    model: str = 'auto'
+    model: str | None = None
     budget: int = 120
     seed: int = 0
     folders: tuple[Path, ...] = ()

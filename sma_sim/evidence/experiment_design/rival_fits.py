@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
     FINAL_RTOL,
-    MODELS,
     FitOptions,
     check,
     full_problem,
@@ -27,12 +26,12 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     minimize,
     normal_parts,
 )
+from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.forward_selection import most_promising
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.refit import best_refits, refit
@@ -100,15 +99,16 @@ class ModelHypothesis:
 
 
 def fit_base_model(training: Dataset, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:
-    """The configuration as it is, with the kinetics that fit it better."""
+    """The configuration as it is, with the more probable of the kinetics."""
     options = FitOptions(starts=BASE_FIT_STARTS)
     check(training, config, options)
     fits, config = list[FitResult](), with_nuisance_effects(config, training)
     for model in models:
         context.on_progress(f'fitting the {model} model')
-        fits.append(multistart_search(training, replace(config, model=model), options, context))
+        known = replace(config, model=model, model_is_given=True)
+        fits.append(multistart_search(training, known, options, context))
         raise_if_stopped(context)
-    return min(fits, key=lambda fit: fit.cost)
+    return more_probable(fits, context.pool)
 
 
 def raise_if_stopped(context: SearchContext) -> None:
@@ -188,15 +188,13 @@ def half_bic(fit: FitResult) -> float:
 
 
 def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> list[NamedFit]:
-    """The same with the other kinetics, if the best explanation fits better with them: kinetics are no rival."""
+    """The same with the other kinetics, if these make the best explanation more probable: kinetics are no rival."""
     best = min(rivals, key=lambda rival: rival.fitted.cost)
-    if best.fitted.error < CRITERIA.other_kinetics_above:
-        return list(rivals)
     other = refit(*with_other_kinetics(best.fitted), context, FROM_PRIORS)
     raise_if_stopped(context)
-    if other is None or other.cost >= best.fitted.cost:
+    if other is None or more_probable([best.fitted, other], context.pool) is best.fitted:
         return list(rivals)
-    context.on_progress(f'{best.name} fits better with the {other.problem.config.model} kinetics')
+    context.on_progress(f'{best.name} is more probable with the {other.problem.config.model} kinetics')
     jobs = [partial(refit, *with_other_kinetics(rival.fitted), context, FROM_PRIORS) for rival in rivals]
     fits = run_in_threads(jobs, context.stop)
     return [NamedFit(rival.name, fit) for rival, fit in zip(rivals, fits, strict=True) if fit is not None]
@@ -260,8 +258,3 @@ def posterior_draws(fit: FitResult, cost: float, covariance: Matrix, context: Se
             xi = SHORTENING * xi
         draws.append(z)
     return np.array(draws)
-
-
-def kinetics_to_fit(model: str) -> tuple[str, ...]:
-    """The kinetics of a request: both for `auto`."""
-    return MODELS if model == 'auto' else (model,)

@@ -51,7 +51,7 @@ from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
-from sma_sim.model.config import Config
+from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
@@ -69,7 +69,7 @@ class LatentRequest:
     Attributes
     ----------
     model
-        Kinetics: hybrid, mas or auto.
+        Kinetics: hybrid, mas, auto, or None for what the configuration says.
     fit
         Whether to fit the model first, or to take it as calibrated.
     seed
@@ -78,7 +78,7 @@ class LatentRequest:
         Of the fit.
     """
 
-    model: str = 'auto'
+    model: str | None = None
     fit: bool = True
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
@@ -154,7 +154,7 @@ def fitted_model(training: Dataset, config: Config, request: LatentRequest, cont
     """The model fitted as a diagnosis does; where that is not asked for, its starts and delay only."""
     if request.fit:
         return nominal_fit(training, config, DiagnosisRequest(request.model, (), request.seed, request.options), context)
-    model = config.model if request.model == 'auto' else request.model
+    model = request.model if request.model in MODELS else config.model
     return fit_starts_and_delay(training, replace(config, model=model), request, context)
 
 

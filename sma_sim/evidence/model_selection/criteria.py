@@ -17,9 +17,6 @@ class SelectionCriteria:
     # Nominal fit
     nominal_starts: int = 2
     """Starts of the nominal fit: one may end in a valley that the other one avoids."""
-    hybrid_error_ratio: float = 0.8
-    """Fraction of the MAS model's error that the hybrid model's must not exceed to be chosen: MAS has the hybrid model as a
-    limit (V_L large), so that the hybrid model must be clearly better."""
 
     # Candidates and their probes
     shape_fractions: tuple[float, ...] = (1 / 6, 1 / 2, 5 / 6)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter, values_of
+from sma_sim.evidence.estimation.log_evidence import log_evidences
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -20,26 +21,22 @@ Vector = NDArray[np.float64]
 
 
 def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf) -> FitResult:
-    """The same effects with the other kinetics, if they predict better; given up where the cost cannot reach `target`.
+    """The same effects with the other kinetics, if these may be chosen and are more probable.
 
-    Without a target they are not tried for a fit that leaves only noise; a rival of one that has them may predict badly with
-    its own though it fits. Nor in quasi-static tests, which have no time for rates.
+    Given up where the cost cannot reach `target`. Not tried in quasi-static tests, which have no time for rates.
     """
-    if fit.problem.config.structure.structure.is_quasi_static:
-        return fit
-    if context.stop.is_set() or (fit.error < CRITERIA.other_kinetics_above and target == inf):
+    if len(context.kinetics) == 1 or fit.problem.config.structure.structure.is_quasi_static or context.stop.is_set():
         return fit
     problem, z = with_other_kinetics(fit)
     most = (1.0 + CRITERIA.same_error) * fit.error
     other = refit(problem, z, context, target=min(target, cost_with(most, problem, z)))
-    if other is None or other.error > most:
+    if other is None or other.error > most or context.stop.is_set():
         return fit
-    other = cross_validated(other, context)
-    if context.stop.is_set() or other.prediction_error >= fit.prediction_error:
+    ours, theirs = log_evidences([fit, other], context.pool)
+    if theirs <= ours:
         return fit
-    model = other.problem.config.model
-    context.on_progress(f'{model} kinetics predict better: error over noise {other.prediction_error:.2f}')
-    return other
+    context.on_progress(f'{other.problem.config.model} kinetics are more probable: log odds {theirs - ours:.1f}')
+    return cross_validated(other, context)
 
 
 def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:

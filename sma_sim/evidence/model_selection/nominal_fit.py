@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isfinite, isnan
+from math import isnan
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import MODELS, FitOptions, multistart_search
+from sma_sim.evidence.estimation.calibrate import FitOptions, kinetics_to_try, multistart_search
 from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects, with_temperature_gradient
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
@@ -20,13 +21,13 @@ from sma_sim.model.config import Config
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """How to diagnose: kinetics (hybrid, mas or auto), folders of the user's effects, seed of the bootstrap.
+    """How to diagnose: kinetics (hybrid, mas, auto; None: as the configuration says), folders of the user's effects, seed.
 
     `equation`: whether to look for the equation of what no known effect explains. `variants`: whether effects are tried in
     one wire, coordinate or channel only too. `on_model`: hears of every model as it is found.
     """
 
-    model: str = 'auto'
+    model: str | None = None
     folders: tuple[Path, ...] = ()
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
@@ -36,20 +37,25 @@ class DiagnosisRequest:
 
 
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
-    """The better of the kinetics without further effects."""
+    """The fit without further effects, with the more probable of the kinetics."""
     fits, config = list[FitResult](), with_nuisance_effects(config, training)
-    for model in MODELS if request.model == 'auto' else (request.model,):
+    tried = kinetics_to_try(request.model, config)
+    context.on_progress(f'kinetics: {tried[0]}, as given' if len(tried) == 1 else 'kinetics: not given, both are fitted')
+    for model in tried:
         context.on_progress(f'fitting the {model} model')
-        best = multistart_search(training, replace(config, model=model), request.options, context, NOMINAL_MODEL)
+        known = replace(config, model=model, model_is_given=True)
+        best = multistart_search(training, known, request.options, context, NOMINAL_MODEL)
         given = tuple(active.found.effect.name for active in config.effects)
-        best = replace(best, problem=replace(best.problem, nominal_effects=given))
-        fits.append(cross_validated(best, context))
-        context.on_progress(f'{model}: error over noise {fits[-1].prediction_error:.2f}')
-        report_model('nominal', fits[-1], context)
+        if not (fits and context.stop.is_set()):  # after a stop, the last one is not complete
+            fits.append(replace(best, problem=replace(best.problem, nominal_effects=given)))
         if context.stop.is_set():
             break
-    complete = [fit for fit in fits if isfinite(fit.cross_validated_error)] or fits  # after a stop, the last one is not
-    return min(complete, key=comparable_error)
+    chosen = more_probable(fits, context.pool)
+    found = cross_validated(chosen, context)
+    context.on_progress(f'{found.problem.config.model}: error over noise {found.prediction_error:.2f}')
+    for fit in fits:
+        report_model('nominal', found if fit is chosen else fit, context)
+    return found
 
 
 def on_uneven_specimen(
@@ -71,8 +77,3 @@ def on_uneven_specimen(
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
     """Tell of a model that was fitted."""
     context.on_model(kind, fit.effects, fit.problem.config.model, fit.error, fit.prediction_error)
-
-
-def comparable_error(fit: FitResult) -> float:
-    """The error by which kinetics are compared."""
-    return fit.prediction_error * (CRITERIA.hybrid_error_ratio if fit.problem.config.model == 'mas' else 1.0)

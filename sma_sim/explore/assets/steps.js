@@ -117,13 +117,13 @@ function optionsOf(stage, open, kept) {
 function read(control) {
   if (control.type === 'checkbox') return control.checked;
   if (control.type === 'number') return Number(control.value);
-  if (control.type !== 'text') return control.value;
+  if (control.type !== 'text') return control.value || null;
   const names = control.value.split(',').map((name) => name.trim()).filter(Boolean);
   return names.length ? names : null;
 }
 
 const check = (checked) => element('input', { type: 'checkbox', checked });
-const kinetics = () => element('select', {}, ...[['auto', 'the better of both'], ['hybrid', 'hybrid'], ['mas', 'mas']].map(([value, textContent]) => element('option', { value, textContent })));
+const kinetics = () => element('select', {}, ...[['', 'as this version says'], ['auto', 'the more probable of both'], ['hybrid', 'hybrid'], ['mas', 'mas']].map(([value, textContent]) => element('option', { value, textContent })));
 
 const OPTIONS = {
   calibrate: () => ({

@@ -8,6 +8,7 @@ import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.fit_result import starts_sentence
+from sma_sim.evidence.estimation.log_evidence import kinetics_sentence
 from sma_sim.evidence.estimation.nuisance_report import offset_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
@@ -121,9 +122,7 @@ def fit_remarks(found: Calibration) -> list[str]:
         if not start.same:
             moved = ', '.join(f'{name} {value:.4g}' for name, value in start.values.items())
             words.append(f'another start ended at a cost higher by {start.excess:.3g}: {moved}')
-    if found.cross_validation:
-        scores = ', '.join(f'{model} {error:.3f}' for model, error in found.cross_validation.items())
-        words.append(f'error over noise of runs left out in turn: {scores}; the {found.config.model} model was taken')
+    words += [kinetics_sentence(found.config, found.kinetics)] if found.kinetics else []
     side = 'later' if found.delay > 0.0 else 'earlier'
     words.append(f'the measurement is {1e3 * abs(found.delay):.3g} ms {side} than the model')
     if found.interrupted:
