@@ -12,10 +12,12 @@ import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
 from rosbags.rosbag2 import Reader  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from sma_sim.cli.main import main  # noqa: E402
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair  # noqa: E402
@@ -23,9 +25,11 @@ from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 from sma_sim.model.errors import UserError  # noqa: E402
 from sma_sim.ros.bag_names import bag_path, record_of_side  # noqa: E402
+from sma_sim.ros.graph_check import type_name  # noqa: E402
 
 JOINTS = ((JointState, 'joint_states'),)
 KILLS = 3
+STAMPED = {type_name(kind): kind for kind in (JointState, Temperature, MarkerArray)}
 CHANGES = {'/J_eq_applied', '/T_E_applied'}
 
 
@@ -86,6 +90,38 @@ def test_replays_bit_for_bit_under_load(tmp_path, rates):
     with Reader(tmp_path / 'bag') as reader:
         assert {'/joint_states', '/J_eq_applied', '/wire_modes', '/markers'} <= set(reader.topics)
         assert kept_for_late_subscribers(reader) == CHANGES
+
+
+def test_a_bag_has_one_time_base(tmp_path):
+    """Stamps are log times, also after a pause, in which the published ones go on; both begin with the logged stamp."""
+    path = tmp_path / 'bag'
+    with ros_client.Simulation('-p', f'node.record:={path}', '-p', 'node.stamped_topics:=true', topics=JOINTS) as one:
+        seen = one.seen['joint_states']
+        one.until(lambda: len(seen) > 5, ros_client.FIRST_MESSAGE)
+        for paused in (True, False):
+            one.ask(SetBool, '/sma_module_sim/pause', SetBool.Request(data=paused))
+            end = time.monotonic() + 0.3
+            one.until(lambda end=end: time.monotonic() > end)
+        count = len(seen)
+        one.until(lambda: len(seen) > count + 5)
+        code, log = one.stop()
+        assert code == 0, log
+    bag = open_bag(path)
+    stamps = {}
+    for message in bag.messages():
+        if message.kind in STAMPED:
+            decoded = deserialize_message(message.cdr, STAMPED[message.kind])
+            for each in getattr(decoded, 'markers', [decoded]):
+                stamp = each.header.stamp.sec * 10**9 + each.header.stamp.nanosec
+                stamps.setdefault(message.topic, []).append(stamp - message.log_time)
+    assert {'/joint_states', '/wire_1/temperature', '/markers', '/wire_forces_stamped'} <= set(stamps)
+    assert {lag for lags in stamps.values() for lag in lags} == {0}
+    seconds, nanoseconds = re.search(r'simulated time 0 has the stamp ([0-9]+)\.([0-9]+)', log).groups()
+    epoch = int(bag.about['epoch'])
+    assert epoch == int(seconds) * 10**9 + int(nanoseconds)
+    published = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in seen]
+    recorded = [message.log_time for message in bag.messages({'/joint_states'})]
+    assert np.diff(published).max() > 0.2 and set(np.diff(recorded)) == {10_000_000}
 
 
 def test_killed_while_recording(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,10 @@ def convert_bag(arguments: argparse.Namespace) -> int:
     source, target = arguments.source, arguments.target
     check_writable(target)
     if target.suffix == '.csv':
-        write_columns(target, read_bag(source, arguments.namespace))
+        notes: list[str] = []
+        write_columns(target, read_bag(source, arguments.namespace, notes=notes))
+        for note in notes:
+            print(f'note: {source}: {note}', file=sys.stderr)
     elif target.suffix == '.mcap':
         write_mcap(target, read_run(source))
     else:

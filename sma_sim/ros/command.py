@@ -15,6 +15,7 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.evidence.data.rosbag.commands import clipped, refusal
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND
 from sma_sim.model.parameters import DEFAULTS
 
@@ -66,8 +67,8 @@ class Command:
     def accepted(self, message: Any) -> Any:
         """The command [W] that a message asks for, clipped to J_max; None for one that is not a finite number."""
         J_eq = float(message.data)
-        if not math.isfinite(J_eq):
-            self.refuse(f'J_eq = {J_eq} W refused: expected a finite number')
+        if reason := refusal([J_eq], 1, signed=True):
+            self.refuse(f'J_eq = {J_eq} W refused: {reason}')
             return None
         if abs(J_eq) > self.J_max:
             self.clipped += 1
@@ -78,7 +79,7 @@ class Command:
 
     def limited(self, J: Any) -> Any:
         """The command, not beyond J_max."""
-        return J if abs(J) <= self.J_max else math.copysign(self.J_max, J)
+        return clipped(J, self.J_max)
 
     def clear(self) -> None:
         """Forget the commands so far: heating is off until the next one."""

@@ -207,12 +207,11 @@ class ModuleSimulation:
     def _begin(self, at_zero: bool = True) -> None:
         """A new state or simulated time 0: a new bag, the stamp of time 0, the first sample."""
         self._running = True
-        if at_zero:
-            self._log_epoch = 0 if self._is_clock else self._now()
-        self._recording.begin(self._log_epoch)  # before the clock of the steps starts: it takes a while
+        self._recording.prepare()  # before the clock of the steps starts: it takes a while
         self._schedule.restart()
         if at_zero:
             self._set_epoch()
+        self._recording.begin(self._log_epoch)
         self._speed = Speed(self._run.time)
         self._apply()  # so that what is in force is known, and in the bag, also where no step follows
         self._publish()
@@ -220,7 +219,7 @@ class ModuleSimulation:
     def _set_epoch(self) -> None:
         """The stamp of simulated time 0."""
         self._anchor = self._schedule.anchor
-        self._epoch = 0 if self._is_clock else self._anchor or self._now()
+        self._epoch = self._log_epoch = 0 if self._is_clock else self._anchor or self._now()
         seconds, nanoseconds = divmod(self._epoch, 10**9)
         self._logger.info(f'simulated time 0 has the stamp {seconds}.{nanoseconds:09d}')
 

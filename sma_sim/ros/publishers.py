@@ -1,8 +1,13 @@
-"""The node's topics: every message is serialized once, published, and recorded with its simulated time."""
+"""The node's topics: every message is serialized once, published, and recorded with its simulated time.
+
+In the bag that time is the stamp too, so that a bag has one time base. The published stamps are those of the computer's
+clock again after a pause or an overrun, in which simulated time stands still.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from struct import Struct
 from typing import Any
 
 from numpy.typing import NDArray
@@ -24,6 +29,7 @@ from sma_sim.ros.recorder import RecordedTopic, Recorder
 from sma_sim.ros.robot_frames import frame_prefix
 from sma_sim.ros.stamped import SUFFIX, variants_of
 
+CDR_HEAD, STAMP = 4, Struct('<iI')  # a message serialized by ROS: bytes before the first field; a time
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
 
 
@@ -51,6 +57,11 @@ def change_topics(structure: Structure) -> dict[str, Any]:
 def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
     """What a bag says of a topic that is published."""
     return RecordedTopic(publisher.topic_name, type_name(kind), as_metadata(publisher.qos_profile))
+
+
+def restamped(cdr: bytes, stamp: int) -> bytes:
+    """A serialized message that begins with a header, with another stamp [ns]: its seconds and nanoseconds come first."""
+    return cdr[:CDR_HEAD] + STAMP.pack(*divmod(stamp, 10**9)) + cdr[CDR_HEAD + STAMP.size :]
 
 
 class Publishers:
@@ -84,7 +95,8 @@ class Publishers:
         cdr = serialize_message(message)
         self._publishers[name].publish(cdr)
         if self.recorder is not None:
-            self.recorder.write(self._numbers[name], log_time, cdr)
+            recorded = cdr if getattr(message, 'header', None) is None else restamped(cdr, log_time)
+            self.recorder.write(self._numbers[name], log_time, recorded)
 
     def send_with_variant(self, name: str, stamp: int, log_time: int, message: Any) -> None:
         """Send a message that has no header and, where they are asked for, its variant with a stamp [ns]."""
@@ -121,5 +133,10 @@ class Publishers:
 
     def send_markers(self, stamp: int, log_time: int, row: NDArray[Any], modes: Sequence[int]) -> None:
         """Publish the picture of a row, if anyone looks at it or it is recorded."""
-        if self.recorder is not None or self._publishers['markers'].get_subscription_count() > 0:
-            self.send('markers', log_time, self._picture(stamp_of(stamp), row, modes))
+        if self.recorder is None and self._publishers['markers'].get_subscription_count() == 0:
+            return
+        picture = self._picture(stamp_of(stamp), row, modes)
+        self._publishers['markers'].publish(picture)
+        for marker in picture.markers:
+            marker.header.stamp = stamp_of(log_time)
+        self.record('markers', log_time, picture)

@@ -33,9 +33,14 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, topics: Sequence[RecordedTopic], about: Mapping[str, str], most_megabytes: float,
-        longest: float, on_failure: Callable[[str], object],
-    ) -> None:  # fmt: skip
+        self,
+        path: Path,
+        topics: Sequence[RecordedTopic],
+        about: Mapping[str, str],
+        most_megabytes: float,
+        longest: float,
+        on_failure: Callable[[str], object],
+    ) -> None:
         try:  # only here, so that a node that records nothing needs neither rosbags nor mcap
             from sma_sim.evidence.data.rosbag.writer import BagWriter
         except ModuleNotFoundError as error:
@@ -47,6 +52,7 @@ class Recorder:
         except OSError as error:
             raise UserError(f'node.record = {path}: cannot write the bag: {error.strerror}') from error
         self.path, self.failed, self._on_failure = path, '', on_failure
+        self._further: Mapping[str, str] = {}
         self._waiting: deque[tuple[int, int, bytes]] = deque()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
@@ -56,6 +62,10 @@ class Recorder:
     def count(self) -> int:
         """Messages in the bag."""
         return self._bag.bag.count
+
+    def tell(self, about: Mapping[str, str]) -> None:
+        """What else the bag says of how it came about; before the first message. Returns at once."""
+        self._further = about
 
     def write(self, topic: int, log_time: int, cdr: bytes) -> None:
         """Record one serialized message; returns at once."""
@@ -82,8 +92,15 @@ class Recorder:
         if len(self._waiting) > MAX_QUEUED_FOR_DISK:
             raise OSError(f'the disk is too slow: {len(self._waiting)} messages wait')
         while self._waiting:
+            self._tell_further()  # after a message was seen: it was told before
             self._bag.write(*self._waiting.popleft())
+        self._tell_further()
         self._bag.flush()
+
+    def _tell_further(self) -> None:
+        if self._further:
+            self._bag.tell(self._further)
+            self._further = {}
 
     def _try(self, work: Callable[[], None]) -> None:
         try:

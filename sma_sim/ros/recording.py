@@ -38,6 +38,7 @@ class BagSession:
         self._name = str(config.settings['node.record'])
         self._epoch: int | None = None  # log time [ns] of simulated time 0; none before it has come
         self._failed = ''
+        self._next: Recorder | None = None  # made, for a run that has not begun yet
         self._thread = ThreadPoolExecutor(1, 'recording')
 
     def serve(self, node: Node, control: Control) -> None:
@@ -50,21 +51,28 @@ class BagSession:
 
             node.create_service(Trigger, f'~/record_{name}', answer, callback_group=control.callback_group)
 
-    def begin(self, epoch: int) -> None:
-        """The bag of a run that begins: the first, where one is asked for, or another after the one of the run before.
+    def prepare(self) -> None:
+        """Make the bag of a run that will begin: the first, where one is asked for, or another after that of the run before.
 
-        In the simulating thread. Raises UserError where the first cannot be made; a later one is logged and reported.
+        It takes a while. In the simulating thread. Raises UserError where the first cannot be made; a later one is logged
+        and reported.
         """
-        first, self._epoch = self._epoch is None, epoch
-        if first and self._name:
-            self._publishers.recorder = self._make(epoch, first=True)
+        if self._epoch is None and self._name:
+            self._next = self._make(first=True)
         elif self._publishers.recorder is not None:
             self._end(self._exchange(None))
             try:
-                self._publishers.recorder = self._make(epoch)
+                self._next = self._make()
             except UserError as error:
                 self._failed = str(error)
                 self._logger.error(f'the run after the reset is not recorded: {error}')
+
+    def begin(self, epoch: int) -> None:
+        """The run begins, with the log time [ns] of its simulated time 0: write to the bag that was made, if one was."""
+        self._epoch = epoch
+        if self._next is not None:
+            self._next.tell(self._about(epoch))
+            self._publishers.recorder, self._next = self._next, None
 
     def close(self) -> None:
         """End the bag, if one is being written, and let no other begin."""
@@ -119,7 +127,8 @@ class BagSession:
         epoch = self._epoch
         if epoch is None:
             raise Refused('waiting for /clock: nothing runs yet')
-        new = self._make(epoch)
+        new = self._make()
+        new.tell(self._about(epoch))
 
         def change() -> Recorder | None:
             if self._epoch != epoch:
@@ -143,18 +152,22 @@ class BagSession:
             self._record_state()
         return old
 
-    def _make(self, epoch: int, first: bool = False) -> Recorder:
-        """A new bag. Raises UserError."""
-        numbers, path = self._config.parameters, bag_path(self._name or HERE, datetime.now(), after_reset=not first)
-        about = {
+    def _about(self, epoch: int) -> Mapping[str, str]:
+        """What a bag says of the run in it."""
+        numbers = self._config.parameters
+        return {
             'epoch': str(epoch),
             'integration_rate': repr(numbers['node.integration_rate']),
             'publish_rate': repr(numbers['node.publish_rate']),
             'parameters': json.dumps(flat_parameters(self._config)),
             INTERFACE: interface_of(self._config.structure.structure).as_json(),
         }
+
+    def _make(self, first: bool = False) -> Recorder:
+        """A new bag. Raises UserError."""
+        numbers, path = self._config.parameters, bag_path(self._name or HERE, datetime.now(), after_reset=not first)
         most, longest = numbers['node.record_size'], numbers['node.record_duration']
-        new = Recorder(path, self._publishers.recorded, about, most, longest, self._logger.error)
+        new = Recorder(path, self._publishers.recorded, {}, most, longest, self._logger.error)
         self._logger.info(f'recording to {path}')
         return new
 

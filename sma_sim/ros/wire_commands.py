@@ -8,6 +8,7 @@ from collections import deque
 from rclpy.node import Node
 from std_msgs.msg import Float64, Float64MultiArray
 
+from sma_sim.evidence.data.rosbag.commands import clipped, refusal
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, WIRE_COMMAND
 from sma_sim.model.structures.structure import Drive, Structure
 from sma_sim.ros.command import WARNING_PERIOD, Command
@@ -43,23 +44,13 @@ class WireCommands(Command):
 
     def limited(self, J: tuple[float, ...]) -> tuple[float, ...]:
         """The heating, none of it above J_max."""
-        most = self.J_max
-        return J if max(map(abs, J)) <= most else tuple(min(max(each, -most), most) for each in J)
+        return tuple(clipped(each, self.J_max) for each in J)
 
     def _wrong(self, J: tuple[float, ...], message: Float64MultiArray) -> str:
         """What is wrong with a message; empty where nothing is."""
-        refused = f'J = {shown(J)} W refused: expected '
-        each = 'pair of wires' if self._signed else 'wire'
-        one_each = 'one number [W]' if self._count == 1 else f'{self._count} numbers [W], one for each {each}'
-        sizes = [dimension.size for dimension in message.layout.dim]
-        if len(J) != self._count:
-            return f'{refused}{one_each}, got {len(J)}'
-        if message.layout.data_offset or sizes and math.prod(sizes) != len(J):
-            return f'{refused}{one_each}, got a layout of the sizes {sizes} and the offset {message.layout.data_offset}'
-        if not all(map(math.isfinite, J)):
-            return f'{refused}finite numbers'
-        negative = not self._signed and min(J) < 0.0
-        return f'{refused}no negative number: a wire is heated or it is not' if negative else ''
+        layout = message.layout
+        reason = refusal(J, self._count, self._signed, [dimension.size for dimension in layout.dim], layout.data_offset)
+        return f'J = {shown(J)} W refused: {reason}' if reason else ''
 
 
 def shown(numbers: tuple[float, ...]) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import read_dataset
+from sma_sim.evidence.data.rosbag.commands import limits_in
 from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.train_test_split import held_out_files, split_dataset
 from sma_sim.model.config import Config
@@ -44,13 +45,13 @@ class DataRequest:
     namespace: str | None = None
 
     def read(self, config: Config) -> Dataset:
-        """All recordings, with the system and the ambient temperature of a configuration. Raises UserError."""
+        """All recordings of the system of a configuration, with its ambient temperature and limits. Raises UserError."""
         known = {path.resolve() for path in self.data}
         inside = {file.resolve() for path in self.data if path.is_dir() for file in path.iterdir()}
         further = [file for file in held_out_files(self.hold_out) if file.resolve() not in known | inside]
         return read_dataset(
             [*self.data, *further], config.structure.structure.name, config.parameters['environment.T_E'], self.map,
-            self.noise, namespace=self.namespace,
+            self.noise, self.namespace, limits_in(config.parameters),
         )  # fmt: skip
 
     def split(self, dataset: Dataset) -> tuple[Dataset, Dataset | None]:

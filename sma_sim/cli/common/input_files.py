@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 
+from sma_sim.evidence.data.rosbag.commands import limits_in
 from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
@@ -20,7 +22,11 @@ def read_input_file(path: Path, config: Config, linear: bool, namespace: str | N
     """What is imposed, heating and ambient temperature, from a CSV file or a bag; `linear`: heating between rows."""
     structure = config.structure.structure
     of, T_E = interface_of(structure), config.parameters['environment.T_E']
-    return read_input(path, of, T_E, linear, read_bag(path, namespace, structure) if is_bag(path) else None)
+    notes: list[str] = []
+    bag = read_bag(path, namespace, structure, limits_in(config.parameters), notes) if is_bag(path) else None
+    for note in notes:
+        print(f'note: {path}: {note}', file=sys.stderr)
+    return read_input(path, of, T_E, linear, bag)
 
 
 def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[str, Vector] | None) -> Input:

@@ -19,6 +19,7 @@ from sma_sim.evidence.data.recording import (
     Vector,
     is_resistance,
 )
+from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.sessions import (
     Rows,
     command_changes,
@@ -48,7 +49,8 @@ class NothingMeasuredError(UserError):
 class SourceFile:
     """Which file is read, as which system, and the ambient temperature [K] where it records none.
 
-    `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag.
+    `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag, and
+    `limits` what its robot accepts.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class SourceFile:
     T_E: float
     stamped: bool = False
     namespace: str | None = None
+    limits: CommandLimits = NODE_LIMITS
 
     @property
     def structure(self) -> Structure:

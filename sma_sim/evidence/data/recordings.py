@@ -17,6 +17,7 @@ from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, error_by_temperature
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
 from sma_sim.evidence.data.repeatability import with_bench
+from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.effects.ports import CHANNELS
@@ -40,6 +41,7 @@ def read_dataset(
     mapping: Path | None = None,
     noise_std: Mapping[str, float] | None = None,
     namespace: str | None = None,
+    limits: CommandLimits = NODE_LIMITS,
 ) -> Dataset:
     """Read recordings and determine the noise of their channels.
 
@@ -58,6 +60,8 @@ def read_dataset(
         meta.json; otherwise it is estimated.
     namespace : str, optional
         The module to read, in bags of several.
+    limits : CommandLimits, optional
+        What the robot accepts, where a bag has its commands, but not what it has applied (default: the node's defaults).
 
     Returns
     -------
@@ -88,7 +92,7 @@ def read_dataset(
     found = [
         (path, recording)
         for path, named in files
-        for file in (source_file(path, system, T_E, columns, namespace),)
+        for file in (source_file(path, system, T_E, columns, namespace, limits),)
         for recording in sessions_in_file(file, columns.of_file(path), named, notes)
     ]
     if not found:
@@ -104,9 +108,16 @@ def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = N
     return recordings_in_file(source_file(Path(path), system, T_E, columns), columns.of_file(Path(path)))
 
 
-def source_file(path: Path, system: str, T_E: float, mapping: ColumnMap, namespace: str | None = None) -> SourceFile:
+def source_file(
+    path: Path,
+    system: str,
+    T_E: float,
+    mapping: ColumnMap,
+    namespace: str | None = None,
+    limits: CommandLimits = NODE_LIMITS,
+) -> SourceFile:
     """A file on the bench that its map says. Raises UserError."""
-    return SourceFile(path, bench_of(system, mapping.of_file(path)), T_E, namespace=namespace)
+    return SourceFile(path, bench_of(system, mapping.of_file(path)), T_E, namespace=namespace, limits=limits)
 
 
 def bench_of(system: str, test: ColumnMap) -> str:
@@ -126,7 +137,7 @@ def bench_of(system: str, test: ColumnMap) -> str:
 
 def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording, ...]:
     """The recordings of one file."""
-    columns, notes = read_source(file.path, file.system, mapping, file.namespace)
+    columns, notes = read_source(file.path, file.system, mapping, file.namespace, file.limits)
     file = replace(file, stamped=is_bag(file.path))
     name = file.path.stem if file.path.is_file() else file.path.name
     return recordings_from_columns(file, name, columns, notes)

@@ -11,6 +11,7 @@ from typing import Any
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
 from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
+from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import listed, read_header
@@ -35,19 +36,23 @@ def recordings_in(path: Path) -> list[Path]:
     return found
 
 
-def read_source(path: Path, system: str, mapping: ColumnMap, namespace: str | None = None) -> tuple[Columns, list[str]]:
+def read_source(
+    path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
+) -> tuple[Columns, list[str]]:
     """The columns (k,) of a file by the names of the file contract, and what was noted. Raises UserError."""
     if is_bag(path):
-        return read_bag_source(path, system, mapping, namespace)
+        return read_bag_source(path, system, mapping, namespace, limits)
     return read_csv_source(path, system, mapping)
 
 
-def read_bag_source(path: Path, system: str, mapping: ColumnMap, namespace: str | None) -> tuple[Columns, list[str]]:
+def read_bag_source(
+    path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
+) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    found = read_bag(path, namespace, known_structures()[system])
+    notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']
+    found = read_bag(path, namespace, known_structures()[system], limits, notes)
     rows = len(found['time_s'])
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
-    notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']
     return {name: column_in_si(entry, found, rows) for name, entry in origins.items()}, notes
 
 

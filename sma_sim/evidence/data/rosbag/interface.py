@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.evidence.data.rosbag.commands import refusal
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import MOST_WIRES, Structure
 
@@ -118,7 +120,7 @@ def command_decoders(of: Interface) -> Decoders:
         heating: tuple[str, Decode] = (FLOAT64, number_decoder(of.heating_columns[0]))
     else:
         heating = (FLOAT64_ARRAY, array_decoder(of.heating_columns))
-    found = {f'{topic}{APPLIED}': heating, topic: heating}
+    found = {f'{topic}{APPLIED}': heating, topic: (heating[0], heating_decoder(of))}
     for name, column in of.drives.items():
         found[f'{name}{APPLIED}'] = found[name] = (FLOAT64, number_decoder(column))
     found['T_E_applied'] = (FLOAT64, number_decoder('T_E_K'))
@@ -175,6 +177,23 @@ def array_decoder(columns: Sequence[str]) -> Decode:
 
     def decode(message: Any) -> dict[str, float]:
         return dict(zip(columns, map(float, message.data), strict=False))
+
+    return decode
+
+
+def heating_decoder(of: Interface) -> Decode:
+    """The heating that is asked for; NaN in a message that a robot refuses as a whole."""
+    columns, count, signed = of.heating_columns, len(of.commands), of.signed
+
+    def decode(message: Any) -> dict[str, float]:
+        if of.heating_topic == PAIR_COMMAND:
+            J, sizes, offset = [float(message.data)], [], 0
+        else:
+            J, sizes = list(map(float, message.data)), [dimension.size for dimension in message.layout.dim]
+            offset = message.layout.data_offset
+        if refusal(J, count, signed, sizes, offset):
+            return dict.fromkeys(columns, math.nan)
+        return dict(zip(columns, J, strict=True))
 
     return decode
 

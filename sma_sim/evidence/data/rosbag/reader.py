@@ -1,7 +1,9 @@
 """Runs of any structure from bags: the topics of a node as the columns of the file contract.
 
-A bag that the node wrote has simulated time as its log time. In any other bag stamped messages count by their stamps; the
-rest (commands, forces) by log time, shifted to the clock of the stamps.
+A bag that the node wrote has simulated time as its log time. In any other bag stamped messages count by their stamps, and
+the rest (commands, forces) by the stamp that belongs to its log time: the clock of the recorder may run at another rate than
+that of the stamps, and go on while that one stands still. Of such a bag that does not tell what was applied, the rules of
+`commands` say what was in force.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
+from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, in_force
 from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
     INTERFACE,
@@ -35,6 +39,8 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
+JITTER_WINDOW = 51  # stamped messages whose median delay counts: single ones arrive late, or several at once
+SAME_RATE = 0.01  # by which the rates of two clocks differ without a word
 SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
 MODE_TOPICS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
 COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for suffix in ('', APPLIED))
@@ -59,13 +65,21 @@ def namespaces(bag: Bag) -> list[str]:
     return sorted(found)
 
 
-def read_bag(path: Path, namespace: str | None = None, structure: Structure | None = None) -> dict[str, Vector]:
+def read_bag(
+    path: Path,
+    namespace: str | None = None,
+    structure: Structure | None = None,
+    limits: CommandLimits = UNLIMITED,
+    notes: list[str] | None = None,
+) -> dict[str, Vector]:
     """Columns of the file contract, (k,) each, from a bag of a robot; NaN where a topic had no message at that time.
 
     What is imposed and the ambient temperature are held from message to message. `structure` says what the robot is, where
-    the bag itself does not; without it, topics and joints tell. Raises UserError when there is no bag, no command in it, or
-    several robots and no `namespace`.
+    the bag itself does not; without it, topics and joints tell. `limits` say what a robot accepts that does not publish what
+    it has applied. What was done with commands and times is added to `notes`. Raises UserError when there is no bag, no
+    command in it, or several robots and no `namespace`.
     """
+    notes = [] if notes is None else notes
     bag = open_bag(path)
     prefix = topic_prefix(bag, namespace)
     interface = interface_of_bag(bag, prefix, structure)
@@ -76,8 +90,9 @@ def read_bag(path: Path, namespace: str | None = None, structure: Structure | No
     if not any(name in series for topic in topics for name in (topic, f'{topic}{APPLIED}')):
         expected = ' or '.join(f'{prefix}{name}' for name in (topics[0], f'{topics[0]}{APPLIED}'))
         raise UserError(f'{path} has no command: expected messages on {expected}')
-    times = message_times(series, 'epoch' in bag.about, measured)
+    times = message_times(series, 'epoch' in bag.about, measured, notes)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
+    apply_command_rules(series, times, zero, interface, limits, notes)
     return columns_from_series(series, times, zero, interface)
 
 
@@ -167,7 +182,9 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
     return found
 
 
-def message_times(series: Mapping[str, TopicSeries], ours: bool, measured: Collection[str]) -> dict[str, NDArray[np.int64]]:
+def message_times(
+    series: Mapping[str, TopicSeries], ours: bool, measured: Collection[str], notes: list[str]
+) -> dict[str, NDArray[np.int64]]:
     """When each message counts [ns]; unstamped ones of `measured` topics belong to the stamp next to them."""
     logs = {name: np.array(topic.log, dtype=np.int64) for name, topic in series.items()}
     if ours:
@@ -176,13 +193,73 @@ def message_times(series: Mapping[str, TopicSeries], ours: bool, measured: Colle
     if not stamps:
         return logs
     pace = max(stamps, key=lambda name: len(stamps[name]))
-    shift = np.int64(np.median(stamps[pace] - logs[pace]))
+    unstamped = [name for name in logs if name not in stamps]
+    shifted, rate = stamps_at([logs[name] for name in unstamped], logs[pace], stamps[pace])
+    if abs(rate - 1.0) > SAME_RATE and unstamped:
+        notes.append(
+            f'the stamps advance {rate:.3g} s per second of the log times: {", ".join(unstamped)}, which have none, '
+            'get those that belong to their log times'
+        )
+    by_topic = dict(zip(unstamped, shifted, strict=True))
     period = float(np.median(np.diff(np.sort(stamps[pace])))) if len(stamps[pace]) > 1 else 0.0
-    shifted = {name: log + shift for name, log in logs.items() if name not in stamps}
-    for name in shifted:
+    for name in by_topic:
         if name in measured:
-            shifted[name] = snapped(shifted[name], np.sort(stamps[pace]), SNAP_FRACTION * period)
-    return {**stamps, **shifted}
+            by_topic[name] = snapped(by_topic[name], np.sort(stamps[pace]), SNAP_FRACTION * period)
+    return {**stamps, **by_topic}
+
+
+def stamps_at(logs: Sequence[Times], known_log: Times, known_stamp: Times) -> tuple[list[Times], float]:
+    """The stamps [ns] that belong to log times, by messages that have both, (k,) in the order of their log times; and the
+    rate of the clock of the stamps.
+
+    A line through the pairs, and the median of what the pairs around deviate from it by: a late message moves nothing, and
+    the map follows a clock that stops or changes its rate.
+    """  # fmt: skip
+    log_zero, stamp_zero = known_log[0], known_stamp[0]
+    log, stamp = known_log - log_zero, (known_stamp - stamp_zero).astype(float)
+    half = len(log) // 2
+    spans = log[half:] - log[: len(log) - half]
+    apart = spans > 0
+    rises = stamp[half:] - stamp[: len(log) - half]
+    rate = float(np.median(rises[apart] / spans[apart])) if half and apart.any() else 1.0
+    deviation = median_filter(stamp - rate * log, min(JITTER_WINDOW, len(log)), mode='nearest')
+    found = [rate * (times - log_zero) + np.interp(times - log_zero, log, deviation) for times in logs]
+    return [stamp_zero + np.round(times).astype(np.int64) for times in found], rate
+
+
+def apply_command_rules(
+    series: Mapping[str, TopicSeries],
+    times: dict[str, Times],
+    zero: int,
+    of: Interface,
+    limits: CommandLimits,
+    notes: list[str],
+) -> None:
+    """Put what was in force in the place of the heating that was asked for, where the bag tells no more."""
+    topic, columns = of.heating_topic, of.heating_columns
+    if topic not in series or f'{topic}{APPLIED}' in series:
+        return
+    asked, end = series[topic], max(int(each.max()) for each in times.values())
+    order = np.argsort(times[topic], kind='stable')
+    when, J = times[topic][order], np.column_stack([asked.values[column] for column in columns])[order]
+    refused, beyond = ~np.isfinite(J).all(axis=1), (np.abs(J) > limits.J_max).any(axis=1)
+    changes, powers = in_force(when, J, limits, end)
+    off = np.setdiff1d(changes, when)
+
+    def first(chosen: Times) -> str:
+        return f'the first at {(int(chosen[0]) - zero) / 1e9:.6g} s'
+
+    if refused.any():
+        words = f'{topic}: {refused.sum()} commands refused (not finite, or not one number for each wire)'
+        notes.append(f'{words}, {first(when[refused])}: the one before stays in force')
+    if beyond.any():
+        words = f'{topic}: {beyond.sum()} commands beyond node.J_max = {limits.J_max:g} W'
+        notes.append(f'{words}, {first(when[beyond])}: clipped')
+    if len(off):
+        words = f'{topic}: no command for node.command_timeout = {limits.timeout:g} s, {len(off)} times'
+        notes.append(f'{words}, {first(off)}: heating off until the next one (0: the robot has no timeout)')
+    times[topic] = changes
+    asked.values = {column: list(power) for column, power in zip(columns, powers.T, strict=True)}
 
 
 def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -> NDArray[np.int64]:

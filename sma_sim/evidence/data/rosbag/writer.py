@@ -96,6 +96,12 @@ class BagWriter:
         self._files: list[tuple[str, MessageSpan]] = []
         self._open_next()
 
+    def tell(self, about: Mapping[str, str]) -> None:
+        """What else goes into every file and the metadata; before the first message."""
+        self.about = {**self.about, **about}
+        self._writer.add_metadata(PROVENANCE_RECORD, dict(self.about))
+        self.write_metadata()
+
     def add(self, name: str, kind: str, definition: str = '', qos: Sequence[Mapping[str, Any]] = ()) -> int:
         """A topic of a message type such as std_msgs/msg/Float64; returns its number.
 
