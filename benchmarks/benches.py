@@ -171,7 +171,7 @@ def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
         files = write_runs(kind, truth(kind, effects, random), Path(folder), random)
         dataset = dataset_of(kind, files, nominal.structure.structure.name)
     training, held_out = split_dataset(dataset, ['run2'])
-    found = diagnose(training, nominal, held_out, DiagnosisRequest(model='hybrid', equation=False))
+    found = diagnose(training, nominal, held_out, DiagnosisRequest(kinetics='hybrid', equation=False))
     last, first = found.stages[-1], found.nominal
     return {
         'kind': kind, 'truth': effects, 'number': number, 'verdict': found.verdict, 'effects': list(found.effects),

@@ -63,7 +63,8 @@ def described(model: Model) -> str:
         + ','.join(f'{p.name}={v!r}' for p, v in zip(active.found.effect.parameters, active.values, strict=True))
         for active in model.config.effects
     ]
-    return f'--model {model.config.model} {" ".join(effects)} --set solver.rtol={model.config.parameters["solver.rtol"]!r}'
+    rtol = model.config.parameters['solver.rtol']
+    return f'--model {model.config.simulated_kinetics} {" ".join(effects)} --set solver.rtol={rtol!r}'
 
 
 def fuzz(first: int, count: int) -> dict[str, Any]:

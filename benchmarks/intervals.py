@@ -48,7 +48,7 @@ def off(random: np.random.Generator) -> float:
 def true_config(seed: int, model: str) -> Config:
     """The paper's values with everything off that a fit may change; of l0, the pre-strain."""
     random, values = np.random.default_rng([seed, 1]), default_parameters()
-    for name in default_names(Config(model=model)):
+    for name in default_names(Config(kinetics=model)):
         if name == 'wire.l0':
             strain = (values['beam.L'] / values['wire.l0'] - 1.0) * off(random)
             values['wire.l0'] = values['beam.L'] / (1.0 + strain)
@@ -72,7 +72,7 @@ def one_seed(seed: int, runs: int, model: str) -> dict[str, Any]:
     truth = true_config(seed, model)
     recordings = tuple(recorded(truth, seed, run) for run in range(runs + 1))
     t_start = time.process_time()
-    found = calibrate(Dataset(recordings[:-1], NOISE), Config(), FitOptions(model=model))
+    found = calibrate(Dataset(recordings[:-1], NOISE), Config(), FitOptions(kinetics=model))
     seconds = time.process_time() - t_start
     out = evaluate_held_out(found.config, Dataset(recordings[-1:], NOISE), found.delay)
     assert found.uncertainty is not None

@@ -107,7 +107,7 @@ def diagnosed(dataset: Dataset, held_out: str) -> dict[str, Any]:
     training, judging = split_dataset(dataset, [held_out])
     start, percent = time.process_time(), 100.0 * dataset.noise_std['strain']
     config = read_config(EXAMPLE / 'config.yaml')
-    found = diagnose(training, config, judging, DiagnosisRequest(model='hybrid', equation=False))
+    found = diagnose(training, config, judging, DiagnosisRequest(kinetics='hybrid', equation=False))
     bare, last = found.nominal, found.stages[-1]
     return {
         'held_out': held_out, 'verdict': found.verdict, 'effects': sorted(found.effects),

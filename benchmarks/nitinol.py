@@ -82,7 +82,7 @@ def solve(name: str, model: str, folder: str, pool: Executor) -> dict[str, Any]:
     dataset = read_dataset(sorted(Path(folder).glob(case.pattern)), 'wire', ROOM, MAPS / case.map)
     config: Config = read_config(words=['system=wire', *case.words])
     training, held = parts(dataset, case.held)
-    return result(diagnose(training, config, held, DiagnosisRequest(model=model, equation=False), executor=pool))
+    return result(diagnose(training, config, held, DiagnosisRequest(kinetics=model, equation=False), executor=pool))
 
 
 def rows(results: list[dict[str, Any]]) -> list[str]:

@@ -42,7 +42,7 @@ def solve(number: int, pool: Executor) -> dict[str, Any]:
     forces = number % 2 == 0
     made = make_challenge(FIRST_SEED + number, 0, forces=forces, plan=RecordingPlan(rate=RATE))
     training = replace(made.dataset, recordings=made.dataset.recordings[:TRAINING])
-    config = replace(made.nominal, model='mas')
+    config = replace(made.nominal, kinetics='mas')
     nominal = multistart_search(training, config, DiagnosisRequest().options, SearchContext(pool, Event()))
     best = screen(nominal.problem, nominal.z, candidates_for(config), pool)[0]
     return {

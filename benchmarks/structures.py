@@ -61,7 +61,7 @@ def runs_of(structure: Structure, kind: str, count: int) -> dict[str, Any]:
         if not run.completed:
             failures.append(f'{kind}, seed {seed}: {run.reason}')
         if seed < TIMED:
-            model = Model(Config(system=structure.name, model=kind))
+            model = Model(Config(system=structure.name, kinetics=kind))
             times.append(1e3 * median_time(lambda model=model, source=source: simulate(model, source, 5.0)))
             steps.append(simulate(model, source, 5.0).steps)
     return {'milliseconds': float(np.median(times)), 'steps': float(np.median(steps)), 'failures': failures}

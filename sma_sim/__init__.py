@@ -7,6 +7,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sma_sim import effects as effects
+    from sma_sim import structures as structures
     from sma_sim.evidence.data.recording import Dataset as Dataset
     from sma_sim.evidence.data.recording import Recording as Recording
     from sma_sim.evidence.data.recordings import read_dataset as read_dataset
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from sma_sim.model.config import read_config as read_config
     from sma_sim.model.effects.discovery import find_effects as find_effects
     from sma_sim.model.effects.effect import Effect as Effect
+    from sma_sim.model.effects.effect import EffectChoice as EffectChoice
+    from sma_sim.model.errors import PhysicsWarning as PhysicsWarning
     from sma_sim.model.errors import UserError as UserError
     from sma_sim.model.parameters import Parameter as Parameter
     from sma_sim.model.structures.discovery import find_structures as find_structures
@@ -38,7 +42,7 @@ if TYPE_CHECKING:
     from sma_sim.solver.simulate import Trajectory as Trajectory
     from sma_sim.solver.simulate import simulate as simulate
 
-HOMES = {
+_EXPORTS = {
     'evidence.estimation.calibrate': ('Calibration', 'FitOptions', 'calibrate'),
     'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
     'evidence.estimation.cross_validation': ('evaluate_held_out',),
@@ -48,9 +52,9 @@ HOMES = {
     'evidence.data.recordings': ('read_dataset',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),
     'model.config': ('Config', 'default_parameters', 'read_config'),
-    'model.effects.effect': ('Effect',),
+    'model.effects.effect': ('Effect', 'EffectChoice'),
     'model.effects.discovery': ('find_effects',),
-    'model.errors': ('UserError',),
+    'model.errors': ('PhysicsWarning', 'UserError'),
     'model.parameters': ('Parameter',),
     'model.structures.discovery': ('find_structures',),
     'model.structures.links': ('Drawing',),
@@ -59,12 +63,15 @@ HOMES = {
     'solver.model': ('Model',),
     'solver.simulate': ('Trajectory', 'simulate'),
 }
-__all__ = sorted(name for names in HOMES.values() for name in names)
+_MODULES = ('effects', 'structures')
+__all__ = sorted(name for names in _EXPORTS.values() for name in names)
 
 
 def __getattr__(name: str) -> Any:
     """The public name `name`, from the module that defines it."""
-    for home, names in HOMES.items():
+    if name in _MODULES:
+        return import_module(f'{__name__}.{name}')
+    for home, names in _EXPORTS.items():
         if name in names:
             value = globals()[name] = getattr(import_module(f'{__name__}.{home}'), name)
             return value
@@ -73,4 +80,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """The public names."""
-    return sorted({*__all__, *globals()})
+    return sorted({*__all__, *_MODULES, *globals()})

@@ -12,7 +12,7 @@ def solver():
     commands = {'module': module_input([0.0, 0.1], [1.0, 0.0]), 'wire': wire_input([0.0, 0.1], [0.0, 0.01])}
     for system, source in commands.items():
         for kind in ('hybrid', 'mas'):
-            simulate(Model(Config(system=system, model=kind)), source, 10.0)
+            simulate(Model(Config(system=system, kinetics=kind)), source, 10.0)
     simulate_fixed_rate(Model(Config()), commands['module'], 100.0, 10.0)
 
 

@@ -10,7 +10,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}
 
 
-def config(model='hybrid', system='module', **parameters):
+def config(model='auto', system='module', **parameters):
     """The paper's values; parameters as group__name=value."""
     given = {name.replace('__', '.'): value for name, value in parameters.items()}
     return Config(default_parameters() | given, system, model)

@@ -188,7 +188,7 @@ def test_a_fit_and_a_diagnosis_start_from_the_curves_without_being_told(monkeypa
     config = read_config(EXAMPLE / 'config.yaml')
     dataset = read_dataset([EXAMPLE / 'nitico' / '50MPa.csv'], 'wire_under_load_at_T', 298.15, EXAMPLE / 'map.yaml')
     expected = started_from_curves(dataset, config)[0].parameters
-    options = FitOptions(free=('wire.eps_T',), model='hybrid', starts=1, intervals=False)
+    options = FitOptions(free=('wire.eps_T',), kinetics='hybrid', starts=1, intervals=False)
     found = calibrate(dataset, config, options).config.parameters
     assert {name: found[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')} == {
         name: expected[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')

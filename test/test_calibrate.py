@@ -34,8 +34,8 @@ OFF = {
     'beam__E': 0.93, 'beam__b_alpha': 1.1,
 }  # fmt: skip
 NAMES = tuple(name.replace('__', '.') for name in OFF)
-QUICK = FitOptions(free=NAMES, model='hybrid', starts=1, intervals=False)
-FEW = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1, intervals=False)
+QUICK = FitOptions(free=NAMES, kinetics='hybrid', starts=1, intervals=False)
+FEW = FitOptions(free=('wire.lambda', 'beam.E'), kinetics='hybrid', starts=1, intervals=False)
 
 
 @pytest.fixture(scope='module')
@@ -64,7 +64,7 @@ def test_the_more_probable_model_is_chosen_and_predicts():
     runs = dataset(truth, [1, 2, 3], noise=1.0, rate=25.0)
     options = FitOptions(free=(*NAMES, 'wire.E_A'), starts=1, intervals=False)
     found = calibrate(Dataset(runs.recordings[:2], NOISE), config(), options)
-    assert found.config.model == 'mas'
+    assert found.config.simulated_kinetics == 'mas'
     assert found.kinetics['mas'] > 0.99
     out = Dataset(runs.recordings[2:], NOISE)
     assert evaluate_held_out(found.config, out, found.delay)[0].error < 1.1
@@ -118,7 +118,7 @@ def test_wire_from_its_test_bench():
         runs.append(Recording(f'{T_E} K', 'wire', times, {'stress': seen['stress_Pa'], 'T': seen['T_K']}, source))
         assert seen.completed
     found = calibrate(Dataset(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
-                      FitOptions(model='hybrid', starts=1, intervals=False))  # fmt: skip
+                      FitOptions(kinetics='hybrid', starts=1, intervals=False))  # fmt: skip
     for name in ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.c_V'):
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
 
@@ -147,7 +147,7 @@ def test_further_starts_are_reported(small):
 def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
     case = make_challenge(1, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
     training = replace(case.dataset, recordings=case.dataset.recordings[:2])
-    found = calibrate(training, case.nominal, FitOptions(model='mas', intervals=False))
+    found = calibrate(training, case.nominal, FitOptions(kinetics='mas', intervals=False))
     assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads
 
 
@@ -245,7 +245,7 @@ def test_a_softening_beam_is_recovered():
     truth, start = (with_effect(config(), effect, {'b': b, 'c': 0.0}) for b in (-0.3, 0.0))
     run = recording(truth, module_input([0.0, 8.0, 16.0, 20.0], [25.0, -25.0, 8.0, 0.0]), noise=1.0)
     fit = calibrate(
-        Dataset((run,), NOISE), start, FitOptions(free=('effects.beam_nonlinearity.b',), model='hybrid', starts=1)
+        Dataset((run,), NOISE), start, FitOptions(free=('effects.beam_nonlinearity.b',), kinetics='hybrid', starts=1)
     )
     assert fit.uncertainty is not None
     (interval,) = fit.uncertainty.intervals

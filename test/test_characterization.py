@@ -123,7 +123,7 @@ def test_one_fit_takes_all_kinds_of_tests(campaign):
         'wire_under_load_at_T', 'wire_under_load_at_T', 'wire_at_T', 'wire_at_T', 'wire', 'wire_under_load',
     ]  # fmt: skip
     start = read_config(words=['system=wire', *GEOMETRY], effects=['smooth_transformation:width_A=2e7,width_M=2e7'])
-    found = calibrate(dataset, start, FitOptions(model='hybrid', starts=1))
+    found = calibrate(dataset, start, FitOptions(kinetics='hybrid', starts=1))
     assert found.error < 1.15 and found.config.system == 'wire'
     for name, within in (('E_A', 0.03), ('E_M', 0.05), ('eps_T', 0.02), ('sigma_T', 0.02), ('c_V', 0.02), ('lambda', 0.02)):
         assert found.values[f'wire.{name}'] == pytest.approx(ALLOY[name], rel=within)
@@ -251,7 +251,7 @@ def test_what_belongs_to_one_bench_is_left_out_on_the_others(campaign, tmp_path)
     """A scale of power, stated for all tests, is fitted where something is heated."""
     path = tmp_path / 'map.yaml'
     path.write_text(MAP + 'nuisances:\n  power_scale: {k: 0.1}\n')
-    options = FitOptions(free=('wire.eps_T',), model='hybrid', starts=1, intervals=False)
+    options = FitOptions(free=('wire.eps_T',), kinetics='hybrid', starts=1, intervals=False)
     for kinds, expected in ((['pulls'], {'wire.eps_T'}), (['blocked'], {'wire.eps_T', 'effects.power_scale.k'})):
         dataset = read_dataset([campaign / kind for kind in kinds], 'wire', 298.0, path)
         found = calibrate(dataset, read_config(words=['system=wire', *GEOMETRY]), options)

@@ -60,7 +60,7 @@ def test_a_hidden_effect_is_found_with_its_value(with_gravity):
     bare, last = found.stages
     assert bare.effects == () and bare.held_out > 2.0 and last.held_out < 1.15 and last.train < 1.1
     assert found.held_out == (f'{found.held_out[0]}',) and len(found.training) == 2
-    assert found.calibration.config.model == 'mas'
+    assert found.calibration.config.simulated_kinetics == 'mas'
 
 
 def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):

@@ -25,8 +25,8 @@ from sma_sim.solver.inputs import Input
 
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
-OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), model='hybrid', starts=1, intervals=False)
-REQUEST = DiagnosisRequest(model='hybrid', options=OPTIONS, equation=False, variants=False)
+OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), kinetics='hybrid', starts=1, intervals=False)
+REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
 
 def recorded(k, T_E=298.0, lost=0, alpha=0.0):

@@ -339,7 +339,7 @@ def test_the_command_serves_until_ctrl_c(tmp_path):
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0 and 'Traceback' not in process.stderr.read()
     config = read_config(tmp_path / 'explore-session' / 'versions' / '0001.yaml')
-    assert config.model == 'mas' and config.parameters['beam.E'] == 2.2e9
+    assert config.simulated_kinetics == 'mas' and config.parameters['beam.E'] == 2.2e9
 
 
 def test_a_port_that_is_taken_is_said(tmp_path):

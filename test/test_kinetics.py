@@ -27,11 +27,11 @@ def test_what_is_given_is_kept(asked, words, tried, tmp_path):
     file = tmp_path / 'robot.yaml'
     file.write_text(parameter_file(given))
     assert kinetics_to_try(asked, read_config(file)) == tried
-    assert read_config(file).model == given.model == ('mas' if 'model=mas' in words else 'hybrid')
+    assert read_config(file).simulated_kinetics == given.simulated_kinetics == ('mas' if 'model=mas' in words else 'hybrid')
 
 
 def test_kinetics_of_a_configuration_made_in_python():
-    assert kinetics_to_try(None, Config(model='mas')) == ('mas',) and kinetics_to_try(None, Config()) == BOTH
+    assert kinetics_to_try(None, Config(kinetics='mas')) == ('mas',) and kinetics_to_try(None, Config()) == BOTH
     with pytest.raises(UserError, match='expected one of hybrid, mas, auto'):
         read_config(words=['model=both'])
 
@@ -42,7 +42,7 @@ def test_a_diagnosis_keeps_given_kinetics_though_others_fit_better(by):
     runs = dataset(with_effect(truth, find_effects()['gravity'], {'g_y': -9.81}), [1, 2], 1.0, 25.0, rate=10.0)
     options = FitOptions(starts=1, intervals=False)
     request = DiagnosisRequest('hybrid' if by == 'request' else None, options=options, equation=False, variants=False)
-    nominal = config() if by == 'request' else replace(config(), model_is_given=True)
+    nominal = config() if by == 'request' else replace(config(), kinetics='hybrid')
     found = diagnose(runs, nominal, request=request)
     assert {stage.model for stage in found.stages} == {'hybrid'} and 'gravity' in found.effects
 
@@ -51,5 +51,5 @@ def test_a_diagnosis_keeps_given_kinetics_though_others_fit_better(by):
 def test_open_kinetics_are_those_of_the_robot(true):
     truth = scaled(config(true), wire__lambda=1.1, wire__E_A=0.9, beam__E=0.95)
     found = calibrate(dataset(truth, [1, 2], 1.0, rate=10.0), config(), FitOptions(starts=1, intervals=False))
-    assert found.config.model == true and found.kinetics[true] > 0.99
+    assert found.config.simulated_kinetics == true and found.kinetics[true] > 0.99
     assert found.config.kinetics == true

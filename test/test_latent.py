@@ -266,7 +266,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
 @pytest.mark.slow
 def test_a_calibrated_model_is_taken_as_it_is(shaken):
     case, fitted = shaken
-    found = estimate_latent_inputs(case.dataset, fitted.config, request=LatentRequest(model='mas', fit=False))
+    found = estimate_latent_inputs(case.dataset, fitted.config, request=LatentRequest(kinetics='mas', fit=False))
     assert found.verdict == 'force_U_y' and found.config.parameters['beam.E'] == fitted.config.parameters['beam.E']
 
 

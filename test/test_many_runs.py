@@ -14,7 +14,7 @@ from sma_sim.evidence.estimation.run_subset import from_subset, to_subset
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
-FEW = FitOptions(free=('wire.lambda', 'beam.E'), model='mas', starts=1, intervals=False)
+FEW = FitOptions(free=('wire.lambda', 'beam.E'), kinetics='mas', starts=1, intervals=False)
 TRUTH = scaled(config('mas'), wire__lambda=1.1, beam__E=0.95)
 
 

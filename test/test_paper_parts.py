@@ -36,7 +36,7 @@ def test_plateaus_of_a_loop_are_means_of_its_outer_branches(monkeypatch):
         time = regular_times(source, samples)
         branch = np.searchsorted(source.times, time, side='right')
         added = np.array([0.0, 5e7, 0.0, 3e8, 3e8, 3e8])[branch]
-        stress = 1e9 * inputs_at(source, time)['strain'] + added - (1e7 if model.config.model == 'mas' else 0.0)
+        stress = 1e9 * inputs_at(source, time)['strain'] + added - (1e7 if model.config.simulated_kinetics == 'mas' else 0.0)
         return Made(time, stress_Pa=stress)
 
     monkeypatch.setattr(paper, 'complete_run', run)
@@ -45,7 +45,7 @@ def test_plateaus_of_a_loop_are_means_of_its_outer_branches(monkeypatch):
     assert loop.plateaus['mas'] == pytest.approx((middle + 4e7, middle - 1e7), rel=1e-9)
     assert (loop.T_E, len(loop.strain)) == (315.0, 2101)
     assert [loop.strain.max(), *loop.strain[[0, -1]]] == pytest.approx([0.075, 0.0, 0.0], abs=1e-12)
-    assert [config.model for config in seen] == list(MODEL_KINDS)
+    assert [config.simulated_kinetics for config in seen] == list(MODEL_KINDS)
     for config in seen:
         assert config.parameters['wire.lambda'] > 1e5 and config.parameters['initial.x_M_1'] == 0.0
     wire = paper.Model(seen[0]).compiled.wire
@@ -81,7 +81,7 @@ def test_runs_of_random_steps_compare_models_and_each_with_itself(monkeypatch):
     rtols, said = [], []
 
     def run(model, source, samples=20.0):
-        rtol, hybrid = model.config.parameters['solver.rtol'], model.config.model == 'hybrid'
+        rtol, hybrid = model.config.parameters['solver.rtol'], model.config.simulated_kinetics == 'hybrid'
         rtols.append(rtol)
         off = np.radians(float(hybrid) + (0.1 if rtol > EXACT_RTOL else 0.0))
         columns = {name: np.full(5, off) for name in COMPARED_COLUMNS}
@@ -107,7 +107,9 @@ def test_runs_of_random_steps_compare_models_and_each_with_itself(monkeypatch):
 
 def test_the_sine_is_shown_from_rest_in_its_second_period(monkeypatch):
     def run(model, source, samples):
-        return Made(samples, alpha_rad=2.0 * inputs_at(source, samples)['J_eq_W'] + (model.config.model == 'mas'))
+        return Made(
+            samples, alpha_rad=2.0 * inputs_at(source, samples)['J_eq_W'] + (model.config.simulated_kinetics == 'mas')
+        )
 
     monkeypatch.setattr(paper, 'complete_run', run)
     sine = paper.slow_sine()
@@ -117,7 +119,7 @@ def test_the_sine_is_shown_from_rest_in_its_second_period(monkeypatch):
 
 
 def test_a_run_that_was_cut_short_is_no_result(monkeypatch):
-    model, source = SimpleNamespace(config=SimpleNamespace(model='mas')), module_input([0.0, 1.0], [0.0, 0.0])
+    model, source = SimpleNamespace(config=SimpleNamespace(kinetics='mas')), module_input([0.0, 1.0], [0.0, 0.0])
     for reason, error in ((paper.STOPPED, KeyboardInterrupt), ('step limit reached', RuntimeError)):
         made = Made(np.zeros(1), reason=reason)
         monkeypatch.setattr(paper, 'simulate', lambda *_, made=made: made)

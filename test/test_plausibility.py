@@ -55,7 +55,7 @@ def test_an_effect_is_judged_by_its_realistic_range():
 def test_fit_and_diagnosis_say_it():
     """A robot that cools 1.8 times as fast as the model says: the fit explains it, with a value that is not plausible."""
     runs = dataset(scaled(config(), wire__lambda=1.8), (1, 2), 1.0, 25.0, rate=5.0, channels=('alpha', 'F_1'))
-    options = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
+    options = FitOptions(free=('wire.lambda', 'beam.E'), kinetics='hybrid', starts=1)
     fitted = calibrate(runs, config(), options)
     assert [implausible.name for implausible in fitted.implausible] == ['wire.lambda']
     assert any('instead of 450' in line and 'probably missing' in line for line in remarks_on(fitted))
@@ -76,7 +76,7 @@ def test_an_effect_three_times_as_strong_as_is_realistic_is_found_and_said_to_be
     """A plate three times as heavy as the model's: nothing realistic explains it."""
     truth = with_effect(config(), find_effects()['gravity'], {'g_y': -30.0})
     runs = dataset(truth, (1, 2, 3), 1.0, 25.0, rate=5.0, channels=('alpha', 'F_1'))
-    options = FitOptions(free=('wire.lambda', 'beam.E'), model='hybrid', starts=1)
+    options = FitOptions(free=('wire.lambda', 'beam.E'), kinetics='hybrid', starts=1)
     request = DiagnosisRequest('hybrid', options=options, equation=False, variants=False)
     found = diagnose(runs, config(), request=request)
     assert (found.verdict, found.effects) == ('missing_effect', ('gravity',))

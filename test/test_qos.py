@@ -41,7 +41,7 @@ def published(one, topic):
 def test_overrides_reach_the_graph_the_bag_and_the_parameters(tmp_path):
     file = tmp_path / 'robot.yaml'
     file.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'model': 'mas', 'qos_overrides': OVERRIDES}}}))
-    assert read_config(file).model == 'mas'  # the offline commands read the same file
+    assert read_config(file).simulated_kinetics == 'mas'  # the offline commands read the same file
     words = ('--params-file', str(file), '-p', f'node.record:={tmp_path / "bag"}', '-r', '__ns:=/left')
     with ros_client.Simulation(*words, namespace='/left') as one:
         joints, wires = published(one, '/left/joint_states'), published(one, '/left/wire_states')

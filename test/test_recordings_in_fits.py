@@ -278,7 +278,7 @@ def test_findings_are_the_effects_that_were_not_there_from_the_start():
 
 def test_what_is_fitted_when_nothing_is_asked_for():
     """No lengths; kinetics of MAS; resistivities where one is measured; no heat where the temperature is imposed."""
-    hybrid, mas = (set(default_names(Config(model=model))) for model in ('hybrid', 'mas'))
+    hybrid, mas = (set(default_names(Config(kinetics=model))) for model in ('hybrid', 'mas'))
     assert mas - hybrid == {'wire.V_L'} and {'wire.E_A', 'wire.lambda', 'beam.E'} <= hybrid
     assert not hybrid & {'wire.r0', 'beam.L', 'plate.W', 'wire.resistivity_A'}
     with_R = set(default_names(Config(), ('alpha', 'R_1')))

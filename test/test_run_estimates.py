@@ -123,7 +123,7 @@ def test_a_room_that_was_warmer_once_is_found(warmer, odd):
     warm = replace(source, values=source.values + np.array([0.0, warmer]))
     third = replace(recording(TRUTH, warm, seed=3, **WARM), source=source)
     found = calibrate(
-        replace(runs, recordings=(*runs.recordings, third)), config(), FitOptions(free=FREE, model='hybrid', starts=1)
+        replace(runs, recordings=(*runs.recordings, third)), config(), FitOptions(free=FREE, kinetics='hybrid', starts=1)
     )
     worst = disagreement(found.by_run)
     assert (worst.outlier.run if worst else None) == odd

@@ -179,7 +179,7 @@ def test_errors_of_runs_are_pooled_by_channel():
 
 def fit_of(problem, error, cost=1.0, left_out=float('nan'), model='hybrid'):
     """A fit with this error over noise, at z = 0, and what it makes of runs that are left out."""
-    problem = replace(problem, config=replace(problem.config, model=model))
+    problem = replace(problem, config=replace(problem.config, kinetics=model))
     z = np.zeros(len(problem.unknowns))
     return FitResult(problem, z, 0.5 * problem.samples * error**2 if cost is None else cost, 3, True, left_out)
 
@@ -248,14 +248,16 @@ def test_of_two_kinetics_the_more_probable_ones_are_taken(monkeypatch, evidences
     problem, tried = problem_of(2), []
 
     def search(_, config, __, ___):
-        tried.append(config.model)
-        return fit_of(replace(problem, config=config), 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.model], model=config.model)
+        tried.append(config.simulated_kinetics)
+        return fit_of(
+            replace(problem, config=config), 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.kinetics], model=config.kinetics
+        )
 
     monkeypatch.setattr(calibration, 'multistart_search', search)
     monkeypatch.setattr(calibration, 'log_evidences', lambda fits, _: evidences)
     found, probabilities = calibration.fit_with_kinetics(None, Config(), FitOptions(), SearchContext(None, Event()))
-    assert tried == ['hybrid', 'mas'] and (found.config.model, found.config.kinetics) == (taken, kinetics)
+    assert tried == ['hybrid', 'mas'] and (found.config.simulated_kinetics, found.config.kinetics) == (taken, kinetics)
     odds = math.exp(evidences[1] - evidences[0])
     assert probabilities['mas'] == pytest.approx(odds / (1.0 + odds)) and sum(probabilities.values()) == pytest.approx(1.0)
-    one, none = calibration.fit_with_kinetics(None, Config(), FitOptions(model='mas'), SearchContext(None, Event()))
-    assert one.config.model == 'mas' and not none
+    one, none = calibration.fit_with_kinetics(None, Config(), FitOptions(kinetics='mas'), SearchContext(None, Event()))
+    assert one.config.simulated_kinetics == 'mas' and not none

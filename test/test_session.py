@@ -44,8 +44,8 @@ def test_changes_are_versions(folder):
         third = session.change({'effects.gravity.g_x': 1.0, 'model': 'mas'})
         assert [second.number, third.number, third.parent] == [2, 3, 2]
         assert second.words == 'a stiffer wire' and third.words == 'model hybrid -> mas, effects.gravity.g_x 0 -> 1 m/s^2'
-        assert session.config().parameters['beam.E'] == 1.9e9 and session.config().model == 'mas'
-        assert session.config(2).parameters['wire.E_A'] == 12.5e9 and session.config(2).model == 'hybrid'
+        assert session.config().parameters['beam.E'] == 1.9e9 and session.config().simulated_kinetics == 'mas'
+        assert session.config(2).parameters['wire.E_A'] == 12.5e9 and session.config(2).simulated_kinetics == 'hybrid'
         assert session.change({'wire.E_A': 12.5e9}) == third, 'nothing changed'
         assert session.change(effects=[]).words == 'gravity off'
 

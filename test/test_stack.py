@@ -34,7 +34,7 @@ def commands(model, times, levels):
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_a_stack_of_one_is_the_module(kind):
     times, levels = [0.0, 5.0, 12.0, 20.0, 31.0, 40.0], [0.0, 12.0, -9.0, 14.0, -15.0, 0.0]
-    module = simulate(Model(Config(model=kind)), module_input(times, levels), 20.0)
+    module = simulate(Model(Config(kinetics=kind)), module_input(times, levels), 20.0)
     one = stack(1, kind)
     run = simulate(one, commands(one, times, levels), 20.0)
     for column, values in module.columns.items():

@@ -359,6 +359,9 @@ def test_random_parameters_of_every_structure():
                 for key, value in found.structure.default_values.items()
                 if key in found.structure.declared and key != found.structure.size_name
             }
+            for key, parameter in found.structure.declared.items():
+                if key in values:
+                    values[key] = min(max(values[key], parameter.bounds[0]), parameter.bounds[1])
             values['wire.l0'] = found.structure.default_values['wire.l0'] * fitting(found.structure, values)
             changed = {key.replace('.', '__'): value for key, value in values.items()}
             run = simulate(model_of(name, 'mas' if turn % 2 else 'hybrid', **changed), command_of(name), 5.0)

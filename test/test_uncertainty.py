@@ -64,7 +64,7 @@ def test_intervals_of_a_model_that_runs_at_the_tolerance_of_the_fit_only(monkeyp
     """As one may at the edge of what can be run: they are nearly the same."""
     data, options = (
         dataset(config('hybrid'), [1], 1.0, 20.0, rate=5.0),
-        FitOptions(free=('beam.E',), model='hybrid', starts=1),
+        FitOptions(free=('beam.E',), kinetics='hybrid', starts=1),
     )
     (known,) = calibrate(data, config(), options).uncertainty.intervals
 
@@ -103,7 +103,7 @@ def test_hybrid_wires_that_never_empty_do_not_show_their_length():
         np.testing.assert_allclose(same[name], run.channels[name], atol=2e-3 * noise, rtol=1e-6)
     names = ('wire.l0', 'wire.eps_T', 'wire.E_A', 'wire.E_M', 'wire.c_V', 'wire.lambda')
     noisy = recording(given, run.source, noise=1.0)
-    found = calibrate(Dataset((noisy,), NOISE), config(), FitOptions(free=names, model='hybrid', starts=1))
+    found = calibrate(Dataset((noisy,), NOISE), config(), FitOptions(free=names, kinetics='hybrid', starts=1))
     assert found.uncertainty is not None
     along = np.array([parameter.coordinate(other.parameters[parameter.name]) for parameter in choose_free(given, names)[0]])
     along /= np.linalg.norm(along)
@@ -119,7 +119,7 @@ def test_hybrid_wires_that_never_empty_do_not_show_their_length():
 def test_data_at_rest_tell_nothing_of_heat():
     runs = Dataset((recording(config(), module_input([0, 20], [0, 0]), noise=1.0),), NOISE)
     names = ('wire.c_V', 'wire.lambda', 'beam.E', 'beam.b_alpha')
-    found = calibrate(runs, config(), FitOptions(free=names, model='hybrid', starts=1))
+    found = calibrate(runs, config(), FitOptions(free=names, kinetics='hybrid', starts=1))
     assert found.uncertainty is not None
     seen = {one.name: one.seen for one in found.uncertainty.intervals}
     assert seen == {'wire.c_V': False, 'wire.lambda': False, 'beam.E': True, 'beam.b_alpha': False}
@@ -134,7 +134,7 @@ def test_intervals_hold_the_truth():
     inside = []
     for seed in range(4):
         runs = dataset(truth, [10 * seed + 1], noise=1.0)
-        found = calibrate(runs, config(), FitOptions(free=names, model='hybrid', starts=1))
+        found = calibrate(runs, config(), FitOptions(free=names, kinetics='hybrid', starts=1))
         assert found.uncertainty is not None
         for estimate in found.uncertainty.intervals:
             inside.append(estimate.low <= truth.parameters[estimate.name] <= estimate.high)

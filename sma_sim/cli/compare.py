@@ -90,7 +90,7 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
     lines = []
     for summary in summaries:
         comparison = summary.comparison
-        name, delay = f'{comparison.label} ({comparison.config.model} model)', 1e3 * comparison.delay
+        name, delay = f'{comparison.label} ({comparison.config.simulated_kinetics} model)', 1e3 * comparison.delay
         lines += [f'Compared {name} with the recordings; delay {delay:.3g} ms.', '',
                   table_text(SCORE_HEADER, channel_rows(summary)), '', *finding_lines(summary), '']  # fmt: skip
     return '\n'.join([*lines, *(change.text for change in pairs)]).rstrip()

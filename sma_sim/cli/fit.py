@@ -103,7 +103,7 @@ def step_words(label: str, iteration: int, cost: float) -> str:
 def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
     """The result for the terminal."""
     lines = [
-        f'Fitted the {found.config.model} model in {found.iterations} iterations ({found.seconds:.1f} s)'
+        f'Fitted the {found.config.simulated_kinetics} model in {found.iterations} iterations ({found.seconds:.1f} s)'
         + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else '') + '.',
         '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
         table_text(('error over noise', *found.channel_errors, 'all'), error_rows(found, predicted)),

@@ -161,7 +161,7 @@ def rival_text(plan: Plan) -> Iterator[str]:
         [
             (
                 hypothesis.name,
-                hypothesis.fitted.problem.config.model,
+                hypothesis.fitted.problem.config.simulated_kinetics,
                 f'{hypothesis.fitted.error * hypothesis.noise_factor:.3f}',
                 f'{best - hypothesis.log_evidence:.1f}',
             )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
 from sma_sim.model.config import Config
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
 from sma_sim.solver.model import Model
@@ -62,12 +64,16 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = [f'{name}={getattr(arguments, name)}' for name in ('model', 'system') if getattr(arguments, name)]
     config = config_for_replay(arguments, arguments.input, *chosen)
     check_rates(arguments, config)
-    check_writable(arguments.out)
+    check_writable(arguments.out, [arguments.input])
     if arguments.jumps:
-        check_writable(arguments.jumps)
+        check_writable(arguments.jumps, [arguments.input])
+        if os.path.abspath(arguments.jumps) == os.path.abspath(arguments.out):
+            raise UserError(f'--out and --jumps are both {arguments.out}: give two files')
     source = read_input_file(arguments.input, config, arguments.interpolation == 'linear', arguments.namespace)
     announce_first_compilation()
-    trajectory = run_model(Model(config), source, arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', PhysicsWarning)  # it is among the notes
+        trajectory = run_model(Model(config), source, arguments)
     for note in trajectory.notes:
         print(f'note: {note}', file=sys.stderr)
     imposed = inputs_at(source, trajectory.time)  # a temperature that is imposed stays what it is, to the last bit

@@ -35,14 +35,14 @@ def controls_of(config: Config, known: Mapping[str, FoundEffect]) -> dict[str, A
             'parameters': [
                 parameter_data(f'{group}.{p.name}', p, config.parameters[f'{group}.{p.name}'], defaults[f'{group}.{p.name}'])
                 for p in members
-                if config.model == 'mas' or f'{group}.{p.name}' not in OF_MAS
+                if config.simulated_kinetics == 'mas' or f'{group}.{p.name}' not in OF_MAS
             ],
         }
         for group, members in groups_of(structure).items()
         if group not in LEFT_OUT
     ]
     return {
-        'title': structure.title, 'system': config.system, 'model': config.model, 'models': list(MODELS),
+        'title': structure.title, 'system': config.system, 'model': config.simulated_kinetics, 'models': list(MODELS),
         'description': structure.description, 'groups': groups, 'effects': effects_data(config, known),
         'active': [active.found.effect.name for active in config.effects],
     }  # fmt: skip

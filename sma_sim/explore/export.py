@@ -168,7 +168,7 @@ def fit_lines(options: Mapping[str, Any]) -> list[str]:
 def diagnosis_lines(options: Mapping[str, Any]) -> list[str]:
     """A diagnosis."""
     asked = diagnosis_request(options, ())
-    words = f'{asked.model!r}, FOLDERS, {asked.seed}, equation={asked.equation}, variants={asked.variants}'
+    words = f'{asked.kinetics!r}, FOLDERS, {asked.seed}, equation={asked.equation}, variants={asked.variants}'
     request = f'DiagnosisRequest({words})'.replace('FOLDERS', "tuple(effect_folders_of(HERE / 'start.yaml', ()))")
     return [f'found = sma_sim.diagnose(fitted, config, held_out, {request})']
 

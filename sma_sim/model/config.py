@@ -2,24 +2,58 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
-from sma_sim.model.given import LISTS, SWITCH_WORDS, ConfigError, Given, add_effect, given_values, named_folders, names_in
-from sma_sim.model.parameters import SETTINGS, Parameter, Setting, joint_name_setting
-from sma_sim.model.structures.discovery import FoundStructure, find_structures, package_structures, structure_of_size
+from sma_sim.model.effects.discovery import (
+    ActiveEffect,
+    FoundEffect,
+    effects_on,
+    find_effects,
+    found_effect,
+    package_effects,
+)
+from sma_sim.model.effects.effect import Effect, EffectChoice
+from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.model.given import (
+    COMMAND_LINE,
+    KINETICS_NAMES,
+    LISTS,
+    SWITCH_WORDS,
+    ConfigError,
+    Given,
+    effect_words,
+    given_over,
+    given_values,
+    named_folders,
+    names_in,
+)
+from sma_sim.model.nearest import suggestion as suggestion
+from sma_sim.model.parameters import SETTINGS, Parameter, Setting, is_number, joint_name_setting
+from sma_sim.model.renamed import renamed, warn_of
+from sma_sim.model.structures.discovery import (
+    FoundStructure,
+    find_structures,
+    found_structure,
+    package_structures,
+    structure_of_size,
+)
 from sma_sim.model.structures.structure import Structure
 
 MODELS = ('hybrid', 'mas')
 AUTO = 'auto'  # of kinetics: fits take the more probable one, simulations are hybrid
+DEFAULT_SYSTEM = 'module'
+ARGUMENTS = {'system': 'system', 'model': 'kinetics', 'kinetics': 'kinetics', 'effects.active': 'effects'}  # of Config
+ROUNDING = 1e-12  # relative: by so much the values of a fit may lie beyond the bounds that it keeps to
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+GivenEffect: TypeAlias = str | Effect | EffectChoice | FoundEffect | ActiveEffect
+GivenEffects: TypeAlias = GivenEffect | Iterable[GivenEffect] | Mapping[str, Mapping[str, float] | None]
 
 
 def default_parameters(system: str = 'module') -> dict[str, float]:
@@ -35,18 +69,18 @@ def default_parameters(system: str = 'module') -> dict[str, float]:
     dict
         Values in SI units by full name, such as ``wire.E_A``.
 
+    Raises
+    ------
+    UserError
+        For a system that there is not.
+
     Examples
     --------
     >>> import sma_sim
     >>> sma_sim.default_parameters()['wire.r0']
     7.5e-05
     """
-    return package_structures()[system].structure.default_values
-
-
-def default_settings() -> dict[str, str | bool]:
-    """The node's texts and switches by full name."""
-    return {name: setting.default for name, setting in SETTINGS.items()}
+    return structure_named(system).structure.default_values
 
 
 def settings_of(structure: Structure) -> dict[str, Setting]:
@@ -55,53 +89,126 @@ def settings_of(structure: Structure) -> dict[str, Setting]:
     return dict(SETTINGS) | {full: joint_name_setting(name) for name, full in names.items()}
 
 
-@dataclass(frozen=True)
+@renamed(model='kinetics')
+@dataclass(frozen=True, init=False, repr=False)
 class Config:
-    """Checked parameters of a model.
+    """Checked parameters of a model: what is wrong raises where it is constructed, and nothing changes afterwards.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Values in SI units by full name, such as ``{'beam.E': 2.2e9}``, also of active effects (``effects.NAME.PARAMETER``).
+        Those that are left out have the defaults of the system.
+    system : str or Structure
+        What the wires pull on: a name such as ``'module'``, or a structure itself, also one of your own.
+    kinetics : str
+        How a wire transforms: ``'hybrid'`` or ``'mas'``, which everything keeps; ``'auto'``: fits take the more probable of
+        both, simulations are hybrid.
+    effects : sequence
+        What acts beside the model, one or several of ``sma_sim.effects.gravity(g_y=-9.81)``, ``'gravity:g_y=-9.81'`` as on
+        the command line, an `Effect`; or a mapping ``{'gravity': {'g_y': -9.81}}``.
+    settings : mapping
+        Settings of the node that are not numbers; those that are left out have their defaults.
+    own_structure : FoundStructure, optional
+        The structure where it is not one of the package and has files.
 
     Attributes
     ----------
-    parameters : mapping
-        Values in SI units by full name; those that are left out have the defaults of the system.
-    system, model : str
-        Name of the structure, such as ``'module'``; kinetics ``'hybrid'`` or ``'mas'``.
+    parameters, settings : mapping
+        All values, read-only.
+    system, kinetics : str
+        Name of the structure; kinetics.
     effects : tuple of ActiveEffect
         Active effects with their parameter values.
-    settings : mapping
-        Settings of the node that are not numbers.
-    own_structure : FoundStructure, optional
+    own_structure : FoundStructure or None
         The structure where it is not one of the package.
-    model_is_given : bool
-        Whether a file or a command line says which kinetics; then fits keep them.
 
     Raises
     ------
-    ConfigError
-        For a system that is not one of the package and is not given.
+    UserError
+        For an unknown name, a value that is no number or out of range, an effect or a structure that there is not.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> sma_sim.Config({'beam.E': 2.2e9}, kinetics='mas', effects=[sma_sim.effects.gravity(g_y=-9.81)])
+    Config(system='module', kinetics='mas', effects=['gravity'], {'beam.E': 2.2e+09})
     """
 
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    system: str = 'module'
-    model: str = 'hybrid'
-    effects: tuple[ActiveEffect, ...] = ()
-    settings: Mapping[str, str | bool] = field(default_factory=default_settings)
-    own_structure: FoundStructure | None = None
-    model_is_given: bool = field(default=False, compare=False)
+    parameters: Mapping[str, float]
+    system: str
+    kinetics: str
+    effects: tuple[ActiveEffect, ...]
+    settings: Mapping[str, str | bool]
+    own_structure: FoundStructure | None
 
-    def __post_init__(self) -> None:
-        if self.own_structure is None and self.system not in package_structures():
-            raise ConfigError(f'unknown system {self.system!r}: expected one of {", ".join(package_structures())}')
-        needed = self.structure.structure.default_values
-        if not needed.keys() <= self.parameters.keys():
-            object.__setattr__(self, 'parameters', needed | dict(self.parameters))
+    def __init__(
+        self,
+        parameters: Mapping[str, float] = NOTHING,
+        system: str | Structure | FoundStructure = 'module',
+        kinetics: str = AUTO,
+        effects: GivenEffects = (),
+        settings: Mapping[str, str | bool] = NOTHING,
+        own_structure: FoundStructure | None = None,
+    ) -> None:
+        base = structure_named(system, own_structure)
+        of_effects, values = split_parameters(as_mapping('parameters', parameters))
+        size = base.structure.size_name
+        if size in values:
+            base = structure_of_size(base, {size: checked_number(size, values[size], base.structure.declared)})
+        structure = base.structure
+        declared, texts = structure.all_parameters, settings_of(structure)
+        numbers = {
+            name: checked_number(name, one, declared)
+            for name, one in values.items()
+            if name in declared or not is_noise_elsewhere(name)
+        }
+        words = {name: Given(word, in_config('settings')) for name, word in as_mapping('settings', settings).items()}
+        for name in words.keys() - texts.keys():
+            raise ConfigError(f'unknown setting {name} ({in_config("settings")}){suggestion(name, texts)}')
+        chosen = {name: checked_setting(name, one, texts[name]) for name, one in words.items()}
+        numbers = structure.default_values | numbers
+        is_own = own_structure is not None or structure.family not in package_structures()
+        self.__dict__.update(
+            parameters=MappingProxyType(numbers),
+            system=system if isinstance(system, str) and own_structure is None else structure.family,
+            kinetics=checked_choice('kinetics', Given(kinetics, in_config('kinetics')), (*MODELS, AUTO)),
+            effects=chosen_effects(effects, of_effects, structure, numbers),
+            settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
+            own_structure=base if is_own else None,
+        )
+
+    def variant(
+        self,
+        parameters: Mapping[str, float] = NOTHING,
+        *,
+        kinetics: str | None = None,
+        effects: tuple[ActiveEffect, ...] | None = None,
+    ) -> Config:
+        """The same with some parameters, the kinetics or the effects changed, unchecked: for fits, which make thousands.
+
+        They keep within the bounds of what was checked.
+        """
+        made = object.__new__(Config)
+        made.__dict__.update(self.__dict__)
+        if parameters:
+            made.__dict__['parameters'] = MappingProxyType({**self.parameters, **parameters})
+        if kinetics is not None:
+            made.__dict__['kinetics'] = kinetics
+        if effects is not None:
+            made.__dict__['effects'] = effects
+        return made
 
     @property
-    def kinetics(self) -> str:
-        """``'hybrid'`` or ``'mas'`` where these kinetics were given, ``'auto'`` where fits may choose.
+    def simulated_kinetics(self) -> str:
+        """``'hybrid'`` or ``'mas'``: those of a simulation, and of a fit at hand."""
+        return MODELS[0] if self.kinetics == AUTO else self.kinetics
 
-        Hybrid is the default, so that only `model_is_given` tells whether it was given.
-        """
-        return self.model if self.model_is_given or self.model != MODELS[0] else AUTO
+    @property
+    def model(self) -> str:
+        """Old name of `simulated_kinetics`."""
+        warn_of(Config, 'model', 'kinetics')
+        return self.simulated_kinetics
 
     @property
     def structure(self) -> FoundStructure:
@@ -118,6 +225,7 @@ class Config:
         if name == own.name:
             return self
         other = package_structures()[name].structure
+        defaults = other.default_values
         values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
         effects = tuple(
             active
@@ -125,12 +233,170 @@ class Config:
             else replace(active, found=(active.found.plain or active.found).on(other, values))
             for active in self.effects
         )
-        return replace(self, system=name, own_structure=None, parameters=other.default_values | values, effects=effects)
+        kept = {n: v for n, v in values.items() if n in defaults}
+        settings = {n: v for n, v in self.settings.items() if n in settings_of(other)}
+        return Config(kept, name, self.kinetics, effects, settings)
+
+    def __repr__(self) -> str:
+        defaults = self.structure.structure.default_values
+        changed = ', '.join(
+            f'{name!r}: {value:g}' for name, value in self.parameters.items() if not same_number(value, defaults[name])
+        )
+        effects = ', '.join(repr(active.found.effect.name) for active in self.effects)
+        return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
+
+
+def same_number(one: float, other: float) -> bool:
+    """Whether two numbers are the same, or both are NaN."""
+    return one == other or math.isnan(one) and math.isnan(other)
+
+
+def is_noise_elsewhere(name: object) -> bool:
+    """Whether a parameter is the noise of a channel that only other structures have: it says nothing of a model."""
+    return any(name in found.structure.noise for found in package_structures().values())
+
+
+def in_config(argument: str) -> str:
+    """Where a value was given."""
+    return f'in Config({argument}=...)'
+
+
+def as_mapping(argument: str, given: object) -> Mapping[str, Any]:
+    """A mapping by name that was given to Config. Raises ConfigError."""
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"{argument} = {given!r} ({in_config(argument)}): expected a mapping such as {{'wire.E_A': 12e9}}")
+    return given
+
+
+def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Given], dict[str, Given]]:
+    """The parameters of effects, and all others. Raises ConfigError for what is no parameter but an argument of Config."""
+    of_effects, values = dict[str, Given](), dict[str, Given]()
+    for name, value in given.items():
+        if name in ARGUMENTS:
+            raise ConfigError(f'{name} is no parameter ({in_config("parameters")}): give Config({ARGUMENTS[name]}=...)')
+        part = of_effects if isinstance(name, str) and name.startswith('effects.') else values
+        part[name] = Given(value, in_config('parameters'))
+    return of_effects, values
+
+
+def structure_named(system: str | Structure | FoundStructure, own: FoundStructure | None = None) -> FoundStructure:
+    """The structure of this name, or the structure itself. Raises UserError for none, or for two that differ."""
+    if own is not None:
+        if system not in (DEFAULT_SYSTEM, own.structure.name, own.structure.family):
+            raise ConfigError(f'system = {system!r} ({in_config("system")}): own_structure is {own.structure.name!r}')
+        return own
+    if isinstance(system, FoundStructure):
+        return system
+    if isinstance(system, Structure):
+        return found_structure(system)
+    return package_structures()[checked_choice('system', Given(system, in_config('system')), tuple(package_structures()))]
+
+
+def as_sequence(given: Any) -> Sequence[Any]:
+    """Effects as they may be given: one or several; a mapping has values of parameters by name of the effect."""
+    if isinstance(given, Mapping):
+        return list(given.items())
+    if isinstance(given, str | Effect | EffectChoice | FoundEffect | ActiveEffect) or not isinstance(given, Iterable):
+        return [given]
+    return list(given)
+
+
+def chosen_effects(
+    effects: GivenEffects, given: dict[str, Given], structure: Structure, numbers: Mapping[str, float]
+) -> tuple[ActiveEffect, ...]:
+    """The active effects on a structure with these parameters; `given`: values of their parameters by full name.
+
+    Raises UserError.
+    """
+    found: Mapping[str, FoundEffect] = package_effects()
+    ready, names = dict[str, ActiveEffect](), list[str]()
+    for one in as_sequence(effects):
+        if isinstance(one, ActiveEffect):
+            ready[one.found.effect.name] = checked_active(one)
+            names.append(one.found.effect.name)
+        else:
+            named, found = put_effect(one, given, found, in_config('effects'))
+            names.append(named)
+    names_in('effects', Given(names, in_config('effects')))
+    for name in given:
+        if (owner := name.split('.')[1]) not in names:
+            raise ConfigError(f'{name} ({given[name].where}): {owner} is not active; give Config(effects=[{owner!r}])')
+    if len(ready) == len(names) and not given:
+        return tuple(ready.values())
+    wanted = [name for name in names if name not in ready]
+    asked = Given(wanted, in_config('effects'))
+    plain = {name.partition(SEPARATOR)[0] for name in wanted}
+    for name in plain - found.keys():
+        raise unknown_effect(name, found, asked)
+    on = effects_on({name: one for name, one in found.items() if name in plain}, wanted, structure, numbers)
+    declared = effect_parameters(on) | effect_parameters({name: one.found for name, one in ready.items()})
+    known = {name: Given(checked_number(name, one, declared), one.where) for name, one in given.items()}
+    every = {name: active_effect(name, on, known, asked) for name in wanted} | {
+        name: with_given(one, known) for name, one in ready.items()
+    }
+    return tuple(every[name] for name in names)
+
+
+def put_effect(
+    one: Any, given: dict[str, Given], found: Mapping[str, FoundEffect], where: str
+) -> tuple[str, Mapping[str, FoundEffect]]:
+    """The name of an effect as it may be given, and the effects that are known with it; its values go to `given`.
+
+    Raises UserError for what is no effect, or one of your own with the name of another.
+    """
+    values: Mapping[str, Any] | None
+    if isinstance(one, str):
+        name, values = effect_words(one)
+    elif isinstance(one, tuple):
+        name, values = one
+    elif isinstance(one, EffectChoice | Effect | FoundEffect):
+        choice = one if isinstance(one, EffectChoice) else EffectChoice(one if isinstance(one, Effect) else one.effect, {})
+        own = one if isinstance(one, FoundEffect) else found_effect(choice.effect, found)
+        name, values, found = choice.name, choice.values, {**found, choice.effect.plain_name: own.plain or own}
+    else:
+        raise ConfigError(f'effects: expected effects or their names, such as gravity; got {one!r} ({where})')
+    if values is not None and not isinstance(values, Mapping):
+        raise ConfigError(f"effects: expected values of {name} by name, such as {{'g_y': -9.81}}; got {values!r} ({where})")
+    given |= {f'effects.{name}.{parameter}': Given(value, where) for parameter, value in (values or {}).items()}
+    return str(name), found
+
+
+def unknown_effect(name: str, found: Mapping[str, FoundEffect], asked: Given) -> ConfigError:
+    """The error of an effect that there is not; `asked`: where it was switched on."""
+    return ConfigError(
+        f'unknown effect {name} (effects.active, {asked.where}){suggestion(name, found)}; known are '
+        f'{", ".join(sorted(found))}; your own need their folder in effects.paths'
+    )
+
+
+def checked_active(one: ActiveEffect) -> ActiveEffect:
+    """An effect that is ready to act. Raises ConfigError where it has not one value for each of its parameters."""
+    effect = one.found.effect
+    if len(one.values) != len(effect.parameters):
+        names = ', '.join(parameter.name for parameter in effect.parameters)
+        raise ConfigError(f'effect {effect.name}: got {len(one.values)} values; expected one for each of {names}')
+    for parameter, value in zip(effect.parameters, one.values, strict=True):
+        checked_value(f'effects.{effect.name}.{parameter.name}', Given(value, in_config('effects')), parameter)
+    return one
+
+
+def with_given(one: ActiveEffect, known: Mapping[str, Given]) -> ActiveEffect:
+    """An effect with the values that are known by full name."""
+    name, parameters = one.found.effect.name, one.found.effect.parameters
+    full = [f'effects.{name}.{parameter.name}' for parameter in parameters]
+    return replace(
+        one, values=tuple(float(known[n].value) if n in known else v for n, v in zip(full, one.values, strict=True))
+    )
 
 
 def flat_parameters(config: Config) -> dict[str, Any]:
     """All that a configuration says, by full name: `read_config` makes the same one of it."""
-    values: dict[str, Any] = {'system': config.system, 'model': config.model, **config.parameters, **config.settings}
+    values: dict[str, Any] = {
+        'system': config.system,
+        'model': config.simulated_kinetics,
+        **config.parameters,
+        **config.settings,
+    }
     values['effects.active'] = [active.found.effect.name for active in config.effects]
     values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.found.files)
     values['structures.paths'] = folders_of(config.structure)
@@ -151,23 +417,23 @@ def absolute_folders(files: Iterable[Path]) -> list[str]:
 
 
 def read_config(
-    path: Path | None = None,
-    words: Iterable[str] = (),
-    effects: Iterable[str] = (),
-    recorded: Mapping[str, Any] = MappingProxyType({}),
+    path: str | os.PathLike[str] | None = None,
+    words: str | Iterable[str] | Mapping[str, Any] = (),
+    effects: GivenEffects = (),
+    recorded: Mapping[str, Any] = NOTHING,
     source: str = 'a recording',
 ) -> Config:
     """Read a configuration: a YAML file, then ``name=value`` words over it; defaults for everything else.
 
     Parameters
     ----------
-    path : Path, optional
+    path : str or Path, optional
         A ROS 2 parameter file, as the node reads it.
-    words : iterable of str
-        Parameters as ``name=value``, SI units.
-    effects : iterable of str
-        Further active effects, as ``name`` or ``name:parameter=value,...``; ``name@scope`` acts in one wire, coordinate
-        or channel only.
+    words : str or iterable of str, or mapping
+        Parameters as ``'name=value'``, SI units, or values by full name.
+    effects : sequence
+        Further active effects, as `Config` takes them: ``'name'`` or ``'name:parameter=value,...'``, where ``name@scope``
+        acts in one wire, coordinate or channel only; ``sma_sim.effects.gravity(g_y=-9.81)``; one or several.
     recorded : mapping
         Values by full name that were recorded with data, which all others replace. Folders of effects that are only
         named there are not opened, because importing their files runs them.
@@ -187,44 +453,60 @@ def read_config(
     Examples
     --------
     >>> import sma_sim
-    >>> config = sma_sim.read_config(words=['beam.E=2.2e9'], effects=['gravity'])
-    >>> config.parameters['beam.E'], config.model
-    (2200000000.0, 'hybrid')
+    >>> config = sma_sim.read_config(words='beam.E=2.2e9', effects='gravity')
+    >>> config.parameters['beam.E'], config.kinetics
+    (2200000000.0, 'auto')
     """
     given = {name: Given(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
-    given |= given_values(path, words)
-    for word in effects:
-        add_effect(word, given)
-    return checked(given)
+    given = given_over(given, given_values(None if path is None else Path(path), words))
+    found: Mapping[str, FoundEffect] = {}
+    names = names_in('effects.active', given.get('effects.active', Given([], COMMAND_LINE)))
+    for one in as_sequence(effects):
+        name, found = put_effect(one, given, found, COMMAND_LINE)
+        names += [name] if name not in names else []
+        given['effects.active'] = Given(names, COMMAND_LINE)
+    return checked(given, found)
 
 
-def checked(given: Mapping[str, Given]) -> Config:
-    """Names, types and ranges checked; defaults filled in. Raises UserError."""
+def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOTHING) -> Config:
+    """Names, types and ranges checked; defaults filled in. Raises UserError.
+
+    `objects`: effects by name that are given as such.
+    """
     own = checked_structure(given)
     structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
     known = {name: Given(value, 'default') for name, value in defaults.items()}
     folders = given.get('effects.paths', Given([], ''))
-    found = find_effects([] if folders.recorded else named_folders('effects.paths', folders))
+    found = find_effects([] if folders.recorded else named_folders('effects.paths', folders)) | dict(objects)
     if folders.recorded:
         check_effects_found(given, found, folders)
     found = effects_on(found, names_of_effects(given), structure, numbers_within(given, defaults, ranges))
     declared = ranges | effect_parameters(found)
-    model, settings = AUTO, {name: setting.default for name, setting in texts.items()}
+    kinetics, settings = AUTO, dict[str, str | bool]()
     for name, entry in given.items():
-        if name == 'model':
-            model = checked_choice(name, entry, (*MODELS, AUTO))
+        if name in KINETICS_NAMES:
+            kinetics = checked_kinetics(name, entry, given)
         elif name in texts:
             settings[name] = checked_setting(name, entry, texts[name])
         elif name not in LISTS and name != 'system' and name not in structure.options:
             known[name] = Given(checked_number(name, entry, declared), entry.where)
-    active = names_in('effects.active', given.get('effects.active', Given([], '')))
-    effects = tuple(active_effect(name, found, known, given) for name in active)
+    asked = given.get('effects.active', Given([], ''))
+    effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
     values = {name: float(known[name].value) for name in defaults}
-    return Config(
-        values, structure.family, MODELS[0] if model == AUTO else model, effects, settings, own if own.files else None,
-        model != AUTO,
-    )  # fmt: skip
+    return Config(values, structure.family, kinetics, effects, settings, own if own.files else None)
+
+
+def checked_kinetics(name: str, one: Given, given: Mapping[str, Given]) -> str:
+    """The kinetics, which have two names in files. Raises ConfigError."""
+    kinetics = checked_choice(name, one, (*MODELS, AUTO))
+    for other in KINETICS_NAMES:
+        if other in given and given[other].value != kinetics:
+            raise ConfigError(
+                f'{other} = {given[other].value!r} ({given[other].where}), but {name} = {kinetics!r} ({one.where}): '
+                'expected one of these two names of the kinetics'
+            )
+    return kinetics
 
 
 def numbers_within(
@@ -272,7 +554,9 @@ def chosen_variant(
 def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:
     """One of a few words."""
     if one.value not in choices:
-        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(choices)}')
+        raise ConfigError(
+            f'{name} = {one.value!r} ({one.where}): expected one of {", ".join(choices)}{suggestion(one.value, choices)}'
+        )
     return str(one.value)
 
 
@@ -315,43 +599,31 @@ def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:
     return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.effect.parameters}
 
 
-def active_effect(
-    name: str, found: Mapping[str, FoundEffect], known: Mapping[str, Given], given: Mapping[str, Given]
-) -> ActiveEffect:
-    """An effect with its parameters, their defaults where nothing was given."""
+def active_effect(name: str, found: Mapping[str, FoundEffect], known: Mapping[str, Given], asked: Given) -> ActiveEffect:
+    """An effect with its parameters, their defaults where nothing was given. Raises ConfigError."""
     if name not in found:
-        where = given['effects.active'].where
-        raise ConfigError(
-            f'unknown effect {name} (effects.active, {where}){suggestion(name, found)}; known are '
-            f'{", ".join(sorted(found))}; your own need their folder in effects.paths'
-        )
-    names = {p.name: f'effects.{name}.{p.name}' for p in found[name].effect.parameters}
-    values = [
-        float(known[names[p.name]].value) if names[p.name] in known else p.default for p in found[name].effect.parameters
-    ]
-    return ActiveEffect(found[name], tuple(values))
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """What may have been meant."""
-    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
-    return f'; did you mean {" or ".join(close)}?' if close else ''
+        raise unknown_effect(name, found, asked)
+    return with_given(ActiveEffect(found[name], tuple(p.default for p in found[name].effect.parameters)), known)
 
 
 def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> float:
-    """One number within its bounds."""
+    """One number within its bounds. Raises ConfigError."""
     if name not in declared:
-        hint = suggestion(name, [*declared, 'system', 'model', *LISTS, *SETTINGS])
+        hint = suggestion(name, [*declared, 'system', *KINETICS_NAMES, *LISTS, *SETTINGS])
         raise ConfigError(f'unknown parameter {name} ({one.where}){hint}')
-    parameter, value = declared[name], one.value
-    low, high = parameter.bounds
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    return checked_value(name, one, declared[name])
+
+
+def checked_value(name: str, one: Given, parameter: Parameter) -> float:
+    """A value of a parameter, within its bounds. Raises ConfigError."""
+    value, (low, high) = one.value, parameter.bounds
+    if not is_number(value):
         unit = f' in {parameter.unit}'.removesuffix(' in -')
         raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number{unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):
         return number
-    if not low <= number <= high:
+    if not low - ROUNDING * abs(low) <= number <= high + ROUNDING * abs(high):
         unit = f' {parameter.unit}'.removesuffix(' -')
         raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}')
     return number

@@ -11,6 +11,7 @@ import yaml
 
 from sma_sim.model.errors import UserError
 
+KINETICS_NAMES = ('model', 'kinetics')  # in files, which go on having the first
 LISTS = ('effects.active', 'effects.paths', 'structures.paths')
 SWITCH_WORDS = {'true': True, 'false': False}
 COMMAND_LINE = 'on the command line'
@@ -40,18 +41,28 @@ def belongs_to_ros(name: str) -> bool:
     return name in OF_ROS or name.startswith(QOS_OVERRIDES)
 
 
-def given_values(path: Path | None, words: Iterable[str]) -> dict[str, Given]:
-    """What a YAML file and ``name=value`` words say, by full name."""
+def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, Any]) -> dict[str, Given]:
+    """What a YAML file and ``name=value`` words, or values by name, say, by full name. Raises ConfigError."""
     given: dict[str, Given] = {}
     if path is not None:
         values = {name: value for name, value in flatten(read_yaml(path)).items() if not belongs_to_ros(name)}
         given |= {name: Given(value, f'in {path}', path.parent) for name, value in values.items()}
-    for word in words:
+    if isinstance(words, Mapping):
+        return given_over(given, {name: Given(value, COMMAND_LINE) for name, value in words.items()})
+    for word in [words] if isinstance(words, str) else words:
+        if not isinstance(word, str):
+            raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {word!r}")
         name, equals, text = word.partition('=')
         if not equals:
             raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
-        given[name.strip()] = Given(parse(name.strip(), text), COMMAND_LINE)
+        given = given_over(given, {name.strip(): Given(parse(name.strip(), text), COMMAND_LINE)})
     return given
+
+
+def given_over(before: Mapping[str, Given], more: Mapping[str, Given]) -> dict[str, Given]:
+    """All values, `more` over those `before`; either name of the kinetics replaces the other."""
+    replaced = KINETICS_NAMES if any(name in more for name in KINETICS_NAMES) else ()
+    return {name: one for name, one in before.items() if name not in replaced} | dict(more)
 
 
 def structure_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
@@ -74,18 +85,16 @@ def parse(name: str, text: str) -> Any:
         return text
 
 
-def add_effect(word: str, given: dict[str, Given]) -> None:
-    """Put ``name:parameter=value,...`` into the given parameters."""
+def effect_words(word: str) -> tuple[str, dict[str, Any]]:
+    """The effect and the values by name of its parameters that ``name:parameter=value,...`` says. Raises ConfigError."""
     name, _, settings = word.partition(':')
-    before = given.get('effects.active', Given([], COMMAND_LINE))
-    names = names_in('effects.active', before)
-    given['effects.active'] = Given([*names, *([] if name in names else [name])], COMMAND_LINE)
+    values = {}
     for setting in settings.split(',') if settings else ():
         parameter, equals, text = setting.partition('=')
         if not equals:
             raise ConfigError(f'--effect {word}: expected name:parameter=value,..., got {setting!r}')
-        full = f'effects.{name}.{parameter.strip()}'
-        given[full] = Given(parse(full, text), COMMAND_LINE)
+        values[parameter.strip()] = parse(parameter.strip(), text)
+    return name, values
 
 
 def read_yaml(path: Path) -> Mapping[str, Any]:

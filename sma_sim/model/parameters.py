@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import NamedTuple
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
@@ -47,6 +48,27 @@ class Parameter:
     neutral: float | None = None
     realistic: tuple[float, float] | None = None
     quantity: str = ''
+
+
+def fault_of(parameter: Parameter) -> str:
+    """What is wrong with a declaration, '' for nothing."""
+    if not isinstance(parameter, Parameter):
+        return f'expected a Parameter among its parameters, got {parameter!r}'
+    name, unit, bounds = parameter.name, parameter.unit, parameter.bounds
+    if not (isinstance(bounds, tuple) and len(bounds) == 2 and all(map(is_number, (parameter.default, *bounds)))):
+        return f'parameter {name}: expected numbers, got default {parameter.default!r}, bounds {bounds!r}'
+    if not unit:
+        return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got ''"
+    low, high = bounds
+    for kind, value in (('default', parameter.default), ('neutral', parameter.neutral)):
+        if value is not None and not low <= value <= high:
+            return f'parameter {name}: {kind} {value:g} {unit}; expected {low:g} to {high:g}'
+    return ''
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is one number."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 WIRE_PARAMETERS = (

@@ -237,4 +237,4 @@ def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, wor
 def model_description(config: Config) -> str:
     """Which model runs, in a few words."""
     effects = ', '.join(active.found.effect.name for active in config.effects) or 'none'
-    return f'{config.model} model, effects {effects}'
+    return f'{config.simulated_kinetics} model, effects {effects}'

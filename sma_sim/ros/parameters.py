@@ -64,12 +64,15 @@ def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping
     for name, parameter in config.structure.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
     systems = dict.fromkeys((*package_structures(), config.system))
-    for name, choices in (('system', tuple(systems)), ('model', (*MODELS, AUTO))):
+    for name, value, choices in (
+        ('system', config.system, tuple(systems)),
+        ('model', config.simulated_kinetics, (*MODELS, AUTO)),
+    ):
         words = ParameterDescriptor(
             description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
             additional_constraints=f'one of {", ".join(choices)}',
         )  # fmt: skip
-        node.declare_parameter(name, getattr(config, name), words, ignore_override=True)
+        node.declare_parameter(name, value, words, ignore_override=True)
     for name, setting in settings_of(config.structure.structure).items():
         kind = ParameterType.PARAMETER_BOOL if isinstance(setting.default, bool) else ParameterType.PARAMETER_STRING
         words = ParameterDescriptor(description=setting.description, read_only=True, type=kind)

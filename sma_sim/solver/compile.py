@@ -19,7 +19,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from threading import RLock
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import llvmlite
@@ -120,13 +120,40 @@ def is_interpreted() -> bool:
     return bool(settings.DISABLE_JIT)
 
 
-def content_key(*paths: Path) -> str:
-    """Hash of the given files and of all sources of the package that take part in compilation."""
+def content_key(*paths: Path, code: str = '') -> str:
+    """Hash of the given files, of `code`, and of all sources of the package that take part in compilation."""
     sources = [file for folder in _COMPILED_FOLDERS for file in (_PACKAGE / folder).rglob('*.py')]
     digest = hashlib.sha256(f'{sys.version} {numba.__version__} {llvmlite.__version__}'.encode())
     for file in [*sorted(sources), *sorted(set(paths) - set(sources))]:
         digest.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
+    digest.update(code.encode())
     return digest.hexdigest()[:20]
+
+
+def code_of(*functions: Callable[..., Any] | None) -> str:
+    """What functions that no known file holds do, as text: their code, and the constants and functions that they use."""
+    parts: list[str] = []
+    pending, seen = [function for function in functions if function is not None], set[Any]()
+    while pending:
+        python = pending.pop()
+        if python in seen or not isinstance(python, FunctionType) or python.__module__.startswith(OWN):
+            continue
+        seen.add(python)
+        code = python.__code__
+        parts.append(text_of(code))
+        cells = [cell.cell_contents for cell in python.__closure__ or ()]
+        for value in (*cells, *(python.__globals__.get(name) for name in code.co_names)):
+            if isinstance(value, FunctionType):
+                pending.append(value)
+            elif isinstance(value, int | float | str | tuple):
+                parts.append(repr(value))
+    return '\n'.join(parts)
+
+
+def text_of(code: CodeType) -> str:
+    """A code object as text, without where it was written: a cell of a notebook has another name every time."""
+    constants = [text_of(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
+    return f'{code.co_name} {code.co_code.hex()} {code.co_names} {code.co_varnames} {constants}'
 
 
 def user_cache() -> Path:

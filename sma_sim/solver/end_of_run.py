@@ -1,19 +1,23 @@
-"""Why a run ended, in words, and what was moved at its start."""
+"""Why a run ended, in words, what was moved at its start, and what in it no robot would survive."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
 from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
 from sma_sim.solver.model import Model, new_findings
 
+Vector = NDArray[np.float64]
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
+MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -73,6 +77,29 @@ def odd_hysteresis(model: Model, run: Run) -> str:
                     f'eps_T + (1/E_M - 1/E_A) {name} is not positive there; check the effects that shift it, and wire.eps_T'
                 )
     return ''
+
+
+def melting_note(model: Model, temperatures: Vector) -> str:
+    """Which wire came to a temperature at which its alloy melts, '' for none; `temperatures` (k, wires) [K]."""
+    known = temperatures[np.isfinite(temperatures).all(axis=1)]
+    if not len(known) or known.max() <= MELTING_POINT:
+        return ''
+    wire = int(np.argmax(known.max(axis=0)))
+    return (
+        f'wire {wire + 1} comes to {known[:, wire].max():.0f} K; NiTi melts at {MELTING_POINT:.0f} K, which the model does '
+        'not know: check the command and its unit, wire.n, wire.r0 and wire.lambda'
+    )
+
+
+def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:
+    """Which commands are beyond what the node lets through."""
+    structure, J_max = model.structure, model.config.parameters['node.J_max']
+    values = np.asarray(source.values, float)[:, len(structure.drives) : -1]
+    return tuple(
+        f'{name} comes to {abs(column).max():g} W, beyond node.J_max = {J_max:g} W, at which the node cuts it off'
+        for name, column in zip(structure.commands, values.T, strict=False)
+        if abs(column).max() > J_max
+    )
 
 
 def notes_on_start(model: Model, run: Run) -> tuple[str, ...]:

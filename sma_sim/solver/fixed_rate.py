@@ -12,7 +12,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.columns import new_samples, sample_columns
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.end_of_run import notes_on_start, stop_reason
+from sma_sim.solver.end_of_run import notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import (
     C_LAST_JUMP,
@@ -198,4 +198,4 @@ def simulate_fixed_rate(
     times = (k_0 // every + np.arange(written)) * every / rate
     times[0] = k_0 / rate
     log = Log(samples, times, np.array([written]), run.jumps, WHOLE_ROWS)
-    return trajectory(model, log, run.run, reason, run.notes)
+    return trajectory(model, log, run.run, reason, (*run.notes, *notes_on_commands(model, source)))

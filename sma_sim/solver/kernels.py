@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from itertools import count, islice
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -13,8 +15,8 @@ from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OU
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.model.structures.discovery import FoundStructure, package_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
-from sma_sim.model.structures.structure import Structure, record
-from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
+from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.solver.compile import OWN, Compiler, carray, code_of, content_key, first_lines_of, write_source
 from sma_sim.solver.fields_read import check_fields, check_scope, fields_read
 from sma_sim.solver.kernel_text import (
     FUNCTIONS,
@@ -26,6 +28,8 @@ from sma_sim.solver.kernel_text import (
     part_of,
     wrapper_text,
 )
+
+NEUTRAL = 1e-9  # what may be left of an effect at neutral values, for a state of the size of 1
 
 
 class NativeEffect(NamedTuple):
@@ -65,11 +69,12 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
     effect = found.effect
     check_fields(effect)
     files, packages = (on.files, on.packages) if on else ((), ())
-    compiler = Compiler(content_key(*found.files, *files), (*found.packages, *packages))
+    code = code_of(effect.kernel, effect.rate, effect.start, *(functions_on(on.structure) if on else ()))
+    compiler = Compiler(content_key(*found.files, *files, code=code), (*found.packages, *packages))
     kinds = kernel_types(effect, on.structure if on else None)
     states = len(effect.states)
     built: list[Any] = []
-    for role, kernel, count in (
+    for role, kernel, outputs in (
         ('value', effect.kernel, outputs_of(effect, kinds)),
         ('rate', effect.rate, states),
         ('start', effect.start, states),
@@ -78,10 +83,17 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
         if kernel is None:
             built.append(None)
             continue
-        one = OneKernel(role, kernel, count, memory)
+        one = OneKernel(role, kernel, outputs, memory)
+        if role == 'value' and found.packages != OWN:
+            check_neutral(effect, one, kinds)
         text = (force_text if effect.needs else wrapper_text)(effect, one, kinds, returns_tuple(effect, one, kinds))
         built.append(_native(effect, one, kinds, text, compiler, f'_{on.structure.name}' if on else ''))
     return NativeEffect(*built)
+
+
+def functions_on(structure: Structure) -> tuple[Any, ...]:
+    """The structure's own functions that kernels may call."""
+    return tuple(getattr(part_of(structure), name) for name in FUNCTIONS)
 
 
 def outputs_of(effect: Effect, kinds: KernelTypes) -> int:
@@ -147,34 +159,70 @@ def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compi
         raise EffectError(f'effect {effect.name!r}: its {role} cannot be compiled: {first_lines_of(error)}') from error
 
 
+def arguments_of(effect: Effect, one: OneKernel, kinds: KernelTypes, values: Sequence[float]) -> list[Any]:
+    """What a kernel takes, for a trial: parameters at `values`, all else numbers of which no two are the same."""
+    some = count(0.5, 0.01)
+    fields, part, whole = kinds.state._fields, part_of(kinds.structure), one.role == 'value' and functions_of(effect)
+
+    def pose() -> Any:
+        return record('Pose', part.coordinate_names)(*islice(some, len(part.coordinates))) if whole else next(some)
+
+    given: list[Any] = [
+        kinds.state(*(pose() if field in ('q', 'dq') else next(some) for field in fields)),
+        kinds.constants(*islice(some, len(kinds.constants._fields))),
+        record('Parameters', parameter_fields(effect))(*values[: len(parameter_fields(effect))]),
+    ]
+    if one.memory:
+        given.append(record('Memory', effect.states)(*(pose() for _ in effect.states)))
+    return given + ([getattr(part, name) for name in functions_of(effect)] if whole else [])
+
+
+def state_at_start(effect: Effect, given: Sequence[Any]) -> list[Any]:
+    """The first values of the extra states, for what a kernel takes."""
+    if effect.start is not None:
+        started = effect.start(*given[:3])
+        return [started] if len(effect.states) == 1 and isinstance(given[3][0], tuple) else list(numbers(started))
+    return [one._replace(**dict.fromkeys(one._fields, 0.0)) if hasattr(one, '_fields') else 0.0 for one in given[3]]
+
+
+def check_neutral(effect: Effect, one: OneKernel, kinds: KernelTypes) -> None:
+    """Raise EffectError where an effect acts although its parameters are at their neutral values."""
+    if not any(parameter.neutral is not None for parameter in effect.parameters):
+        return
+    neutral = [p.default if p.neutral is None else p.neutral for p in effect.parameters]
+    given = arguments_of(effect, one, kinds, neutral)
+    if one.memory:
+        given[3] = given[3]._make(state_at_start(effect, given))
+    passed = {'actuation': 'J', 'sensing': 'value'}.get(effect.port)
+    nothing = getattr(given[0], passed) if passed else 0.0
+    try:
+        values = numbers(one.python(*given))
+    except ArithmeticError:
+        return
+    if any(abs(value - nothing) > NEUTRAL for value in values):
+        at = ', '.join(f'{p.name} = {value:g}' for p, value in zip(effect.parameters, neutral, strict=True))
+        returned, expected = ', '.join(f'{value:g}' for value in values), f's.{passed} as it is' if passed else '0'
+        raise EffectError(
+            f'effect {effect.name!r}: its kernel returns {returned} at its neutral values ({at}); expected {expected}: '
+            'change the kernel, or what is declared as neutral'
+        )
+
+
 def returns_tuple(effect: Effect, one: OneKernel, kinds: KernelTypes) -> bool:
     """Whether a kernel returns a tuple rather than a float, found by calling it once. Raises EffectError."""
-    role, kernel, outputs, memory = one
+    role, kernel, outputs, _ = one
     may_be_one = role == 'value' and PORT_MAY_RETURN_ONE[PORT_NAMES.index(effect.port)]
-    constants, fields = kinds.constants, kinds.state._fields
-    parameters = record('Parameters', parameter_fields(effect))
-    whole = role == 'value' and functions_of(effect)
-    part = part_of(kinds.structure)
-    pose = record('Pose', part.coordinate_names)(*[0.5] * len(part.coordinates)) if whole else 0.5
-    outputs = len(part.coordinates) if whole else outputs
-    given: list[Any] = [
-        kinds.state(*(pose if field in ('q', 'dq') else 0.5 for field in fields)),
-        constants(*[0.5] * len(constants._fields)),
-        parameters(*[p.default for p in effect.parameters][: len(parameters._fields)]),
-    ]
-    if memory:
-        given.append(record('Memory', effect.states)(*[pose] * len(effect.states)))
-    if whole:
-        given += [getattr(part, name) for name in functions_of(effect)]
+    outputs = len(part_of(kinds.structure).coordinates) if role == 'value' and functions_of(effect) else outputs
+    given = arguments_of(effect, one, kinds, [p.default for p in effect.parameters])
     try:
         value = kernel(*given)
     except ArithmeticError:
         return outputs != 1 and not may_be_one
     except Exception as error:
         raise EffectError(f'effect {effect.name!r}: its {role} fails: {type(error).__name__}: {error}') from error
-    count = len(value) if isinstance(value, tuple) else 1
-    if count != outputs and not (count == 1 and may_be_one):
+    returned = len(numbers(value))
+    if returned != outputs and not (returned == 1 and may_be_one):
         what = f'port {effect.port} takes' if role == 'value' else f'its states {", ".join(effect.states)} are'
         wanted = f'1 or {outputs}' if may_be_one else f'{outputs}'
-        raise EffectError(f'effect {effect.name!r}: its {role} returns {count} numbers, {what} {wanted}')
+        raise EffectError(f'effect {effect.name!r}: its {role} returns {returned} numbers, {what} {wanted}')
     return isinstance(value, tuple)

@@ -64,14 +64,14 @@ class Model:
     def effects(self) -> tuple[EffectTable, tuple[float, ...]]:
         """The table of the active effects, and the scales of their extra states."""
         config, before = self.config, 2 * len(self.structure.coordinates) + self.wires
-        first_state = before + (self.wires if config.model == 'mas' else 0)
+        first_state = before + (self.wires if config.simulated_kinetics == 'mas' else 0)
         return effect_table(config.effects, config.structure, first_state, self.wire, self.constants)
 
     @cached_property
     def compiled(self) -> System:
         """What the compiled flow reads."""
         config, structure = self.config, self.structure
-        n, mas = len(structure.coordinates), config.model == 'mas'
+        n, mas = len(structure.coordinates), config.simulated_kinetics == 'mas'
         first_T, wire, (table, _) = 2 * n, self.wire, self.effects
         acting = table.port_start[STRUCTURE_FORCE + 1] - table.port_start[STRUCTURE_FORCE]
         if acting > MOST_EFFECTS:
@@ -91,7 +91,7 @@ class Model:
     def scales(self) -> Vector:
         """The size of every state, for the error control and the difference steps; its length is the state's."""
         pose = [coordinate.size(self.constants) for coordinate in self.structure.coordinates]
-        wires = [30.0] * self.wires + [0.1] * (self.wires if self.config.model == 'mas' else 0)
+        wires = [30.0] * self.wires + [0.1] * (self.wires if self.config.simulated_kinetics == 'mas' else 0)
         _, extra = self.effects
         return np.array([*pose, *rate_scales(self.structure, self.constants), *wires, *extra])
 

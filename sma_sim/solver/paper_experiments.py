@@ -124,7 +124,7 @@ def complete_run(model: Model, source: Input, samples: Vector | float = SAMPLE_R
     if done.reason == STOPPED:
         raise KeyboardInterrupt
     if not done.completed:
-        raise RuntimeError(f'{model.config.model}: the run ended at {done.end:g} s: {done.reason}')
+        raise RuntimeError(f'{model.config.simulated_kinetics}: the run ended at {done.end:g} s: {done.reason}')
     return done
 
 

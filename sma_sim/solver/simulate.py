@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.layout import (
     O_EPS,
     O_LENGTH,
@@ -18,11 +19,12 @@ from sma_sim.model.layout import (
     InputPoint,
     SystemState,
 )
+from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.solver.columns import named_columns, new_samples, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.end_of_run import notes_on_start, stop_reason
+from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.inputs import Input, pieces, requested_times
 from sma_sim.solver.integrate import (
@@ -106,7 +108,11 @@ class Trajectory:
         return float(self.time[-1]) if len(self.time) else float('nan')
 
     def __getitem__(self, name: str) -> Vector:
-        return self.columns[name] if name in self.columns else self.resistances[name]
+        for columns in (self.columns, self.resistances):
+            if name in columns:
+                return columns[name]
+        known = [*self.columns, *self.resistances]
+        raise UnknownNameError(f'no column {name!r}{suggestion(name, known)}; the columns are {", ".join(known)}')
 
 
 NAMED_EDGES = tuple((GUARD_NAMES[guard], source, target) for source, target, guard in EDGES)  # as a jump has them
@@ -247,7 +253,7 @@ def simulate(
     times, values, slopes = pieces(source)
     work = new_work(model)
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
-    start_notes = () if initial_state else notes_on_start(model, run)
+    notes = (() if initial_state else notes_on_start(model, run)) + notes_on_commands(model, source)
     asked = requested_times(source, sample_times)
     limits = Limits(float(max_step), int(max_steps), min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
@@ -266,7 +272,7 @@ def simulate(
                 progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
     except KeyboardInterrupt:
         reason = STOPPED
-    return trajectory(model, log, run, reason, start_notes)
+    return trajectory(model, log, run, reason, notes)
 
 
 def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
@@ -276,9 +282,13 @@ def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
 
 
 def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
-    """What a run left behind, with names."""
+    """What a run left behind, with names. Warns of wires that would have melted."""
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
+    hot = melting_note(model, temperatures_of(model, columns, run))
+    if hot:
+        warnings.warn(hot, PhysicsWarning, stacklevel=3)
+        notes = (*notes, hot)
     return Trajectory(
         time=log.times[written],
         columns=columns,
@@ -292,6 +302,14 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
         state=run,
         notes=notes,
     )
+
+
+def temperatures_of(model: Model, columns: Mapping[str, Vector], run: Run) -> NDArray[np.float64]:
+    """The temperatures of the wires (k, wires) [K] in the samples, the last one at the end of the run."""
+    first = model.compiled.first_T
+    last = run.state.y[None, first : first + model.wires]
+    names = [f'T{suffix}_K' for suffix in model.structure.wire_suffixes]
+    return np.vstack([np.column_stack([columns[name] for name in names]), last]) if set(names) <= columns.keys() else last
 
 
 def named_jumps(jumps: Any, count: int) -> tuple[Jump, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V, RANGE
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Structure, numbers, record
-from sma_sim.solver.compile import Compiler, carray, content_key, first_lines_of, write_source
+from sma_sim.solver.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
 
 Vector = NDArray[np.float64]
 SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all segments in series
@@ -60,7 +60,8 @@ def native_structure(found: FoundStructure) -> NativeStructure:
     if not structure.coordinates:
         return NativeStructure(None, None, None)
     kernels = checked_kernels(structure)
-    compiler = Compiler(content_key(*found.files), found.packages)
+    code = code_of(*(kernel.python for kernel in kernels.values()))
+    compiler = Compiler(content_key(*found.files, code=code), found.packages)
     texts = (kinematics_text(structure, kernels), speeds_text(structure), motion_text(structure, kernels))
     return NativeStructure(*(compiled(structure, text, kernels, compiler) for text in texts))
 

@@ -85,7 +85,7 @@ def candidate_effects(
     `callbacks`: the first gets what is being done, the second every effect as it is known. Raises UserError.
     """
     on_progress, on_candidate = callbacks
-    options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
+    options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     found = calibrate(fitted, config, options, executor)
     problem, z = problem_at(fitted, config, found)
     candidates = [candidate for candidate in candidates_for(config, folders) if names is None or candidate.name in names]
@@ -125,7 +125,9 @@ def errors_of(fitted: Dataset, config: Config, executor: Executor) -> tuple[dict
 def problem_at(fitted: Dataset, config: Config, found: Calibration) -> tuple[Problem, Vector]:
     """The problem of a calibration on thinned samples, and its point at a model whose delay and starts are known."""
     longest = max(len(recording.time) for recording in fitted.recordings)
-    problem = problem_for(fitted, config, FitOptions(model=config.model), max(1, longest // SEARCH_SAMPLES), False)
+    problem = problem_for(
+        fitted, config, FitOptions(kinetics=config.simulated_kinetics), max(1, longest // SEARCH_SAMPLES), False
+    )
     free = [parameter.coordinate(config.parameters[parameter.name]) for parameter in problem.free]
     delay = [] if problem.delay is not None else [DELAY.coordinate(found.delay)]
     own = [z for fit in found.runs for z in own_unknowns(fit)]

@@ -110,7 +110,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
     uncertainty = found.uncertainty
     intervals = {interval.name: interval for interval in uncertainty.intervals} if uncertainty else {}
     return {
-        'model': found.config.model,
+        'model': found.config.simulated_kinetics,
         'parameters': {
             parameter.name: {
                 'value': found.values[parameter.name], 'unit': parameter.unit, **interval_data(intervals.get(parameter.name))

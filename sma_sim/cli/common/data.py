@@ -92,7 +92,7 @@ def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
             raise UserError(f'{path}: expected a name that ends in {suffixes[0]}')
     for path in (arguments.report, arguments.json, *more):
         if path is not None:
-            check_writable(path)
+            check_writable(path, [*arguments.data, *map(Path, arguments.hold_out)])
 
 
 def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, Dataset | None]:

@@ -91,8 +91,11 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
     write_whole(path, fill)
 
 
-def check_writable(path: Path) -> None:
-    """Raise UserError, before any long work, where a file could not be written."""
+def check_writable(path: Path, read: Iterable[Path] = ()) -> None:
+    """Raise UserError, before any long work, where a file could not be written, or is one of those that are `read`."""
+    for file in read:
+        if file.exists() and path.exists() and os.path.samefile(file, path):
+            raise UserError(f'cannot write {path}: it is read as {file}, and would be lost; give another name')
     if path.is_dir():
         raise UserError(f'cannot write {path}: it is a folder')
     if not os.access(path.parent, os.W_OK):

@@ -201,8 +201,8 @@ def diagnose(
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
-    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
-    >>> request = DiagnosisRequest(model='hybrid', options=options, equation=False)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), kinetics='hybrid', starts=1, intervals=False)
+    >>> request = DiagnosisRequest(kinetics='hybrid', options=options, equation=False)
     >>> sma_sim.diagnose(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
@@ -213,7 +213,7 @@ def diagnose(
     with stoppable() as stop, executor_or_threads(executor) as pool:
         context = SearchContext(
             pool, stop, on_progress, request.folders, request.seed, variants=request.variants,
-            kinetics=kinetics_to_try(request.model, config), on_model=request.on_model,
+            kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
         )  # fmt: skip
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
         if training.floor and held_out is not None:

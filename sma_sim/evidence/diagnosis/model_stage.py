@@ -44,7 +44,7 @@ class ModelStage:
     @property
     def model(self) -> str:
         """`hybrid` or `mas`."""
-        return self.config.model
+        return self.config.simulated_kinetics
 
     @property
     def config(self) -> Config:

@@ -30,7 +30,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
     first = diagnosis.selection_steps[0] if diagnosis.selection_steps else None
     found: dict[str, Any] = finite({
         'verdict': diagnosis.verdict,
-        'model': diagnosis.calibration.config.model,
+        'model': diagnosis.calibration.config.simulated_kinetics,
         'effects': plain_names(diagnosis.effects),
         'variants': variants(diagnosis),
         'taken_back': plain_names(diagnosis.taken_back),

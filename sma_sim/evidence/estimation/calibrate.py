@@ -38,6 +38,8 @@ from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, 
 from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
+from sma_sim.model.renamed import renamed
 from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
@@ -51,15 +53,16 @@ SAME_OPTIMUM = 2.0  # minimisations whose costs differ by less have found the sa
 AT_BOUND = 1e-6
 
 
+@renamed(model='kinetics')
 @dataclass(frozen=True)
 class FitOptions:
     """How to fit.
 
     Attributes
     ----------
-    free : tuple of str or None
+    free : str, sequence of str, or None
         Full names of the parameters to fit; None: those that such data determine.
-    model : str or None
+    kinetics : str or None
         ``'hybrid'``, ``'mas'``, or ``'auto'`` for the more probable of both; None: as the configuration says
         (`Config.kinetics`).
     starts : int
@@ -74,12 +77,28 @@ class FitOptions:
         Whether to compute 95 % intervals.
     """
 
-    free: tuple[str, ...] | None = None
-    model: str | None = None
+    free: str | Sequence[str] | None = None
+    kinetics: str | None = None
     starts: int = 2
     robust: bool = False
     seed: int = 0
     intervals: bool = True
+
+    def __post_init__(self) -> None:
+        for name in self.names or ():
+            if not isinstance(name, str):
+                raise UserError(f"free: expected names of parameters such as 'beam.E', got {name!r}")
+        known = (*MODELS, AUTO)
+        if self.kinetics not in (None, *known):
+            hint = suggestion(self.kinetics, known)
+            raise UserError(f'kinetics = {self.kinetics!r}: expected one of {", ".join(known)}{hint}')
+        if isinstance(self.starts, bool) or not isinstance(self.starts, int) or self.starts < 1:
+            raise UserError(f'starts = {self.starts!r}: expected a whole number, 1 or more')
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The parameters to fit: `free`, of which a single one may stand alone."""
+        return (self.free,) if isinstance(self.free, str) else None if self.free is None else tuple(self.free)
 
 
 @dataclass(frozen=True)
@@ -183,15 +202,15 @@ def calibrate(
     >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
     >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
     >>> start = sma_sim.read_config(words=['beam.E=1.9e9'])
-    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), kinetics='hybrid', starts=1, intervals=False)
     >>> f"{sma_sim.calibrate(dataset, start, options).values['beam.E']:.3g}"
     '2e+09'
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
     config = on_leading_bench(config, dataset)
-    if options.free != ():  # else the model is to be compared as it is; what is named starts from what was given
-        config = starting_model(dataset, config, options.free is None)
+    if options.names != ():  # else the model is to be compared as it is; what is named starts from what was given
+        config = starting_model(dataset, config, options.names is None)
     with executor_or_threads(executor) as pool:
         context = SearchContext(pool, Event(), silent, (), options.seed, progress)
         best, probabilities = fit_with_kinetics(dataset, config, options, context)
@@ -209,10 +228,10 @@ def fit_with_kinetics(
 
     Where the data do not decide they stay open, so that a later fit may choose again, and hybrid as they are by default.
     """
-    tried, fits = kinetics_to_try(options.model, config), list[FitResult]()
+    tried, fits = kinetics_to_try(options.kinetics, config), list[FitResult]()
     for model in tried:
         if not (fits and context.stop.is_set()):
-            known = replace(config, model=model, model_is_given=True)
+            known = config.variant(kinetics=model)
             fits.append(multistart_search(dataset, known, options, context))
     if len(fits) == 1:
         return fits[0], {}
@@ -221,12 +240,12 @@ def fit_with_kinetics(
     if abs(evidences[0] - evidences[1]) >= DECISIVE:
         return fits[int(np.argmax(evidences))], probabilities
     problem = fits[0].problem
-    undecided = replace(problem, config=replace(problem.config, model_is_given=False))
+    undecided = replace(problem, config=problem.config.variant(kinetics=AUTO))
     return replace(fits[0], problem=undecided), probabilities
 
 
 def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
-    """What `asked` says, as in `FitOptions.model`: both for ``'auto'``."""
+    """What `asked` says, as in `FitOptions.kinetics`: both for ``'auto'``."""
     model = config.kinetics if asked is None else asked
     return MODELS if model == AUTO else (model,)
 
@@ -239,10 +258,6 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
         if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
             raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                             f'{config.system}: change it, or leave the recording out')  # fmt: skip
-    if options.model not in (None, *MODELS, AUTO):
-        raise UserError(f'model {options.model!r}: expected one of {", ".join((*MODELS, AUTO))}')
-    if options.starts < 1:
-        raise UserError(f'starts = {options.starts}: expected 1 or more')
 
 
 def on_leading_bench(config: Config, dataset: Dataset) -> Config:
@@ -262,8 +277,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     structures = [known_structures()[recording.system] for recording in dataset.recordings]
     if step_limited and all(map(has_tangents, structures)):
-        rtol *= LOOSER[config.model]
-    names = with_nuisance_names(options.free, dataset, config)
+        rtol *= LOOSER[config.simulated_kinetics]
+    names = with_nuisance_names(options.names, dataset, config)
     free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(structure.is_quasi_static for structure in structures)
@@ -295,7 +310,9 @@ def multistart_search(
     points = starting_points(subset, shown_by_curves(dataset, config), options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
-        partial(minimized_from, point, subset, weak if k else criteria, context, f'{config.model}, start {k + 1}')
+        partial(
+            minimized_from, point, subset, weak if k else criteria, context, f'{config.simulated_kinetics}, start {k + 1}'
+        )
         for k, point in enumerate(points)
     ]
     fits = run_in_threads(jobs, context.stop)
@@ -315,7 +332,7 @@ def continued_fit(
     fit: FitResult, problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str
 ) -> FitResult:  # fmt: skip
     """A fit continued from z on another problem with the same parameters; iterations of both."""
-    job = partial(minimize, problem, z, criteria, context, f'{problem.config.model}, {label}')
+    job = partial(minimize, problem, z, criteria, context, f'{problem.config.simulated_kinetics}, {label}')
     (found,) = run_in_threads([job], context.stop)
     return replace(
         found, iterations=fit.iterations + found.iterations, cross_validated_error=fit.cross_validated_error,
@@ -350,7 +367,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
-        fixed=choose_free(last.problem.config, options.free, dataset.channels)[1],
+        fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
         uncertainty=known, interrupted=context.stop.is_set(),
         seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known), by_run=by_run,
     )  # fmt: skip
@@ -371,14 +388,14 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
         channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
         interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
-        cross_validation={fit.config.model: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,
+        cross_validation={fit.config.simulated_kinetics: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,
         seconds=0.0,
     )  # fmt: skip
 
 
 def with_tolerance(config: Config, rtol: float) -> Config:
     """The configuration with another solver.rtol."""
-    return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
+    return config.variant({'solver.rtol': rtol})
 
 
 def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:

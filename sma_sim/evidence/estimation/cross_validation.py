@@ -256,4 +256,4 @@ def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:
     """The configuration with the mean start of the runs as initial.x_M_*."""
     x = np.mean([fit.x_M for fit in fits if fit.x_M] or [()], axis=0)
     initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
-    return replace(config, parameters={**config.parameters, **initial})
+    return config.variant(initial)

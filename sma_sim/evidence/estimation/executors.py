@@ -30,7 +30,7 @@ class PickledConfig:
         config = self.config
         folders = {str(file.parent) for active in config.effects for file in active.found.files}
         effects = [(active.found.effect.name, active.values) for active in config.effects]
-        kind = (config.system, config.model, folders_of(config.structure))
+        kind = (config.system, config.kinetics, folders_of(config.structure))
         return unpickled_config, (dict(config.parameters), kind, effects, sorted(folders))
 
 

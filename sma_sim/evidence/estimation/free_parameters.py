@@ -68,7 +68,7 @@ class Equivalence:
 def equivalences(config: Config, measured: Collection[str] = ()) -> tuple[Equivalence, ...]:
     """Exact equivalences of the equations (docs/explanation/calibration.md derives them); `measured`: the channels."""
     thickness = RESISTIVITY_NAMES[:2] if any(map(is_resistance, measured)) else ()  # a resistance shows resistivity/r0^2
-    stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.model == 'mas' else ())
+    stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.simulated_kinetics == 'mas' else ())
     return (
         Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),
         Equivalence('wire.T0', ('wire.sigma_MW0',), 'a shift of T0 is a shift of sigma_MW0 (MAS8a)'),
@@ -87,7 +87,7 @@ def why_unidentifiable(name: str, config: Config, measured: Collection[str] | No
     """
     if name in RESISTIVITY_NAMES and measured is not None and not any(map(is_resistance, measured)):
         return 'no resistance is measured'
-    if name in KINETICS_NAMES and config.model == 'hybrid':
+    if name in KINETICS_NAMES and config.simulated_kinetics == 'hybrid':
         return 'the hybrid model has no kinetics'
     if not config.structure.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
         return 'one wire on a test bench has no structure'
@@ -101,7 +101,7 @@ def default_names(config: Config, measured: Collection[str] = ()) -> tuple[str, 
 
     Resistivities where `measured` has a resistance.
     """
-    kinetics = ('wire.V_L',) if config.model == 'mas' else ()
+    kinetics = ('wire.V_L',) if config.simulated_kinetics == 'mas' else ()
     structure = config.structure.structure
     material = tuple(name for name in MATERIAL_NAMES if structure.imposed_temperature < 0 or name not in HEAT_NAMES)
     resistivities = RESISTIVITY_NAMES if any(map(is_resistance, measured)) else ()
@@ -137,7 +137,7 @@ def with_values(config: Config, values: Mapping[str, float]) -> Config:
         for active in config.effects
     )  # fmt: skip
     own = {name: value for name, value in values.items() if name in config.parameters}
-    return replace(config, parameters={**config.parameters, **own}, effects=effects)
+    return config.variant(own, effects=effects)
 
 
 def free_parameter(name: str, value: float, declared: Parameter) -> FreeParameter:

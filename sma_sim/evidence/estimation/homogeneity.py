@@ -76,7 +76,7 @@ def run_stress(
     config: Config, dataset: Dataset, recording: Recording, held_out: bool, executor: Executor | None
 ) -> RunStress | None:
     """One run on its own, None where it does not determine both."""
-    options = FitOptions(free=STRESS_NAMES, model=config.model, starts=1)
+    options = FitOptions(free=STRESS_NAMES, kinetics=config.simulated_kinetics, starts=1)
     found = calibrate(replace(dataset, recordings=(recording,)), config, options, executor)
     known = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     if set(known) != set(STRESS_NAMES) or not all(interval.seen for interval in known.values()):

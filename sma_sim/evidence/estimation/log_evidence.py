@@ -44,14 +44,14 @@ def log_evidence(fit: FitResult, k: float, pool: Executor) -> float:
 def kinetics_probabilities(fits: Sequence[FitResult], evidences: Sequence[float]) -> Mapping[str, float]:
     """The posterior probability of the kinetics of each fit, prior 1/2."""
     weights = [exp(evidence - max(evidences)) for evidence in evidences]
-    return {fit.problem.config.model: weight / sum(weights) for fit, weight in zip(fits, weights, strict=True)}
+    return {fit.problem.config.simulated_kinetics: weight / sum(weights) for fit, weight in zip(fits, weights, strict=True)}
 
 
 def kinetics_sentence(config: Config, probabilities: Mapping[str, float]) -> str:
     """Which kinetics a fitted model has, and whether they were given; `probabilities` of both where they were not."""
     if not probabilities:
-        return f'kinetics: {config.model}, as given (--model auto fits both)'
+        return f'kinetics: {config.simulated_kinetics}, as given (--model auto fits both)'
     shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
     if config.kinetics == AUTO:
-        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {config.model} was taken'
-    return f'kinetics: none were given, {config.model} is more probable (probabilities: {shown})'
+        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {config.simulated_kinetics} was taken'
+    return f'kinetics: none were given, {config.simulated_kinetics} is more probable (probabilities: {shown})'

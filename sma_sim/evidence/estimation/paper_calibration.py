@@ -89,7 +89,7 @@ def calibrate_as_the_paper(
 def fitted_at(dataset: Dataset, config: Config, names: tuple[str, ...], executor: Executor | None) -> Calibration:
     """A hybrid fit with T0 at the temperature of the loop, so that sigma_MW0 is sigma_MW there."""
     here = {**config.parameters, 'wire.T0': temperature(dataset.recordings[0])}
-    return calibrate(dataset, replace(config, parameters=here), FitOptions(free=names, model='hybrid'), executor)
+    return calibrate(dataset, replace(config, parameters=here), FitOptions(free=names, kinetics='hybrid'), executor)
 
 
 def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:

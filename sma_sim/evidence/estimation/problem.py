@@ -131,7 +131,7 @@ class Problem:
 
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
-        return replace(self, config=replace(self.config, parameters={**self.config.parameters, 'solver.rtol': rtol}))
+        return replace(self, config=self.config.variant({'solver.rtol': rtol}))
 
 
 @dataclass(frozen=True)

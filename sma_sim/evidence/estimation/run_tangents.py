@@ -129,8 +129,8 @@ def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
 def loosened(run: FitData, config: Config) -> Config:
     """The configuration on the bench of a run, at the tolerance of runs that give tangents."""
     config = run.on_bench(config)
-    rtol = (1.0 if run.step_limited else LOOSER[config.model]) * config.parameters['solver.rtol']
-    return replace(config, parameters={**config.parameters, 'solver.rtol': rtol})
+    rtol = (1.0 if run.step_limited else LOOSER[config.simulated_kinetics]) * config.parameters['solver.rtol']
+    return config.variant({'solver.rtol': rtol})
 
 
 def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ either way. These points of the phase diagram lie near two lines, sigma_A(T) and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -131,7 +131,7 @@ def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True
         return config, features
     defaults: Mapping[str, float] = config.structure.structure.default_values
     own = {name: value for name, value in starting_values(features).items() if config.parameters[name] == defaults[name]}
-    return replace(config, parameters={**config.parameters, **own}), features
+    return config.variant(own), features
 
 
 def shown_by_curves(dataset: Dataset, config: Config) -> dict[str, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +20,7 @@ def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
     if run is None:
         return config
     initial = {f'initial.x_M_{i + 1}': float(x) for i, x in enumerate(run.state.x_frozen)}
-    return replace(config, parameters={**config.parameters, **initial})
+    return config.variant(initial)
 
 
 def start_of(model: Model, source: Input, start: Sequence[float], work: Work | None = None) -> Run | None:

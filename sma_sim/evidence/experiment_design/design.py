@@ -187,7 +187,7 @@ def hypotheses_for(
     training: Dataset, config: Config, request: DesignRequest, context: SearchContext
 ) -> tuple[ModelHypothesis, ...]:
     """What is to be discriminated; a single one where parameters are to be known, or where nothing rivals the best."""
-    kinetics = kinetics_to_try(request.model, config)
+    kinetics = kinetics_to_try(request.kinetics, config)
     base = fit_base_model(training, config, kinetics, context)
     if request.parameters:
         rivals = [NamedFit('the model', base)]

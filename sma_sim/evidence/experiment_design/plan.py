@@ -15,10 +15,12 @@ from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPred
 from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
+from sma_sim.model.renamed import renamed
 
 Vector = NDArray[np.float64]
 
 
+@renamed(model='kinetics')
 @dataclass(frozen=True)
 class DesignRequest:
     """What to design.
@@ -33,7 +35,7 @@ class DesignRequest:
         Of the experiment, and the least time of a level [s].
     power, temperature, stress
         Limits: of the command [W], of the wires [K, Pa]. None: from the recordings.
-    model
+    kinetics
         Kinetics: hybrid, mas, auto, or None for what the configuration says.
     budget
         Sequences that are evaluated.
@@ -50,7 +52,7 @@ class DesignRequest:
     power: float | None = None
     temperature: float | None = None
     stress: float | None = None
-    model: str | None = None
+    kinetics: str | None = None
     budget: int = 120
     seed: int = 0
     folders: tuple[Path, ...] = ()

@@ -105,7 +105,7 @@ def fit_base_model(training: Dataset, config: Config, models: Sequence[str], con
     fits, config = list[FitResult](), with_nuisance_effects(config, training)
     for model in models:
         context.on_progress(f'fitting the {model} model')
-        known = replace(config, model=model, model_is_given=True)
+        known = config.variant(kinetics=model)
         fits.append(multistart_search(training, known, options, context))
         raise_if_stopped(context)
     return more_probable(fits, context.pool)
@@ -194,7 +194,7 @@ def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> 
     raise_if_stopped(context)
     if other is None or more_probable([best.fitted, other], context.pool) is best.fitted:
         return list(rivals)
-    context.on_progress(f'{best.name} is more probable with the {other.problem.config.model} kinetics')
+    context.on_progress(f'{best.name} is more probable with the {other.problem.config.simulated_kinetics} kinetics')
     jobs = [partial(refit, *with_other_kinetics(rival.fitted), context, FROM_PRIORS) for rival in rivals]
     fits = run_in_threads(jobs, context.stop)
     return [NamedFit(rival.name, fit) for rival, fit in zip(rivals, fits, strict=True) if fit is not None]

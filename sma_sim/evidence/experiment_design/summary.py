@@ -47,7 +47,7 @@ def hypothesis_data(hypothesis: ModelHypothesis) -> dict[str, Any]:
     """One fitted hypothesis."""
     return {
         'name': hypothesis.name,
-        'model': hypothesis.fitted.problem.config.model,
+        'model': hypothesis.fitted.problem.config.simulated_kinetics,
         'log_evidence': hypothesis.log_evidence,
         'error': hypothesis.fitted.error * hypothesis.noise_factor,
         'parameters': hypothesis.fitted.values,

@@ -189,7 +189,7 @@ class LinearizationPoint:
         structure = self.problem.config.structure.structure
         inputs = [(port, u) for port, u in self.inputs[k].items() if port.hook != 'sensing']
         effects = [input_effect(port, self.grids[k], u, structure) for port, u in inputs]
-        config = replace(self.problem.config, effects=(*self.problem.config.effects, *effects))
+        config = self.problem.config.variant(effects=(*self.problem.config.effects, *effects))
         return replace(self.problem, config=config, runs=(self.problem.runs[k],)), self.z[self.problem.indices()[k]]
 
     def sensor_offsets(self, k: int, delay: float) -> Matrix:

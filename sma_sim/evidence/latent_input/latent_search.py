@@ -53,6 +53,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.renamed import renamed
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -62,13 +63,14 @@ EXTERNAL_HOOKS = ('structure_force', 'wire_heat', 'actuation')  # named before s
 FORCE_SENSORS = re.compile(r'sense_(F(_\d+)?|stress)')  # ports that exist where the wires' forces were measured
 
 
+@renamed(model='kinetics')
 @dataclass(frozen=True)
 class LatentRequest:
     """How to search.
 
     Attributes
     ----------
-    model
+    kinetics
         Kinetics: hybrid, mas, auto, or None for what the configuration says.
     fit
         Whether to fit the model first, or to take it as calibrated.
@@ -78,7 +80,7 @@ class LatentRequest:
         Of the fit.
     """
 
-    model: str | None = None
+    kinetics: str | None = None
     fit: bool = True
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
@@ -130,8 +132,8 @@ def estimate_latent_inputs(
     ...     alpha = run['alpha_rad'] + 3.5e-4 * random.standard_normal(len(run.time))
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
-    >>> options = sma_sim.FitOptions(free=('beam.E',), model='hybrid', starts=1, intervals=False)
-    >>> request = LatentRequest(model='hybrid', options=options)
+    >>> options = sma_sim.FitOptions(free=('beam.E',), kinetics='hybrid', starts=1, intervals=False)
+    >>> request = LatentRequest(kinetics='hybrid', options=options)
     >>> sma_sim.estimate_latent_inputs(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
@@ -153,9 +155,9 @@ def estimate_latent_inputs(
 def fitted_model(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
     """The model fitted as a diagnosis does; where that is not asked for, its starts and delay only."""
     if request.fit:
-        return nominal_fit(training, config, DiagnosisRequest(request.model, (), request.seed, request.options), context)
-    model = request.model if request.model in MODELS else config.model
-    return fit_starts_and_delay(training, replace(config, model=model), request, context)
+        return nominal_fit(training, config, DiagnosisRequest(request.kinetics, (), request.seed, request.options), context)
+    model = request.kinetics if request.kinetics in MODELS else config.simulated_kinetics
+    return fit_starts_and_delay(training, config.variant(kinetics=model), request, context)
 
 
 def fit_starts_and_delay(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
@@ -217,7 +219,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
     result = LatentInputs(
-        'none', {}, (), error, float('nan'), 1.0, 1.0, config, config.model, problem.delay_at(z),
+        'none', {}, (), error, float('nan'), 1.0, 1.0, config, config.simulated_kinetics, problem.delay_at(z),
         tuple(run.name for run in problem.runs), False, 0.0,
     )  # fmt: skip
     if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:

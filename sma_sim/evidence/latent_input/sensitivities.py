@@ -139,7 +139,7 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
     An input of zero acts at the port, since its effect may have states.
     """
     nothing = input_effect(port, grid, np.zeros(len(grid.knots)), config.structure.structure)
-    config = replace(config, effects=(*config.effects, nothing))
+    config = config.variant(effects=(*config.effects, nothing))
     nominal, source = weighted_residuals(config, run, nuisance), run.source
     segments: list[RunSegment] = []
     begin, state = float(source.times[0]), None
@@ -178,7 +178,7 @@ def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
         values = task.port.probe * (np.arange(len(grid.knots)) == knot)
         effect = input_effect(task.port, grid, values, config.structure.structure)
         try:
-            residuals = weighted_residuals(replace(config, effects=(*config.effects, effect)), segment.run, task.nuisance)
+            residuals = weighted_residuals(config.variant(effects=(*config.effects, effect)), segment.run, task.nuisance)
         except SimulationError:
             continue
         change = np.zeros_like(task.whole.weight)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -114,7 +114,7 @@ def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float])
     at = tuple(
         values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters
     )  # fmt: skip
-    return replace(config, effects=(*config.effects, ActiveEffect(found, at)))
+    return config.variant(effects=(*config.effects, ActiveEffect(found, at)))
 
 
 def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:

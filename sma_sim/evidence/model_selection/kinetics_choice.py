@@ -35,15 +35,17 @@ def better_kinetics(fit: FitResult, context: SearchContext, target: float = inf)
     ours, theirs = log_evidences([fit, other], context.pool)
     if theirs <= ours:
         return fit
-    context.on_progress(f'{other.problem.config.model} kinetics are more probable: log odds {theirs - ours:.1f}')
+    context.on_progress(
+        f'{other.problem.config.simulated_kinetics} kinetics are more probable: log odds {theirs - ours:.1f}'
+    )
     return cross_validated(other, context)
 
 
 def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
     """The same problem with the other model of kinetics, and z carried over by name."""
     problem = fit.problem
-    model = 'mas' if problem.config.model == 'hybrid' else 'hybrid'
-    config = replace(problem.config, model=model)
+    model = 'mas' if problem.config.simulated_kinetics == 'hybrid' else 'hybrid'
+    config = problem.config.variant(kinetics=model)
     measured = {channel for run in problem.runs for channel in run.channels}
     names = [*default_names(config, measured), *(p.name for p in problem.free if p.name.startswith('effects.'))]
     known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))

@@ -17,8 +17,10 @@ from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.evidence.model_selection.candidate_fit import is_bent
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
+from sma_sim.model.renamed import renamed
 
 
+@renamed(model='kinetics')
 @dataclass(frozen=True)
 class DiagnosisRequest:
     """How to diagnose: kinetics (hybrid, mas, auto; None: as the configuration says), folders of the user's effects, seed.
@@ -27,7 +29,7 @@ class DiagnosisRequest:
     one wire, coordinate or channel only too. `on_model`: hears of every model as it is found.
     """
 
-    model: str | None = None
+    kinetics: str | None = None
     folders: tuple[Path, ...] = ()
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
@@ -39,11 +41,11 @@ class DiagnosisRequest:
 def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
     """The fit without further effects, with the more probable of the kinetics."""
     fits, config = list[FitResult](), with_nuisance_effects(config, training)
-    tried = kinetics_to_try(request.model, config)
+    tried = kinetics_to_try(request.kinetics, config)
     context.on_progress(f'kinetics: {tried[0]}, as given' if len(tried) == 1 else 'kinetics: not given, both are fitted')
     for model in tried:
         context.on_progress(f'fitting the {model} model')
-        known = replace(config, model=model, model_is_given=True)
+        known = config.variant(kinetics=model)
         best = multistart_search(training, known, request.options, context, NOMINAL_MODEL)
         given = tuple(active.found.effect.name for active in config.effects)
         if not (fits and context.stop.is_set()):  # after a stop, the last one is not complete
@@ -52,7 +54,7 @@ def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, co
             break
     chosen = more_probable(fits, context.pool)
     found = cross_validated(chosen, context)
-    context.on_progress(f'{found.problem.config.model}: error over noise {found.prediction_error:.2f}')
+    context.on_progress(f'{found.problem.config.simulated_kinetics}: error over noise {found.prediction_error:.2f}')
     for fit in fits:
         report_model('nominal', found if fit is chosen else fit, context)
     return found
@@ -69,11 +71,11 @@ def on_uneven_specimen(
     if isnan(nominal.problem.span) or context.stop.is_set():
         return nominal
     context.on_progress('with a difference of temperature along the specimen')
-    request = replace(request, model=nominal.problem.config.model)
+    request = replace(request, kinetics=nominal.problem.config.simulated_kinetics)
     found = nominal_fit(training, with_temperature_gradient(config), request, context)
     return replace(found, is_bent=is_bent(found, context))
 
 
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
     """Tell of a model that was fitted."""
-    context.on_model(kind, fit.effects, fit.problem.config.model, fit.error, fit.prediction_error)
+    context.on_model(kind, fit.effects, fit.problem.config.simulated_kinetics, fit.error, fit.prediction_error)

@@ -75,7 +75,7 @@ def compare(
     With `nuisances` the delay is estimated from the dataset and the start from each run; else there is no delay and
     runs start as the configuration says. Raises UserError for what cannot be compared.
     """
-    options = FitOptions(free=(), model=config.model, starts=1, intervals=False)
+    options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     config = on_leading_bench(config, dataset)
     if nuisances:
         found = calibrate(dataset, config, options, executor)

@@ -69,7 +69,7 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
     comparison = summary.comparison
     return {
         'configuration': comparison.label,
-        'model': comparison.config.model,
+        'model': comparison.config.simulated_kinetics,
         'delay': comparison.delay,
         'error': {
             'train': summary.fitted_error,

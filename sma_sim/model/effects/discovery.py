@@ -6,13 +6,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import sma_sim.model.effects.library as package
 from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
-from sma_sim.model.plugins import package_plugins, user_plugins
+from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.effects'
@@ -58,6 +59,22 @@ def package_effects() -> dict[str, FoundEffect]:
     """The effects of the package and of installed packages that declare an entry point, by name."""
     plugins = package_plugins(package, 'EFFECT', ENTRY_POINTS)
     return {plugin.value.name: FoundEffect(plugin.value, plugin.files, plugin.packages) for plugin in plugins}
+
+
+def found_effect(effect: Effect, known: Mapping[str, FoundEffect] = MappingProxyType({})) -> FoundEffect:
+    """An effect that is given as an object: one of the package or of those `known`, or one of your own, which has no file.
+
+    Raises EffectError where another effect has its name.
+    """
+    name = effect.plain_name
+    for each in (known, package_effects()):
+        if name in each and each[name].effect is effect:
+            return each[name]
+    if name in package_effects() or name in known:
+        raise EffectError(f'an effect named {name!r} exists already; choose another name')
+    kernels = (effect.kernel, effect.rate, effect.start)
+    modules = {kernel.__module__.partition('.')[0] for kernel in kernels if kernel is not None}
+    return FoundEffect(effect, (), (*OWN, *sorted(modules)))
 
 
 def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
-from sma_sim.model.parameters import Parameter
+from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
+from sma_sim.model.parameters import Parameter, fault_of
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Structure
 
@@ -22,8 +24,29 @@ NEEDS = ('coordinate', 'joint', 'spring', 'stiffness', 'gravity')
 
 
 @dataclass(frozen=True)
+class EffectChoice:
+    """An effect as it is to act: `values` of parameters by name (SI), the others at their defaults; `scope`: in which part.
+
+    ``sma_sim.effects.gravity(g_y=-9.81)`` makes one.
+    """
+
+    effect: Effect
+    values: Mapping[str, float]
+    scope: str = ''
+
+    @property
+    def name(self) -> str:
+        """NAME, or NAME@SCOPE."""
+        return f'{self.effect.name}{SEPARATOR}{self.scope}' if self.scope else self.effect.name
+
+    def __repr__(self) -> str:
+        given = [*([f'scope={self.scope!r}'] if self.scope else []), *(f'{n}={v:g}' for n, v in self.values.items())]
+        return f'{self.effect.name}({", ".join(given)})'
+
+
+@dataclass(frozen=True, repr=False)
 class Effect:
-    """A physical effect, declared as data.
+    """A physical effect, declared as data. Called, it says how it is to act: ``effect(k=2.0)``, an `EffectChoice`.
 
     Attributes
     ----------
@@ -79,6 +102,11 @@ class Effect:
         no beam.
     scope, structure : Scope, Structure
         Not for effect files: where an effect that is named NAME@SCOPE acts, and on what.
+
+    Raises
+    ------
+    UserError
+        For a port, a stage or a need that there is not, and for parameters that contradict themselves.
     """
 
     name: str
@@ -110,21 +138,39 @@ class Effect:
     structure: Structure = field(default=MODULE, repr=False, hash=False)
 
     def __post_init__(self) -> None:
+        if fault := self._fault():
+            raise UserError(f'effect {self.name!r}: {fault}')
+
+    def _fault(self) -> str:
+        """What is wrong with the declaration, '' for nothing."""
         if self.port not in PORT_NAMES:
-            raise ValueError(f'effect {self.name!r}: port {self.port!r}; expected one of {", ".join(PORT_NAMES)}')
+            return f'port {self.port!r}; expected one of {", ".join(PORT_NAMES)}'
         if self.tried not in TRIED:
-            raise ValueError(f'effect {self.name!r}: tried {self.tried!r}; expected one of {", ".join(TRIED)}')
+            return f'tried {self.tried!r}; expected one of {", ".join(TRIED)}'
         if self.states and (self.rate is None or len(self.scale) != len(self.states)):
-            raise ValueError(f'effect {self.name!r}: states need a rate and one scale each')
-        unknown = [need for need in self.needs if need not in NEEDS or self.port != 'structure_force']
-        if unknown:
-            raise ValueError(
-                f'effect {self.name!r}: needs {unknown[0]!r} on {self.port}; expected some of {", ".join(NEEDS)}, on '
-                'structure_force only'
-            )
+            return 'states need a rate and one scale each'
+        for need in self.needs:
+            if need not in NEEDS or self.port != 'structure_force':
+                return f'needs {need!r} on {self.port}; expected some of {", ".join(NEEDS)}, on structure_force only'
         stages = CHAIN.get(self.port)
         if stages and self.stage not in stages:
-            raise ValueError(f'effect {self.name!r}: stage {self.stage!r}; expected one of {", ".join(stages)}')
+            return f'stage {self.stage!r}; expected one of {", ".join(stages)}'
+        return next(filter(None, map(fault_of, self.parameters)), '')
+
+    def __call__(self, *, scope: str = '', **values: float) -> EffectChoice:
+        """The effect at these values of its parameters (SI), all others at their defaults; `scope`: in one part only.
+
+        Raises UserError for a parameter that it does not have.
+        """
+        names = [parameter.name for parameter in self.parameters]
+        for name in values:
+            if name not in names:
+                known = ', '.join(f'{p.name} [{p.unit}]' for p in self.parameters)
+                raise UserError(f'effect {self.name} has no parameter {name}{suggestion(name, names)}; it has {known}')
+        return EffectChoice(self, values, scope)
+
+    def __repr__(self) -> str:
+        return f'Effect({self.name}: {self.equation})'
 
     @property
     def plain_name(self) -> str:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import DEFAULTS, is_number
+from sma_sim.model.parameters import fault_of as fault_of_parameter
 from sma_sim.model.structures.structure import Coordinate, Structure, numbers, record
 
 
@@ -40,22 +41,7 @@ def coordinate_faults(structure: Structure) -> Iterator[str]:
 
 def parameter_faults(structure: Structure) -> Iterator[str]:
     """Of its parameters."""
-    for parameter in structure.parameters:
-        if not isinstance(parameter, Parameter):
-            yield f'expected a Parameter among its parameters, got {parameter!r}'
-        elif not all(is_number(value) for value in (parameter.default, *parameter.bounds)):
-            given = f'default {parameter.default!r}, bounds {parameter.bounds!r}'
-            yield f'parameter {parameter.name}: expected numbers, got {given}'
-        elif not parameter.unit:
-            yield f"parameter {parameter.name}: expected a unit, such as 'N/m' ('-' for none), got ''"
-        elif not parameter.bounds[0] <= parameter.default <= parameter.bounds[1]:
-            low, high = parameter.bounds
-            yield f'parameter {parameter.name}: default {parameter.default:g} {parameter.unit}; expected {low:g} to {high:g}'
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is one number."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    yield from filter(None, map(fault_of_parameter, structure.parameters))
 
 
 def reference_faults(structure: Structure) -> Iterator[str]:

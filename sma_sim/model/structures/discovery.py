@@ -9,7 +9,7 @@ from pathlib import Path
 
 import sma_sim.model.structures as package
 from sma_sim.model.errors import UserError
-from sma_sim.model.plugins import package_plugins, user_plugins
+from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
 
@@ -43,6 +43,26 @@ def package_structures() -> dict[str, FoundStructure]:
         for plugin in plugins
         for structure in (plugin.value, *plugin.value.variants)
     }
+
+
+def found_structure(structure: Structure) -> FoundStructure:
+    """A structure that is given as an object: one of the package, or one of your own, known by its name from now on.
+
+    Raises StructureError where the declaration has a fault, or another structure of the package has its name.
+    """
+    name = structure.name
+    if name in package_structures():
+        if package_structures()[name].structure is not structure:
+            raise StructureError(f'a structure named {name!r} exists already; choose another name')
+        return package_structures()[name]
+    if fault := fault_of(structure):
+        raise StructureError(fault)
+    check_channels(structure, package_structures().values(), None)
+    kernels = (structure.lengths, structure.forces, structure.inertia, structure.gradients, structure.stiffness)
+    further = (structure.gravity, structure.accelerations, structure.constants)
+    modules = {kernel.__module__.partition('.')[0] for kernel in (*kernels, *further) if kernel is not None}
+    KNOWN[name] = FoundStructure(structure, (), (*OWN, *sorted(modules)))
+    return KNOWN[name]
 
 
 def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:

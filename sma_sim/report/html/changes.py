@@ -15,7 +15,7 @@ from sma_sim.report.palette import GREY
 def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> Section:
     """Errors of both, and their ratios with intervals."""
     rows = [
-        (summary.comparison.label, summary.comparison.config.model,
+        (summary.comparison.label, summary.comparison.config.simulated_kinetics,
          *('' if math.isnan(error) else f'{error:.3f}' for error in (summary.fitted_error, summary.held_out_error)))
         for summary in summaries
     ]  # fmt: skip

@@ -41,7 +41,7 @@ def write_fit_page(
     first, *others = comparison_sections(summary)
     parameters = [parameters_section(found, before), homogeneity_section(runs, found.config)]
     sections = [first, *parameters, *others, data_section(*data)]
-    write_page(path, f'Calibration: {found.config.model} model', sections)
+    write_page(path, f'Calibration: {found.config.simulated_kinetics} model', sections)
 
 
 def write_compare_page(

@@ -1,0 +1,50 @@
+"""Names of arguments and attributes that have been replaced: they go on working, with a warning."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+Class = TypeVar('Class', bound=type)
+
+
+def renamed(**names: str) -> Callable[[Class], Class]:
+    """A decorator of a class whose arguments and attributes `old=new` have other names now.
+
+    The old argument overrides the new one, as in ``dataclasses.replace(options, model='mas')``.
+    """
+
+    def decorated(kind: Class) -> Class:
+        init = getattr(kind, '__init__')  # noqa: B009 - mypy takes an instance's for unsound
+
+        @wraps(init)
+        def with_old_names(self: Any, *given: Any, **named: Any) -> None:
+            for old in names.keys() & named.keys():
+                warn_of(kind, old, names[old])
+                named[names[old]] = named.pop(old)
+            init(self, *given, **named)
+
+        setattr(kind, '__init__', with_old_names)  # noqa: B010
+        for old, new in names.items():
+            if old not in vars(kind):
+                setattr(kind, old, old_attribute(kind, old, new))
+        return kind
+
+    return decorated
+
+
+def old_attribute(kind: type, old: str, new: str) -> property:
+    """An attribute that has another name now."""
+
+    def value(self: Any) -> Any:
+        warn_of(kind, old, new)
+        return getattr(self, new)
+
+    return property(value, doc=f'Old name of `{new}`.')
+
+
+def warn_of(kind: type, old: str, new: str) -> None:
+    """Warn, at the line that used the old name."""
+    warnings.warn(f'{kind.__name__}: {old} is called {new} now', DeprecationWarning, stacklevel=3)
