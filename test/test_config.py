@@ -20,7 +20,7 @@ WRONG = {
     'a text': (lambda: Config({'wire.E_A': '12e9'}), r"wire\.E_A = '12e9' .*expected a number in Pa"),
     'not finite': (lambda: Config({'wire.E_A': math.nan}), r'wire\.E_A = nan Pa'),
     'no mapping': (lambda: Config('beam.E=5e9'), r'expected a mapping such as'),
-    'kinetics': (lambda: Config(kinetics='MAS'), r"kinetics = 'MAS' .*expected one of hybrid, mas; did you mean mas"),
+    'kinetics': (lambda: Config(kinetics='MAS'), r"kinetics = 'MAS' .*expected one of hybrid, mas, auto; did you mean mas"),
     'kinetics of files': (lambda: Config({'model': 'mas'}), r'give Config\(kinetics=\.\.\.\)'),
     'system': (lambda: Config(system='modul'), r"system = 'modul' .*did you mean module"),
     'effect': (lambda: Config(effects=('gravty',)), r'unknown effect gravty .*did you mean gravity'),
@@ -104,11 +104,15 @@ def test_nothing_is_changed_in_place():
 
 def test_old_names_go_on_with_a_warning():
     with pytest.warns(DeprecationWarning, match='model is called kinetics now') as told:
-        config = Config(kinetics='mas')
-        assert config.simulated_kinetics == 'mas' == config.kinetics
+        config = Config(model='mas')
+        assert config.model == 'mas' == config.kinetics == config.simulated_kinetics
         assert replace(config, model='hybrid').kinetics == 'hybrid'
-        assert sma_sim.FitOptions(kinetics='mas').kinetics == 'mas'
+        assert sma_sim.FitOptions(model='mas').kinetics == 'mas' == sma_sim.FitOptions('beam.E', 'mas').model
     assert {warning.filename for warning in told} >= {__file__}
+
+
+def test_open_kinetics_are_simulated_as_hybrid():
+    assert Config().kinetics == 'auto' and Config().simulated_kinetics == 'hybrid' == Config(kinetics='hybrid').kinetics
 
 
 def test_variants_of_a_fit_are_as_checked_ones():

@@ -21,7 +21,7 @@ from sma_sim.model.layout import (
 )
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.solver.columns import named_columns, new_samples, sampled_numbers
+from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
@@ -286,7 +286,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
     hot = melting_note(model, temperatures_of(model, columns, run))
-    if hot:
+    if hot and not are_channels(log.numbers, model.structure):  # a fit tries much
         warnings.warn(hot, PhysicsWarning, stacklevel=3)
         notes = (*notes, hot)
     return Trajectory(

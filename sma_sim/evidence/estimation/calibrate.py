@@ -388,8 +388,8 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
         channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
         interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
-        cross_validation={fit.config.simulated_kinetics: fit.cross_validated_error}, other_starts=fit.other_starts, uncertainty=None,
-        seconds=0.0,
+        cross_validation={fit.config.simulated_kinetics: fit.cross_validated_error}, other_starts=fit.other_starts,
+        uncertainty=None, seconds=0.0,
     )  # fmt: skip
 
 

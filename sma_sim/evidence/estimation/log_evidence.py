@@ -52,6 +52,7 @@ def kinetics_sentence(config: Config, probabilities: Mapping[str, float]) -> str
     if not probabilities:
         return f'kinetics: {config.simulated_kinetics}, as given (--model auto fits both)'
     shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
+    taken = config.simulated_kinetics
     if config.kinetics == AUTO:
-        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {config.simulated_kinetics} was taken'
-    return f'kinetics: none were given, {config.simulated_kinetics} is more probable (probabilities: {shown})'
+        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {taken} was taken'
+    return f'kinetics: none were given, {taken} is more probable (probabilities: {shown})'
