@@ -217,7 +217,7 @@ def test_effects_travel_by_name_and_are_fitted():
     [
         ({'free': ('wire.E_B',)}, 'did you mean wire.E_'),
         ({'model': 'maas'}, 'expected one of hybrid, mas, auto'),
-        ({'starts': 0}, 'expected 1 or more'),
+        ({'starts': 0}, 'expected a whole number, 1 or more'),
     ],
 )
 def test_wrong_options_are_said(small, change, message):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sma_sim import Config, Recording, module_input
-from sma_sim.evidence.estimation.calibrate import at_bound
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_update
+from sma_sim.evidence.estimation.limits import limits_reached
 from sma_sim.evidence.estimation.plausibility import is_form, plausible_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, assembled, difference_points
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
@@ -63,7 +63,9 @@ def test_difference_quotients_are_the_slopes_of_a_line():
 def test_parameters_at_a_bound_are_named():
     free, _ = choose_free(Config(), ['wire.E_A', 'wire.c_V', 'wire.lambda'])
     z = np.array([free[0].low, 0.5 * free[1].high, free[2].high, 9.0])
-    assert at_bound(SimpleNamespace(free=free), z) == ['wire.E_A', 'wire.lambda']
+    reached = limits_reached(SimpleNamespace(config=Config(), shared=free, runs=()), z, ())
+    assert [limit.name for limit in reached] == ['wire.E_A', 'wire.lambda']
+    assert reached[1].value == reached[1].high == free[2].value(free[2].high)
 
 
 def test_a_drift_is_counted_from_the_middle_of_a_recording(run):

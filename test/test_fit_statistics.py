@@ -110,7 +110,8 @@ def test_white_residuals_give_the_intervals_of_linear_regression(delay):
 
 
 def test_correlated_residuals_widen_intervals_as_their_scores_say():
-    """The sandwich with the long-run covariance of the scores, of the slowest channel."""
+    """The sandwich with the larger of the long-run covariance of the scores, of the slowest channel, and of what white
+    scores would be that scatter as each channel's residuals do."""
     problem = problem_of()
     n, z = len(problem.unknowns), np.zeros(len(problem.unknowns))
     slow = np.sin(np.linspace(0.0, 20.0, SAMPLES))
@@ -119,11 +120,16 @@ def test_correlated_residuals_widen_intervals_as_their_scores_say():
     times = correlation_times(problem, linear)
     assert times['alpha'] == pytest.approx(autocorrelation_time(slow)) and times['F_1'] < 2.0 < times['alpha']
     prior = np.diag(np.where(np.arange(n) < 2, BOUND_STDS**-2.0, 1.0))
-    rows, middle = rows_of(linear, n), prior.copy()
+    rows, middle, scattered = rows_of(linear, n), prior.copy(), prior.copy()
     for run in linear:
-        middle[np.ix_(run.indices, run.indices)] += long_run(run, times['alpha'], False)
+        at = np.ix_(run.indices, run.indices)
+        middle[at] += long_run(run, times['alpha'], False)
+        for row, sensitivity in zip(run.residuals, run.jacobian.transpose(1, 0, 2), strict=True):
+            left = 1.0 - len(run.indices) / (2 * SAMPLES)
+            factor = max(1.0, float(row @ row) / (SAMPLES * left) * autocorrelation_time(row))
+            scattered[at] += factor * sensitivity @ sensitivity.T
     inverse = np.linalg.inv(rows.T @ rows + prior)
-    std = np.sqrt(np.diag(inverse @ middle @ inverse))
+    std = np.sqrt(np.maximum(*(np.diag(inverse @ each @ inverse) for each in (middle, scattered))))
     found = uncertainty(problem, z, linear)
     assert [one.std for one in found.intervals] == pytest.approx(list(std[:2] * [0.5, 4.0]))
     assert (std[:2] > 1.5 * np.sqrt(np.diag(inverse)[:2])).all() and found.correlation_time == times

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of, write_recording
 
-from sma_sim.evidence.data.cleaning import outliers
+from sma_sim.evidence.data.cleaning import outliers, saturated
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter
+from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.estimation.residuals import sampled_changes
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
@@ -335,3 +336,46 @@ def test_every_second_row_of_a_file_that_tells_when_commands_change(tmp_path):
     assert len(changed) == np.count_nonzero(~told) and not np.isin(changed, instants).any()
     assert np.all(interval < 2.1 / RATE) and np.isin(np.array(instants)[told], recording.source.times).all()
     assert any(f'{len(changed)} of 4 changes' in note for note in recording.notes)
+
+
+def ramps(top, rest=0):
+    """Up and down by 6 K a minute, as of a sensor that shows two decimals and stops at `top`; `rest` rows before."""
+    time = 60.0 * np.arange(80 + rest)
+    shape = np.concatenate([np.zeros(rest), np.arange(40.0), np.arange(40.0, 0.0, -1.0)])
+    return time, np.round(np.minimum(300.0 + 6.0 * shape + 0.7 * np.sin(time), top), 2)
+
+
+def test_a_sensor_at_the_end_of_its_range_is_noticed():
+    time, shown = ramps(480.0)
+    stopped = saturated(time, shown)
+    assert stopped.sum() == (shown == 480.0).sum() > 15
+    assert (saturated(time, -shown) == stopped).all()
+    shown[stopped.argmax() + 3] = np.nan
+    assert saturated(time, shown).sum() == stopped.sum() - 1
+
+
+@pytest.mark.parametrize(
+    'shown',
+    [
+        ramps(1000.0)[1],  # a peak
+        ramps(1000.0, rest=60)[1],  # at rest before it is heated
+        np.round(3.0 * np.sin(np.arange(200.0) / 20.0), 1),  # round peaks of a coarse sensor
+        np.repeat(np.round(300.0 + 50.0 * np.sin(np.arange(40.0) / 3.0), 1), 5),  # one that is read slower than it is logged
+        np.maximum(np.round(5.0 * np.sin(np.arange(200.0) / 10.0), 2), 0.0),  # the force of a wire that is slack
+        np.round(1.0 - np.exp(-np.minimum(np.arange(340.0), 700.0 - 2.0 * np.arange(340.0)) / 10.0), 2),  # comes to rest
+    ],
+)
+def test_what_rests_or_turns_is_no_end_of_a_range(shown):
+    assert not saturated(np.arange(len(shown), dtype=float), shown).any()
+
+
+def test_rows_of_a_sensor_at_the_end_of_its_range_are_missing(tmp_path):
+    time, shown = ramps(480.0)
+    file = tmp_path / 'run.csv'
+    columns = {'time_s': time, 'stress_Pa': np.full(80, 1.5e8), 'J_W': 0.01 * time / 60.0, 'T_E_K': np.full(80, 298.0),
+               'strain': 1e-3 * np.sin(time), 'T_K': shown}  # fmt: skip
+    write_columns(file, columns)
+    (recording,) = read_dataset([file], 'wire_under_load', 298.0).recordings
+    assert np.isnan(recording.channels['T']).sum() == (shown == 480.0).sum()
+    assert np.isfinite(recording.channels['strain']).all()
+    assert any('its sensor stops at 480' in note for note in recording.notes)

@@ -205,6 +205,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     monkeypatch.setattr(calibration, 'starting_points', starts)
     monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)
+    monkeypatch.setattr(calibration, 'overdispersion', lambda *_: 2.0)
     recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
     context = SearchContext(None, Event())
     found = calibration.multistart_search(Dataset(recordings, {}), Config(), FitOptions(starts=3), context)
@@ -214,7 +215,8 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     assert sorted(labels) == [f'hybrid, start {k}' for k in (1, 2, 3)]
     assert made[3:] == [(10, calibration.JOINING_DAMPING, 'all runs')] and found.iterations == 11
     assert found.z[:3].tolist() == [1.1] * 3 and len(found.problem.runs) == 10
-    assert [(round(other.excess, 9), other.same) for other in found.other_starts] == [(2.0, False), (-1.5, True)]
+    others = [(round(other.excess, 9), other.same, round(other.log_odds, 9)) for other in found.other_starts]
+    assert others == [(2.0, False, 0.5), (-1.5, True, -0.375)]
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ from simulated_data import NOISE, command, config, dataset, recording, scaled
 from sma_sim import Dataset, FitOptions, calibrate, module_input, predict
 from sma_sim.evidence.estimation import uncertainty
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import LinearizedRun, linearize
-from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, autocorrelation_time, interval, long_run, unidentified
+from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, interval, long_run, unidentified
 from sma_sim.solver.simulate import SimulationError
 
 S = 1.1  # how far an equivalence is followed

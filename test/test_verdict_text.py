@@ -32,6 +32,8 @@ CALIBRATION = SimpleNamespace(
     values={name: numbers[0] for name, numbers in KNOWN.items()},
     implausible=(),
     by_run=(),
+    error=1.0,
+    limits=(),
     uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
 )
 

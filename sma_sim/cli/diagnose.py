@@ -11,10 +11,12 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
+    add_limit_option,
     add_search_options,
     check_outputs,
     chosen_executor,
     from_curves,
+    limits_from,
     print_progress,
     print_written,
     read_data,
@@ -29,7 +31,9 @@ from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
@@ -41,6 +45,7 @@ def add_parser(verbs: Any) -> None:
     parser = add_command(verbs, 'diagnose', 'find the physical effect that the model lacks')
     add_data_options(parser)
     add_search_options(parser, 'seed of the significance tests')
+    add_limit_option(parser)
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file of the improved model, for the node and --config'
     )
@@ -63,8 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     (config,) = from_curves(training, config)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
+    options = FitOptions(starts=CRITERIA.nominal_starts, limits=limits_from(arguments.limits))
     request = DiagnosisRequest(
-        arguments.model, folders, arguments.seed, equation=not arguments.no_equation, variants=not arguments.no_variants
+        arguments.model, folders, arguments.seed, options, not arguments.no_equation, not arguments.no_variants
     )
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:

@@ -11,10 +11,12 @@ from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
+    add_limit_option,
     add_search_options,
     check_outputs,
     chosen_executor,
     from_curves,
+    limits_from,
     print_written,
     read_data,
     system_words,
@@ -30,7 +32,8 @@ from sma_sim.cli.common.options import (
 )
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.cross_validation import RunFit
-from sma_sim.workflow.fit import remarks_on, reviewed_fit, write_fitted
+from sma_sim.evidence.estimation.fit_remarks import remarks_on
+from sma_sim.workflow.fit import reviewed_fit, write_fitted
 from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
 
 
@@ -47,6 +50,7 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument('--robust', action='store_true', help="reduce the weight of outliers (Huber's loss)")
     add_search_options(parser, 'seed of the further starting points')
+    add_limit_option(parser)
     parser.add_argument(
         '-o', '--out', type=Path, metavar='FILE.yaml', help='parameter file to write, for the node and --config'
     )
@@ -64,7 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
     (config,) = from_curves(fitted, config)
-    options = FitOptions(split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed)
+    options = FitOptions(
+        split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed,
+        limits=limits_from(arguments.limits),
+    )  # fmt: skip
     announce_first_compilation()
     progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:

@@ -13,13 +13,10 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
-from sma_sim.evidence.estimation.fit_result import starts_sentence
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
-from sma_sim.evidence.estimation.log_evidence import kinetics_sentence
-from sma_sim.evidence.estimation.nuisance_report import offset_sentences
-from sma_sim.evidence.estimation.plausibility import implausible_data, implausible_sentence
-from sma_sim.evidence.estimation.run_estimates import agreement_sentence, by_run_data
+from sma_sim.evidence.estimation.plausibility import implausible_data
+from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
 from sma_sim.model.config import Config
@@ -87,24 +84,6 @@ def write_fitted(path: Path, found: Calibration, folders: Sequence[str]) -> None
     write_whole(path, lambda file: file.write(text))
 
 
-def remarks_on(found: Calibration) -> list[str]:
-    """Further remarks on the fit."""
-    remarks = [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
-    remarks += [f'{name} lies on a bound of the fit' for name in found.at_bound]
-    remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
-    remarks += [implausible_sentence(found.implausible)] if found.implausible else []
-    remarks += [sentence] if (sentence := agreement_sentence(found.by_run)) else []
-    remarks += [sentence] if (sentence := starts_sentence(found.other_starts)) else []
-    remarks.append(kinetics_sentence(found.config, found.kinetics))
-    remarks += offset_sentences(found)
-    if any(fit.zero for fit in found.runs):
-        zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs if fit.quasi_static)
-        remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
-    if not all(fit.quasi_static for fit in found.runs):
-        remarks.append(f'delay of the measurement: {1e3 * found.delay:.3g} ms')
-    return remarks
-
-
 def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Dataset) -> dict[str, Any]:
     """The result for programs; SI units."""
     uncertainty = found.uncertainty
@@ -131,11 +110,13 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         ] if uncertainty else None,
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
+        'limits': [asdict(limit) | {'text': limit.text} for limit in found.limits],
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
         'by_recording': by_run_data(found.by_run),
         'held': {parameter.name: parameter.reason for parameter in found.fixed},
         'other_starts': [
-            {'excess': start.excess, 'same': start.same, 'values': start.values} for start in found.other_starts
+            {'excess': start.excess, 'log_odds': start.log_odds, 'same': start.same, 'values': start.values}
+            for start in found.other_starts
         ],
         'noise_std': dataset.noise_std,
         'converged': found.converged,

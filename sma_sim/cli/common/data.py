@@ -73,6 +73,27 @@ def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
     parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
 
 
+def add_limit_option(parser: argparse.ArgumentParser) -> None:
+    """``--limit`` of what fits."""
+    parser.add_argument(
+        '--limit', action='append', default=[], metavar='NAME=LOW:HIGH', dest='limits',
+        help='between which values (SI) a parameter, the delay or zero.strain is estimated, in place of the usual limits',
+    )  # fmt: skip
+
+
+def limits_from(words: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Limits by name [SI] from ``name=low:high`` words. Raises UserError."""
+    limits = {}
+    for word in words:
+        name, _, ends = word.partition('=')
+        try:
+            low, high = map(float, ends.split(':'))
+        except ValueError as error:
+            raise UserError(f'--limit {word}: expected NAME=LOW:HIGH in SI units, such as delay=-2:5') from error
+        limits[name.strip()] = (low, high)
+    return limits
+
+
 def print_progress(words: str) -> None:
     """Print what is being done."""
     print(f'  {words}', file=sys.stderr, flush=True)

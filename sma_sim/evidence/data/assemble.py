@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.cleaning import forward_filled, gap_notes, outliers, rate_note
+from sma_sim.evidence.data.cleaning import forward_filled, gap_notes, outliers, rate_note, saturated
 from sma_sim.evidence.data.recording import (
     CHANNEL_COLUMNS,
     CHANNELS_OF,
@@ -257,6 +257,15 @@ def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: l
         values[wrong] = np.nan
 
 
+def discard_saturated(name: str, time: Vector, values: Vector, notes: list[str]) -> None:
+    """NaN for the values (k,) of a sensor at the end of its range, changed in place."""
+    wrong = saturated(time, values)
+    if wrong.any():
+        end = values[int(np.argmax(wrong))]
+        notes.append(f'{name}: its sensor stops at {end:.6g}, {int(wrong.sum())} rows there: taken as missing')
+        values[wrong] = np.nan
+
+
 def gaps_interpolated(time: Vector, values: Vector) -> Vector:
     """Gaps (NaN) in values (k,) at time (k,) filled linearly, but not before the first."""
     known = np.isfinite(values)
@@ -314,6 +323,7 @@ def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[
             continue
         channels[channel] = values = values[sampled] if not sampled.all() else values
         discard_outliers(name, time, values, 'taken as missing', notes)
+        discard_saturated(name, time, values, notes)
         check_unit(file.path, name, values)
     notes += gap_notes(time, channels) + rate_note(time, channels)
     usual = [channel for channel in CHANNELS_OF[file.system] if not is_resistance(channel)]

@@ -16,6 +16,10 @@ OUTLIER_RANGES = 6.0  # an outlier is farther from its neighbours than so many t
 OUTLIER_NOISE_STDS = 10.0  # ... and farther than so many standard deviations of the noise
 OUTLIER_SPAN_FRACTION = 0.01  # ... and farther than this part of what the channel spans
 MAX_PASSES = 3  # an outlier may hide another one until it is taken out
+LEAST_SATURATED = 3.0  # a sensor at its end shows one value for so many times as long as ...
+USUAL_LENGTHS = 0.95  # ... this quantile of how long other values last
+SLOPE_LEVELS = 3  # different values before and after it, by which the signal runs into it
+PASSED_STEPS = 4.0  # of the resolution, by which the signal would have passed its end: a round peak has two
 ROWS_PER_BLOCK = 1 << 16  # bounds the memory for the neighbours of each row
 
 
@@ -59,6 +63,41 @@ def spikes(values: Vector, floor: float) -> Mask:
         low, high = around[:, 1], around[:, -2]
         beyond = np.maximum(values[rows] - high, low - values[rows])
         found[rows] = beyond > np.maximum(OUTLIER_RANGES * (high - low), floor)
+    return found
+
+
+def saturated(time: Vector, values: Vector) -> Mask:
+    """Which of the values (k,), NaN where missing, are those of a sensor at the end of its range; `time` (k,) [s].
+
+    Its largest or smallest value, repeated for longer than others, which the samples before and after run into so steeply
+    that, going on, they would have passed it by many steps of the resolution. What comes to rest slows down before, and a
+    peak is round. Not 0, which a wire that is slack shows.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 5 * NEIGHBOURS_PER_SIDE:
+        return found
+    time, values = time[known], values[known]
+    starts = np.flatnonzero(np.append(True, np.diff(values) != 0.0))
+    lengths, levels = np.diff(np.append(starts, len(values))), values[starts]
+    resolution = float(np.min(np.diff(np.unique(values)), initial=np.inf))
+    for sign in (1.0, -1.0):
+        top = float((sign * levels).max())
+        if top == 0.0:
+            continue
+        at_top = sign * levels == top
+        usual = float(np.quantile(lengths[~at_top], USUAL_LENGTHS)) if not at_top.all() else np.inf
+        for k in np.flatnonzero(at_top & (lengths >= LEAST_SATURATED * usual)):
+            before, after = k - SLOPE_LEVELS, k + SLOPE_LEVELS
+            if before < 0 or after >= len(levels):
+                continue
+            first, last = starts[k], starts[k] + lengths[k] - 1
+            passed = []
+            for level, away in ((before, time[first] - time[starts[before]]), (after, time[starts[after]] - time[last])):
+                ahead = min(1.0, 0.5 * (time[last] - time[first]) / away)  # no further than the slope is known for
+                passed.append(ahead * (top - sign * levels[level]))
+            if min(passed) > PASSED_STEPS * resolution:
+                found[known] |= sign * values >= top
     return found
 
 

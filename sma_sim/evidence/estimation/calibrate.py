@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf, nan
 from threading import Event
 
 import numpy as np
@@ -23,8 +24,10 @@ from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_th
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
+from sma_sim.evidence.estimation.limits import LimitReached, Range, limits_reached, within_limits
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import fit_data
@@ -35,7 +38,7 @@ from sma_sim.evidence.estimation.search_context import OnIteration, SearchContex
 from sma_sim.evidence.estimation.starting_points import minimized_from, starting_points
 from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty
+from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty, with_other_minima
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -50,7 +53,6 @@ JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that h
 # priors weigh nothing then. In stages, because the valley of large weights is narrow.
 CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
 SAME_OPTIMUM = 2.0  # minimisations whose costs differ by less have found the same: the one from the configuration is taken
-AT_BOUND = 1e-6
 
 
 @renamed(model='kinetics')
@@ -75,6 +77,9 @@ class FitOptions:
         Seed of the random starting points.
     intervals : bool
         Whether to compute 95 % intervals.
+    limits : mapping
+        By name (a parameter, ``'delay'``, ``'zero.strain'``), between which values (SI) it is estimated, in place of the
+        usual limits.
     """
 
     free: str | Sequence[str] | None = None
@@ -83,6 +88,7 @@ class FitOptions:
     robust: bool = False
     seed: int = 0
     intervals: bool = True
+    limits: Mapping[str, Range] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.names or ():
@@ -124,7 +130,7 @@ class Calibration:
     iterations : int
     converged, interrupted : bool
     at_bound : tuple of str
-        Parameters that ended at a bound.
+        Names of the estimates that ended at a limit.
     cross_validation : mapping
         Of a diagnosis, the error on runs left out in turn, by model (``'hybrid'``, ``'mas'``).
     other_starts : tuple of OtherStart
@@ -137,6 +143,10 @@ class Calibration:
         What each recording says of every parameter, where intervals are known.
     kinetics : mapping
         Where both models were fitted, the probability of each.
+    limits : tuple of LimitReached
+        The estimates that ended at a limit.
+    sampling_interval : float
+        The shortest of the recordings [s].
     seconds : float
         Time that the fit took.
     """
@@ -161,6 +171,8 @@ class Calibration:
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_run: tuple[ParameterByRun, ...] = ()
     kinetics: Mapping[str, float] = field(default_factory=dict)
+    limits: tuple[LimitReached, ...] = ()
+    sampling_interval: float = 0.0
 
 
 def calibrate(
@@ -283,7 +295,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(structure.is_quasi_static for structure in structures)
     delay = 0.0 if quasi_static else None
-    return Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
+    problem = Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
+    return within_limits(problem, options.limits) if options.limits else problem
 
 
 def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
@@ -292,7 +305,7 @@ def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Probl
     problem = fit.problem
     return replace(
         whole, free=problem.free, nominal_effects=problem.nominal_effects, differences=problem.differences,
-        tempering=problem.tempering,
+        tempering=problem.tempering, delay_range=problem.delay_range,
     )  # fmt: skip
 
 
@@ -318,9 +331,10 @@ def multistart_search(
     fits = run_in_threads(jobs, context.stop)
     least = min(fit.cost for fit in fits)
     best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
+    k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
     others = tuple(
-        OtherStart(fit.cost - best.cost, thinned.values(fit.z), abs(fit.cost - best.cost) < SAME_OPTIMUM)
-        for fit in fits if fit is not best
+        OtherStart(more, thinned.values(fit.z), abs(more) < SAME_OPTIMUM, more / k**2)
+        for fit in fits if fit is not best for more in [fit.cost - best.cost]
     )  # fmt: skip
     if len(subset.runs) < len(thinned.runs):
         z = from_subset(thinned, start_point(thinned), best.z)
@@ -364,6 +378,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         job = partial(precise_linearization, last.problem, last.z, context.pool)
         (linear,) = run_in_threads([job], context.stop)
         known, by_run = uncertainty(last.problem, last.z, linear), estimates_by_run(last.problem, last.z, linear)
+        known = with_other_minima(known, last.other_starts)
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
@@ -384,12 +399,14 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     """A fit with its errors run by run, without intervals."""
     runs = run_fits(fit.problem, fit.z, context.pool)
     errors = errors_by_channel(fit.problem, runs)
+    reached = limits_reached(fit.problem, fit.z, runs)
     return Calibration(
         config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
         channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
-        interrupted=context.stop.is_set(), at_bound=tuple(at_bound(fit.problem, fit.z)),
+        interrupted=context.stop.is_set(), at_bound=tuple(limit.name for limit in reached),
         cross_validation={fit.config.simulated_kinetics: fit.cross_validated_error}, other_starts=fit.other_starts,
-        uncertainty=None, seconds=0.0,
+        uncertainty=None, seconds=0.0, limits=reached,
+        sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
     )  # fmt: skip
 
 
@@ -409,11 +426,3 @@ def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, flo
                 counts[name] = counts.get(name, 0) + count
                 squares[name] = squares.get(name, 0.0) + count * fit.channel_errors[name] ** 2
     return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
-
-
-def at_bound(problem: Problem, z: Vector) -> list[str]:
-    """The parameters that lie on a bound of the fit."""
-    return [
-        free.name for free, x in zip(problem.free, z, strict=False)
-        if x - free.low < AT_BOUND or free.high - x < AT_BOUND
-    ]  # fmt: skip

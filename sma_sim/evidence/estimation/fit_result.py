@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isnan, nan, sqrt
 
@@ -17,11 +17,15 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OtherStart:
-    """Where another start led: its cost above that of the one taken, its parameters (SI), whether it is the same optimum."""
+    """Where another start led: its cost above that of the one taken, its parameters (SI), whether it is the same optimum.
+
+    `log_odds` against it: the excess over the overdispersion of what the best leaves.
+    """
 
     excess: float
     values: Mapping[str, float]
     same: bool
+    log_odds: float = nan
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,3 @@ class FitResult:
         """The fitted parameters of one effect, by their short names (SI)."""
         prefix = f'effects.{effect}.'
         return {name.removeprefix(prefix): value for name, value in self.values.items() if name.startswith(prefix)}
-
-
-def starts_sentence(others: Sequence[OtherStart]) -> str:
-    """How many starting points of a fit agree, `others` beside the best; nothing of a single one."""
-    same, count = 1 + sum(start.same for start in others), 1 + len(others)
-    if count == 1:
-        return ''
-    if same == count:
-        return f'all {count} starting points led to the same minimum'
-    return f'{same} of {count} starting points led to this minimum, the others to one of higher cost: see --json'

@@ -41,6 +41,7 @@ class Problem:
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where that
     is not known, its ambient temperature. `differences`: what was found to differ between the recordings.
     `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
+    `delay_range`: of the delay, in z.
     """
 
     config: Config
@@ -51,6 +52,7 @@ class Problem:
     nominal_effects: tuple[str, ...] = ()
     differences: tuple[RecordingDifference, ...] = ()
     tempering: float = 1.0
+    delay_range: tuple[float, float] = (DELAY.low, DELAY.high)
 
     def wires(self, run: FitData) -> int:
         """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""
@@ -60,7 +62,10 @@ class Problem:
     @property
     def shared(self) -> tuple[FreeParameter, ...]:
         """The unknowns of all runs together."""
-        return self.free if self.delay is not None else (*self.free, DELAY)
+        if self.delay is not None:
+            return self.free
+        low, high = self.delay_range
+        return (*self.free, replace(DELAY, low=low, high=high))
 
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""

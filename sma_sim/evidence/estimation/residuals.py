@@ -45,7 +45,7 @@ class FitData:
     `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `lost_side`: the sign of a
     command that heats nothing.
     `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
-    stress [Pa] of an isobaric test, NaN of others.
+    stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge.
     """
 
     name: str
@@ -65,6 +65,7 @@ class FitData:
     lost_side: int = 0
     bench: str = ''
     level: float = nan
+    zero_range: tuple[float, float] = (-ZERO_LIMIT, ZERO_LIMIT)
 
     @property
     def groups(self) -> int:
@@ -95,7 +96,7 @@ class Nuisance:
     switches : tuple of float
         By (group of) sampled change of the command: the part of its sampling interval by which it preceded its row.
     unknown_zero : bool
-        Whether the zero of the strain gauge is unknown: it is then where the residuals have no mean, within ZERO_LIMIT.
+        Whether the zero of the strain gauge is unknown: it is then where the residuals have no mean, within `zero_range`.
     ambient : float
         By how much the ambient temperature was above that of the source [K].
     """
@@ -342,12 +343,15 @@ def zero_of(config: Config, run: FitData, nuisance: Nuisance) -> float:
 
 
 def strain_zero(run: FitData, shown: Vector) -> float:
-    """What the strain gauge of a recording shows too much, when the model's is `shown` (k,): the mean of the difference."""
-    if 'strain' not in run.channels:
+    """What the strain gauge of a recording shows too much, when the model's is `shown` (k,): the mean of the difference.
+
+    0 where the zero has a prior of its own (`baseline`): one thing is estimated once.
+    """
+    k = run.channels.index('strain') if 'strain' in run.channels else -1
+    if k < 0 or (run.zero_std and run.zero_std[k] > 0.0):
         return 0.0
-    k = run.channels.index('strain')
     known = run.weight[k] > 0.0
-    return float(np.clip(np.mean(run.measured[k][known] - shown[known]), -ZERO_LIMIT, ZERO_LIMIT))
+    return float(np.clip(np.mean(run.measured[k][known] - shown[known]), *run.zero_range))
 
 
 def offsets(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:

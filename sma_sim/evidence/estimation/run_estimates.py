@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, robust_weights
+from sma_sim.evidence.estimation.overdispersion import channel_overdispersion
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.estimation.uncertainty import GAUSS_95, autocorrelation_time
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -116,26 +117,15 @@ def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun
     step = np.zeros(len(part))
     step[:s] = -np.linalg.solve(information + WEAK * np.eye(s), gradient)
     step[own] = -np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), g[own] + part[own]) - gain.T @ step[:s]
-    inflation = score_overdispersion(
-        run, linear.residuals + np.tensordot(step, linear.jacobian, 1), len(inner), problem.robust
-    )
+    left = linear.residuals + np.tensordot(step, linear.jacobian, 1)
+    inflation = score_overdispersion(run, left, len(inner), problem.robust)
     return ReducedRun(run.name, information / inflation, gradient / inflation)
 
 
 def score_overdispersion(run: FitData, residuals: Matrix, unknowns: int, robust: bool) -> float:
-    """By how much the scores of a recording, fitted by itself, scatter more than white noise of the stated size would.
-
-    `residuals` (channels, k) over noise. The largest of its channels, at least 1.
-    """
-    counts = np.count_nonzero(run.weight, axis=1)
-    if robust:
-        residuals = residuals * robust_weights(residuals)
-    left = 1.0 - min(0.5, unknowns / max(1, run.samples))
-    found: list[float] = [
-        float(row @ row) / (count * left) * autocorrelation_time(row)
-        for row, count in zip(residuals, counts, strict=True) if count
-    ]  # fmt: skip
-    return max([1.0, *found])
+    """By how much the scores of a recording, fitted by itself, scatter more than white noise: in its worst channel."""
+    weights = robust_weights(residuals) if robust else 1.0
+    return float(channel_overdispersion(run, residuals * weights, unknowns).max())
 
 
 @dataclass(frozen=True)
@@ -203,15 +193,19 @@ def disagreement(found: Sequence[ParameterByRun]) -> ParameterByRun | None:
     return worst if worst is not None and worst.p * len(tested) < DISAGREE else None
 
 
-def agreement_sentence(found: Sequence[ParameterByRun]) -> str:
-    """What recordings say together, in a sentence; empty where no parameter could be compared."""
+def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False) -> str:
+    """What recordings say together, in a sentence; empty where no parameter could be compared.
+
+    `is_misfit`: whether the model leaves more than noise, which hides much of what recordings differ by.
+    """
     tested = [parameter for parameter in found if parameter.dof]
     if not tested:
         return ''
     worst = disagreement(found)
     if worst is None:
         least = min(tested, key=lambda parameter: parameter.p)
-        return f'The recordings agree on every parameter (least on {least.name}: p = {least.p:.2g}).'
+        agree = 'do not disagree by more than what the model leaves in them' if is_misfit else 'agree on every parameter'
+        return f'The recordings {agree} (least on {least.name}: p = {least.p:.2g}).'
     run, unit = worst.outlier, '' if worst.unit == '-' else f' {worst.unit}'
     many = sum(parameter.p * len(tested) < DISAGREE for parameter in tested) - 1
     further = f' and {many} more' if many else ''

@@ -1,23 +1,26 @@
 """How well the data of a fit determine its parameters, and what they do not determine.
 
 Intervals come from the data alone: the priors of the parameters are widened to the bounds of the fit before. The
-covariance is the larger of the inverse Hessian (white noise of the given size) and the sandwich with the long-run
-covariance of the scores (residuals that are correlated in time and between channels).
-docs/explanation/calibration.md derives it.
+covariance is H^-1 S H^-1 with the Hessian H and the larger of two estimates of the covariance S of the scores: that of
+residuals which scatter and stay correlated as those of their run and channel do (overdispersion; white noise of the stated
+size where the model is right), and the long-run covariance of the scores themselves, which sees correlation between
+channels too. docs/explanation/calibration.md derives it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, measured_steps, normal_equations, robust_weights
+from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps, robust_weights
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time, channel_overdispersion
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 from sma_sim.solver.simulate import SimulationError
 
@@ -28,12 +31,13 @@ PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction t
 MIN_COMPONENT = 0.15  # relative to the largest: smaller ones are left out of the sentence on a direction
 MIN_BLOCK, MIN_BLOCKS = 10, 10  # samples of a block; a run has at least so many blocks
 GAUSS_95 = 1.959964
+RULED_OUT = 0.5 * GAUSS_95**2  # log odds: what costs less lies within a 95 % interval
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter with its 95 % interval (SI). `std` is of the logarithm if `log`. Not `seen`: `low` and `high` are
-    not what data say but how far the fit could go."""  # fmt: skip
+    """A parameter with its 95 % interval (SI), which no bound of the fit is passed by. `std` is of the logarithm if `log`.
+    Not `seen`: `low` and `high` are not what data say but how far the fit could go."""  # fmt: skip
 
     name: str
     value: float
@@ -89,15 +93,21 @@ def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) ->
     times = correlation_times(problem, linear)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, BOUND_STDS**-2.0, 1.0)
-    hessian, scores = np.diag(regular), np.diag(regular)
-    for run in linear:
-        part: NormalEquations = normal_equations(run, problem.robust)
-        hessian[np.ix_(run.indices, run.indices)] += part.hessian
-        scores[np.ix_(run.indices, run.indices)] += long_run(run, max(times.values()), problem.robust)
+    hessian, scattered, scores, said = (np.diag(regular) for _ in range(4))
+    for data, run in zip(problem.runs, linear, strict=True):
+        at = np.ix_(run.indices, run.indices)
+        weights = robust_weights(run.residuals) if problem.robust else np.ones_like(run.residuals)
+        jacobian, residuals = run.jacobian * weights, run.residuals * weights
+        by_channel = np.einsum('uck,vck->cuv', jacobian, jacobian)
+        factor = channel_overdispersion(data, residuals, len(run.indices))
+        hessian[at] += by_channel.sum(axis=0)
+        scattered[at] += np.einsum('c,cuv->uv', factor, by_channel)
+        said[at] += np.einsum('c,cuv->uv', 1.0 / factor, by_channel)
+        scores[at] += long_run(run, max(times.values()), problem.robust)
     inverse = np.linalg.inv(hessian)
-    sandwich = inverse @ scores @ inverse
-    variance = np.maximum(np.diag(inverse), np.diag(sandwich))
-    information = np.linalg.inv(inverse[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
+    covariance = inverse @ scattered @ inverse
+    variance = np.maximum(np.diag(covariance), np.diag(inverse @ scores @ inverse))
+    information = np.linalg.inv(np.linalg.inv(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
     size, vectors = np.linalg.eigh(information)
     unknown = vectors[:, size < PRIOR_INFORMATION]
     return Uncertainty(
@@ -109,7 +119,7 @@ def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) ->
             direction(problem.free, vectors[:, k], size[k] + BOUND_STDS**-2.0) for k in reversed(range(p))
         ),
         unseen=tuple(unidentified(problem.free, unknown)),
-        correlation=tuple(tuple(row) for row in correlations(inverse[:p, :p]).tolist()),
+        correlation=tuple(tuple(row) for row in correlations(covariance[:p, :p]).tolist()),
         correlation_time=times,
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
     )  # fmt: skip
@@ -119,8 +129,19 @@ def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
     """The 95 % interval of one parameter."""
     reach = GAUSS_95 * std
     seen = seen and reach <= BOUND_STDS  # wider than the fit could go: nothing is known
-    low, high = (free.low, free.high) if not seen else (z - reach, z + reach)
+    low, high = (max(z - reach, free.low), min(z + reach, free.high)) if seen else (free.low, free.high)
     return Interval(free.name, free.value(z), free.scale * std, free.value(low), free.value(high), free.log, seen, free.unit)
+
+
+def with_other_minima(known: Uncertainty, others: Sequence[OtherStart]) -> Uncertainty:
+    """Intervals that hold the values of those other minima which the recordings do not rule out with 95 %."""
+    near = [other.values for other in others if other.log_odds < RULED_OUT]
+    widened = tuple(
+        replace(one, low=min([one.low, *values]), high=max([one.high, *values]))
+        for one in known.intervals
+        for values in [[other[one.name] for other in near if one.name in other]]
+    )
+    return replace(known, intervals=widened)
 
 
 def direction(free: Sequence[FreeParameter], vector: Vector, information: float) -> Direction:
@@ -144,20 +165,6 @@ def correlation_times(problem: Problem, linear: Sequence[LinearizedRun]) -> dict
         for name, row in zip(run.channels, linearized.residuals, strict=True):
             found[name] = max(found.get(name, 1.0), autocorrelation_time(row))
     return found
-
-
-def autocorrelation_time(series: Vector) -> float:
-    """1 + 2 sum of the autocorrelation, up to where a pair of neighbours sums to what white noise may (Geyer 1992)."""
-    k = len(series)
-    spectrum = np.abs(np.fft.rfft(series, 2 * k)) ** 2
-    covariance = np.fft.irfft(spectrum)[:k]
-    if covariance[0] <= 0.0:
-        return 1.0
-    rho = covariance[1 : k - (k - 1) % 2] / covariance[0]
-    pairs = rho[0::2] + rho[1::2]
-    at_noise = pairs < 3.0 / np.sqrt(k)
-    end = int(np.argmax(at_noise)) if at_noise.any() else len(pairs)
-    return float(1.0 + 2.0 * pairs[:end].sum())
 
 
 def long_run(linear: LinearizedRun, time: float, robust: bool) -> Matrix:

@@ -11,8 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
 from sma_sim.evidence.latent_input.covariances import prior_covariances
 from sma_sim.evidence.latent_input.design_matrix import GAP_FOLDS, DesignMatrix, Stopped
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis

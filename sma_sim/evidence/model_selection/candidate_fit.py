@@ -12,6 +12,7 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import implausible_in
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.temperature_uncertainty import error_beyond_temperature
@@ -125,8 +126,9 @@ def candidate_fit(
 ) -> CandidateFit:
     """The comparison of a fit with a candidate effect and the base without it."""
     before, after = base.prediction_error, fit.prediction_error
+    k = overdispersion(fit.problem, fit.z, context.pool)
     return CandidateFit(
-        found, fit, delta_bic(base, fit), after / before, (before - after) / max(before, 1.0),
+        found, fit, delta_bic(base, fit, k), after / before, (before - after) / max(before, 1.0),
         1.0 - fit.squares / base.squares, family_p, is_plausible_fit(fit, found), standard_errors(fit, context.pool),
         straightens(base, fit, context), beyond_temperature=gain_beyond_temperature(base, fit),
     )  # fmt: skip
@@ -161,10 +163,13 @@ def is_bent(fit: FitResult, context: SearchContext) -> bool:
     return fit.error <= CRITERIA.unexplained and bool(implausible_in(fit, context))
 
 
-def delta_bic(base: FitResult, fit: FitResult) -> float:
-    """Difference of the Bayesian information criterion, with minus without: negative is better."""
+def delta_bic(base: FitResult, fit: FitResult, k: float = 1.0) -> float:
+    """Difference of the Bayesian information criterion, with minus without: negative is better.
+
+    Squares are over those of `k`, the overdispersion that the fit leaves: of a wrong model they are no evidence.
+    """
     more = len(fit.problem.free) - len(base.problem.free)
-    return 2.0 * (fit.cost - base.cost) + more * log(fit.problem.samples)
+    return 2.0 * (fit.cost - base.cost) / k**2 + more * log(fit.problem.samples)
 
 
 def standard_errors(fit: FitResult, pool: Executor) -> dict[str, float]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples
 from sma_sim.evidence.residual_analysis.strata import Classes, Dimension
 

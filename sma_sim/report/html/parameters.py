@@ -7,10 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.fit_result import starts_sentence
-from sma_sim.evidence.estimation.log_evidence import kinetics_sentence
-from sma_sim.evidence.estimation.nuisance_report import offset_sentences
-from sma_sim.evidence.estimation.plausibility import implausible_sentence
+from sma_sim.evidence.estimation.fit_remarks import remarks_on
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.by_run import by_run_blocks
 from sma_sim.report.html.figures import log_axis, new_figure, small
@@ -32,7 +29,8 @@ def parameters_section(found: Calibration, before: Mapping[str, float]) -> Secti
             'marks: the data do not see this parameter alone; the bar shows how far the fit could go.',
             60 + 30 * len(uncertainty.intervals),
         ))  # fmt: skip
-    words = fit_remarks(found)
+    words = remarks_on(found)
+    words += ['the fit was stopped: these are the best values so far, not the optimum'] if found.interrupted else []
     blocks += [Paragraph('What these data do not determine, and further remarks:'), Bullets(words)] if words else []
     if uncertainty is not None and len(uncertainty.intervals) > 1:
         blocks.append(
@@ -108,23 +106,3 @@ def correlation_figure(uncertainty: Uncertainty) -> object:
     figure.update_yaxes(automargin=True, showgrid=False, autorange='reversed')
     figure.update_layout(margin={'t': 12})
     return figure
-
-
-def fit_remarks(found: Calibration) -> list[str]:
-    """Remarks on a fit, beside its numbers."""
-    words = list(found.uncertainty.unseen) if found.uncertainty else []
-    words += [f'{name} lies on a bound of the fit: the true value may be beyond it' for name in found.at_bound]
-    words += [implausible_sentence(found.implausible)] if found.implausible else []
-    words += offset_sentences(found)
-    words += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
-    words += [sentence] if (sentence := starts_sentence(found.other_starts)) else []
-    for start in found.other_starts:
-        if not start.same:
-            moved = ', '.join(f'{name} {value:.4g}' for name, value in start.values.items())
-            words.append(f'another start ended at a cost higher by {start.excess:.3g}: {moved}')
-    words += [kinetics_sentence(found.config, found.kinetics)] if found.kinetics else []
-    side = 'later' if found.delay > 0.0 else 'earlier'
-    words.append(f'the measurement is {1e3 * abs(found.delay):.3g} ms {side} than the model')
-    if found.interrupted:
-        words.append('the fit was stopped: these are the best values so far, not the optimum')
-    return words

@@ -1,0 +1,158 @@
+"""Intervals that promise no more than the recordings say, and limits that are said and moved."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated_data import config, dataset, scaled
+from test_fit_statistics import A, linear_of, problem_of
+from test_recordings_in_fits import module_run
+from test_recordings_in_fits import problem_of as module_problem
+
+from sma_sim import FitOptions, calibrate
+from sma_sim.cli.common.data import limits_from
+from sma_sim.evidence.estimation.cross_validation import RunFit
+from sma_sim.evidence.estimation.fit_remarks import remarks_on, starts_sentences
+from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
+from sma_sim.evidence.estimation.limits import limits_reached, within_limits
+from sma_sim.evidence.estimation.residuals import Nuisance, compared
+from sma_sim.evidence.estimation.uncertainty import RULED_OUT, interval, uncertainty, with_other_minima
+from sma_sim.evidence.model_selection.candidate_fit import delta_bic
+from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import DEFAULTS
+
+
+def autoregressive(random, shape, memory):
+    """Residuals of unit size that stay correlated over (1 + memory)/(1 - memory) samples."""
+    rows = np.empty(shape)
+    rows[:, 0] = random.normal(size=shape[0])
+    for k in range(1, shape[1]):
+        rows[:, k] = memory * rows[:, k - 1] + np.sqrt(1.0 - memory**2) * random.normal(size=shape[0])
+    return rows
+
+
+@pytest.mark.parametrize(('size', 'memory'), [(1.0, 0.0), (14.0, 0.0), (5.0, 0.9)])
+def test_coverage_of_a_linear_model_whose_residuals_are_not_the_stated_noise(size, memory):
+    """Slow sensitivities, as those of parameters are: the case in which correlation counts."""
+    problem, random = problem_of(runs=1), np.random.default_rng(4)
+    prior = np.where(np.arange(len(problem.unknowns)) < 2, BOUND_STDS**-2.0, 1.0)
+    inside = []
+    for seed in range(150):
+        (run,) = linear_of(problem, seed)
+        slow = autoregressive(random, (run.jacobian.shape[0] * run.jacobian.shape[1], run.jacobian.shape[2]), 0.97)
+        jacobian = slow.reshape(run.jacobian.shape)
+        noise = size * autoregressive(random, run.residuals.shape, memory)
+        flat = jacobian.reshape(len(jacobian), -1)
+        z = -np.linalg.solve(flat @ flat.T + np.diag(prior), flat @ noise.ravel())  # the truth is 0
+        left = noise + np.tensordot(z, jacobian, 1)
+        found = uncertainty(problem, z, [replace(run, jacobian=jacobian, residuals=left)])
+        inside += [one.low <= free.value(0.0) <= one.high for one, free in zip(found.intervals, problem.free, strict=True)]
+    assert 0.88 <= np.mean(inside) <= 0.995
+
+
+def test_what_a_misfit_leaves_of_a_parameter_is_not_seen():
+    """Seen at the stated noise; with forty times of it, all the same value, nothing narrows the prior."""
+    problem = problem_of(runs=1)
+    (run,) = linear_of(problem, size=0.05)
+    z = np.zeros(len(problem.unknowns))
+    assert all(one.seen for one in uncertainty(problem, z, [run]).intervals)
+    slow = 40.0 * np.sin(np.linspace(0.0, 9.0, run.residuals.shape[1])) * np.ones_like(run.residuals)
+    found = uncertainty(problem, z, [replace(run, residuals=slow)])
+    assert not any(one.seen for one in found.intervals) and len(found.unseen) == 2
+
+
+def test_no_interval_passes_a_bound():
+    near = interval(A, 4.9, 0.3, True)
+    assert near.seen and near.high == A.value(A.high) and near.low == pytest.approx(A.value(4.9 - 1.96 * 0.3), rel=1e-3)
+
+
+def test_other_minima_are_part_of_an_interval_or_said():
+    problem = problem_of(runs=1)
+    known = uncertainty(problem, np.zeros(len(problem.unknowns)), linear_of(problem))
+    a, b = known.intervals
+    values = {'a': 3.0 * a.value, 'b': b.value}
+    near, far, ruled_out = (
+        OtherStart(1e3, values, False, odds) for odds in (0.9 * RULED_OUT, 1.1 * RULED_OUT, 8.0)
+    )  # fmt: skip
+    wide, same = with_other_minima(known, [near]).intervals
+    assert (wide.low, wide.high) == (a.low, values['a']) and same == b
+    assert with_other_minima(known, [far, ruled_out]) == known
+    found = SimpleNamespace(other_starts=(near, far, ruled_out), values={'a': a.value, 'b': b.value})
+    said = starts_sentences(found)[1:]
+    assert len(said) == 2 and 'the intervals hold these values too' in said[0] and 'intervals' not in said[1]
+
+
+def test_bic_counts_what_a_wrong_model_leaves_as_no_evidence():
+    problem = module_problem()
+    base, fit = (FitResult(problem, np.zeros(11), cost) for cost in (600_000.0, 9_000.0))
+    assert delta_bic(base, fit, 30.0) == pytest.approx(delta_bic(base, fit) / 900.0)
+
+
+def test_a_zero_with_a_prior_is_the_only_one_of_its_gauge():
+    run = replace(module_run(), channels=('strain', 'F_1'), zero_std=(1e-3, 0.0), drift_std=(0.0, 0.0))
+    shown = run.measured + np.array([[5e-4], [0.0]])
+    one = compared(run, shown, Nuisance())
+    assert compared(run, shown, Nuisance(unknown_zero=True)) == pytest.approx(one)
+
+
+def test_every_estimate_at_a_limit_is_said():
+    """A delay that its prior keeps 11 ms from its limit; a zero of all recordings; one of a map."""
+    problem = module_problem()
+    runs = tuple(replace(run, zero_std=(0.3, 0.0), drift_std=(0.0, 0.0)) for run in problem.runs)
+    problem = replace(problem, runs=runs)
+    z = np.zeros(len(problem.unknowns))
+    z[2] = -9.78
+    fits = tuple(RunFit(run.name, (), (), (), {}, 1.0, zero=2e-3, zeros={'alpha': zero}, quasi_static=True)
+                 for run, zero in zip(runs, (1.2, 0.5), strict=True))  # fmt: skip
+    found = {limit.name: limit for limit in limits_reached(problem, z, fits)}
+    assert set(found) == {'delay', 'zero.strain', 'zero.alpha'}
+    assert (found['delay'].low, found['delay'].value) == (-0.5, pytest.approx(-0.489))
+    assert found['zero.strain'].recordings == ('run0', 'run1') and found['zero.alpha'].recordings == ('run0',)
+    assert '--limit delay=LOW:HIGH' in found['delay'].text and 'zero_std of the map' in found['zero.alpha'].text
+
+
+def test_limits_are_the_users():
+    data = dataset(scaled(config(), beam__E=0.95), [1], noise=1.0, seconds=20.0, rate=5.0, delay=0.3)
+    options = FitOptions(
+        free=('beam.E',), kinetics='hybrid', starts=1, limits=limits_from(['beam.E=1.95e9:3e9', 'delay=0:0.2'])
+    )
+    found = calibrate(data, config(), options)
+    assert found.values['beam.E'] == pytest.approx(1.95e9) and found.delay == pytest.approx(0.2)
+    assert set(found.at_bound) == {'beam.E', 'delay'} and found.uncertainty.intervals[0].low == pytest.approx(1.95e9)
+    said = ' '.join(remarks_on(found))
+    assert 'times the noise. The intervals' in said and '--limit beam.E=LOW:HIGH' in said
+    free = calibrate(data, config(), replace(options, limits={}))
+    assert not free.at_bound and free.delay == pytest.approx(0.3, abs=0.01) and 'finding' not in ' '.join(remarks_on(free))
+
+
+def test_a_delay_within_half_a_sampling_interval_is_no_finding():
+    data = dataset(config(), [1], noise=1.0, seconds=20.0, rate=5.0, delay=0.05)
+    found = calibrate(data, config(), FitOptions(free=('beam.E',), kinetics='hybrid', starts=1))
+    assert found.delay == pytest.approx(0.05, abs=0.01)
+    assert any('within half a sampling interval (200 ms): no finding' in line for line in remarks_on(found))
+
+
+@pytest.mark.parametrize(
+    ('limits', 'words'),
+    [({'beam.L': (0.0, 1.0)}, 'a parameter that is fitted'), ({'wire.E_A': (2e10, 1e10)}, 'lower end first'),
+     ({'wire.E_A': (-1.0, 1e10)}, 'more than 0')],
+)  # fmt: skip
+def test_limits_that_are_none(limits, words):
+    with pytest.raises(UserError, match=words):
+        within_limits(module_problem(), limits)
+
+
+@pytest.mark.parametrize('word', ['delay', 'delay=1', 'delay=a:b', 'delay=1:2:3'])
+def test_limits_that_cannot_be_read(word):
+    with pytest.raises(UserError, match='expected NAME=LOW:HIGH'):
+        limits_from([word])
+
+
+def test_the_end_of_what_a_parameter_can_be_is_no_limit_to_move():
+    problem = module_problem()
+    free = free_parameter('wire.E_A', 1e9, DEFAULTS['wire.E_A'])  # the bounds of the declaration are nearer than the fit's
+    found = limits_reached(replace(problem, free=(free,), runs=()), np.array([free.low, 0.0]), ())
+    assert [(limit.name, limit.is_movable) for limit in found] == [('wire.E_A', False)]
+    assert '--limit' not in found[0].text
