@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
     from sma_sim.model.effects.discovery import find_effects as find_effects
+    from sma_sim.model.effects.effect import EachBundle as EachBundle
     from sma_sim.model.effects.effect import Effect as Effect
     from sma_sim.model.effects.effect import EffectChoice as EffectChoice
     from sma_sim.model.errors import PhysicsWarning as PhysicsWarning
@@ -52,7 +53,7 @@ _EXPORTS = {
     'evidence.data.recordings': ('read_dataset',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),
     'model.config': ('Config', 'default_parameters', 'read_config'),
-    'model.effects.effect': ('Effect', 'EffectChoice'),
+    'model.effects.effect': ('EachBundle', 'Effect', 'EffectChoice'),
     'model.effects.discovery': ('find_effects',),
     'model.errors': ('PhysicsWarning', 'UserError'),
     'model.parameters': ('Parameter',),

@@ -75,11 +75,13 @@ class Point:
         sigma = sigma_M(T, w) + part * (sigma_A(T, w) - sigma_M(T, w))
         return sigma * (x / w.E_M + (1 - x) / w.E_A) + w.eps_T * x
 
+    t = 0.0  # [s]
+
     def evaluate(self, y=None, u=None):
         """dy/dt and what the flow finds on its way."""
         self.dy, self.obs = np.zeros(len(self.y)), new_findings(self.p)
         y, u = self.y if y is None else y, self.u if u is None else u
-        flow(0.0, SystemState(y, self.mode, self.x), InputPoint(u, self.du), self.p, self.dy, self.obs)
+        flow(self.t, SystemState(y, self.mode, self.x), InputPoint(u, self.du), self.p, self.dy, self.obs)
         return self.dy, self.obs
 
     def along(self, h):
@@ -97,8 +99,10 @@ def admitted(point):
 def called(effect, role, s, constants, p, memory):
     """What a kernel of an effect on the module returns; `memory` by name, of an effect on coordinates an array for each."""
     kernel, with_memory = getattr(effect, role), bool(effect.states) and role != 'start'
+    more = (*effect.in_space, *(q for q, *_ in effect.each_bundle))
+    p = SimpleNamespace(**{q.name: q.neutral for q in more} | vars(p))
     if not effect.needs:
-        own = {'own': getattr(p, CHANNELS[int(s.channel)])} if effect.by_channel else {}
+        own = {'own': getattr(p, effect.of_channel(CHANNELS[int(s.channel)]).name)} if effect.by_channel else {}
         p = SimpleNamespace(**{**vars(p), **own})
         return kernel(s, constants, p, *([SimpleNamespace(**memory)] if with_memory else []))
     q, dq = Pose(s.U_x, s.U_y, s.alpha), Pose(s.dU_x, s.dU_y, s.dalpha)

@@ -23,7 +23,8 @@ FIELDS = dict.fromkeys(State._fields, 0.0)
 def values(name, memory=None, constants=WIRE, part='kernel', state=FIELDS, **parameters):
     """What the kernel (or the rate) of an effect returns."""
     effect = find_effects()[name].effect
-    p = type('P', (), {q.name: parameters.get(q.name, q.default) for q in effect.parameters})
+    declared = (*effect.parameters, *(q for q, *_ in effect.each_bundle))
+    p = type('P', (), {q.name: parameters.get(q.name, q.default) for q in declared})
     given = (State(**{**FIELDS, **state}), constants, p)
     return np.array(getattr(effect, part)(*given, *(() if memory is None else (memory,))))
 

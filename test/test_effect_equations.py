@@ -45,7 +45,17 @@ def quantile(x):
 
 
 def bias_or_gain(s, p):
-    return getattr(p, {0: 'U_x', 1: 'U_y', 2: 'alpha', 7: 'stress'}[int(s.channel)])
+    return getattr(p, {0: 'U_x', 1: 'U_y', 2: 'alpha', 3: 'F_1', 4: 'F_2', 7: 'stress'}[int(s.channel)])
+
+
+def stepped(s, p):
+    """A logistic step: (1 + tanh z)/2 = 1/(1 + exp(-2 z))."""
+    return 1.0 / (1.0 + np.exp(min(4.0 * (p.t_slip - s.t) / p.w, 700.0)))
+
+
+def limited(s, p):
+    """The p-norm of 1/J and 1/limit, inverted."""
+    return 1.0 / np.linalg.norm([1.0 / s.J, p.r], 2.0 * p.p)
 
 
 def fatigue(s, p, m):
@@ -88,14 +98,22 @@ def camera(s, p):
 
 
 EQUATIONS = {  # of state s, parameters p and memory m
+    'ambient_drift': lambda s, p, m: 450.0 * A_S * p.c * s.t,
     'ambient_heating': lambda s, p, m: 450.0 * A_S * m['Theta'],
     'attachment_compliance': lambda s, p, m: spring(s, p),
+    'clamp_slip': lambda s, p, m: p.delta * stepped(s, p),
+    'clock_skew': lambda s, p, m: s.value,
     'driver_deadband': lambda s, p, m: 0.05 * p.J_d * softplus((s.J - p.J_d) / (0.05 * p.J_d)),
     'driver_lag': lambda s, p, m: m['P'],
+    'driver_saturation': lambda s, p, m: limited(s, p),
     'functional_fatigue': fatigue,
     'gravity': lambda s, p, m: (BEAM.m_H * p.g_x, BEAM.m_H * p.g_y, 0.0),
     'grip_toe': lambda s, p, m: in_series(s, p.toe, p.sigma_t),
     'guide_friction': lambda s, p, m: s.F * np.expm1(p.mu * tanh(s.v / p.v_s)),
+    'heat_capacity_difference': lambda s, p, m: (
+        -p.r * 7745.0 * 380.0 * WIRE.volume * (s.T - p.T_ref) * s.dx,
+        p.r * 7745.0 * 380.0 * WIRE.volume * (s.x - 0.5),
+    ),
     'joint_friction': lambda s, p, m: (0.0, 0.0, -p.M_c * tanh(s.dalpha / p.w_s)),
     'latent_heat_scale': lambda s, p, m: (p.k - 1.0) * latent_heat(s.T, s.sigma, WIRE) * s.dx,
     'natural_convection': lambda s, p, m: -p.k * A_S * sign(s.T - s.T_E) * abs(s.T - s.T_E) ** (1.0 + p.m),
@@ -109,7 +127,10 @@ EQUATIONS = {  # of state s, parameters p and memory m
     'radiation': lambda s, p, m: -p.emissivity * 5.670374419e-8 * A_S * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * (s.T - s.T_E),
     'resistance_feedback': lambda s, p, m: s.J * (1.0 + p.r * s.x - 0.5 * p.r) * (1.0 + p.a * (s.T - 323.0)),
     'sensor_bias': lambda s, p, m: s.value + bias_or_gain(s, p),
+    'sensor_crosstalk': lambda s, p, m: s.value + (p.F if s.channel in (3, 4) else p.T) * s.neighbours,
+    'sensor_drift': lambda s, p, m: s.value + quad(lambda t: bias_or_gain(s, p) * exp(-p.k * t), 0.0, s.t)[0],
     'sensor_gain': lambda s, p, m: s.value * bias_or_gain(s, p),
+    'sensor_jump': lambda s, p, m: s.value + bias_or_gain(s, p) * stepped(s, p),
     'sensor_lag': lambda s, p, m: m['shown'],
     'sensor_misalignment': lambda s, p, m: camera(s, p),
     'slack': lambda s, p, m: p.part * (p.F_s * softplus(s.F / p.F_s) - s.F),
@@ -157,7 +178,7 @@ def random_state(random, channels):
         'dalpha': 0.02 * names['dalpha'],
     }
     names |= {'U_x': 1e-4 * names['U_x'], 'U_y': 5e-3 * names['U_y'], 'alpha': 0.2 * names['alpha']}
-    names |= {'sigma': 1e8 * names['sigma'], 'channel': float(random.choice(channels))}
+    names |= {'sigma': 1e8 * names['sigma'], 'channel': float(random.choice(channels)), 't': random.uniform(0.0, 100.0)}
     return State(**names)
 
 

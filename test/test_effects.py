@@ -49,17 +49,20 @@ CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
     **dict.fromkeys(('functional_fatigue', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
+    'clamp_slip': {'wire__l0': 99e-3},
 }
 LIBRARY = {
-    'actuation': 'driver_lag driver_deadband power_gain_mismatch power_scale resistance_feedback',
-    'wire_heat': 'natural_convection radiation ambient_heating thermal_crosstalk latent_heat_scale',
+    'actuation': 'driver_lag driver_deadband driver_saturation power_gain_mismatch power_scale resistance_feedback',
+    'wire_heat': 'natural_convection radiation ambient_heating ambient_drift thermal_crosstalk latent_heat_scale '
+    'heat_capacity_difference',
     'wire_strain': 'thermal_expansion pretension_mismatch attachment_compliance functional_fatigue '
-    'stress_dependent_transformation_strain r_phase_strain transformation_plasticity grip_toe',
+    'stress_dependent_transformation_strain r_phase_strain transformation_plasticity grip_toe clamp_slip',
     'transformation_stress': 'clausius_clapeyron_mismatch polycrystal smooth_transformation r_phase nucleation_peak '
     'temperature_gradient',
     'wire_force': 'guide_friction slack',
     'structure_force': 'gravity beam_creep beam_nonlinearity joint_friction',
-    'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment thermometer_lag',
+    'sensing': 'sensor_bias sensor_gain sensor_lag sensor_misalignment thermometer_lag sensor_crosstalk sensor_drift '
+    'sensor_jump clock_skew',
 }
 SEEN = {'module': ('alpha_rad', 'U_y_m', 'T_1_K', 'F_2_N'), 'wire': ('stress_Pa', 'T_K')}
 
@@ -162,7 +165,8 @@ def test_native_kernel_is_the_python_one(name):
     parameters = make_model().config.parameters
     constants = (beam_constants if effect.port == 'structure_force' else wire_constants)(parameters)
     random = np.random.default_rng(5)
-    s = State(*random.uniform(0.1, 0.9, len(State._fields)))._replace(channel=1.0)
+    channel = CHANNELS.index('U_y' if 'U_y' in effect.channels else (*effect.channels, 'F_1')[0])
+    s = State(*random.uniform(0.1, 0.9, len(State._fields)))._replace(channel=float(channel))
     p = SimpleNamespace(**{q.name: q.default for q in effect.parameters})
     places = len(acting_coordinates(effect.needs, MODULE)) if effect.needs else 1
     memory = random.uniform(0.1, 0.9, (places, max(len(effect.states), 1)))

@@ -18,7 +18,7 @@ from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_SIGMA, O_STRAI
 from sma_sim.model.material import internal_energy, latent_heat
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import numbers, record
-from sma_sim.model.system import extra_heat
+from sma_sim.model.system import extra_capacity, extra_heat
 
 KINDS = ('hybrid', 'mas')
 CASES = [
@@ -30,6 +30,8 @@ CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
     **dict.fromkeys(('functional_fatigue', 'r_phase_strain', 'transformation_plasticity'), {'wire__l0': 99e-3}),
     'slack': {'wire__sigma_MW0': 45e6},
+    'clamp_slip': {'wire__l0': 99e-3},
+    ('clamp_slip', 'slider'): {'wire__l0': 95.7e-3},
     ('beam_creep', 'slider'): {'slider__x_0': 0.035},
     ('functional_fatigue', 'slider'): {'wire__l0': 95.7e-3},
     ('transformation_plasticity', 'slider'): {'wire__l0': 95.7e-3},
@@ -112,7 +114,7 @@ def check_balance(model, y, x, u):
     """Stored power against what flows in, at one state: of every wire (one of its bundle), and of the structure."""
     p, w = model.compiled, model.compiled.wire
     dy, obs = evaluated(model, y, x, u)
-    heat = [extra_heat(i, obs[i, O_DX], y, p) for i in range(p.wires)]
+    heat, capacities = zip(*((extra_heat(i, obs[i, O_DX], y, p), extra_capacity(p)) for i in range(p.wires)), strict=True)
     first, acting = p.drives + 1, int(p.structure.effects[p.drives])
     added = p.structure.effects[first : first + acting * p.coordinates].reshape(acting, p.coordinates).copy()
     strain_rates = rates_of_strain(model, y, x, u, dy)
@@ -122,7 +124,7 @@ def check_balance(model, y, x, u):
         along = (obs[i, O_DEPS] - strain_rates[i] - w.eps_T * obs[i, O_DX], dy[p.first_T + i], obs[i, O_DX])
         stored = internal_energy(*(a + 1e-30j * b for a, b in zip(at, along, strict=True)), w).imag / 1e-30
         powers = np.array([w.section * sigma * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.area * (T - 298.0), heat[i],
-                           -w.volume * sigma * strain_rates[i]])  # fmt: skip
+                           -w.volume * sigma * strain_rates[i], -capacities[i] * dy[p.first_T + i]])  # fmt: skip
         exchanged = np.abs([*powers, latent_heat(T, sigma, w) * obs[i, O_DX]]).sum()
         assert stored == pytest.approx(powers.sum(), abs=1e-6 * exchanged)
     n, zero = p.coordinates, np.zeros(p.coordinates)

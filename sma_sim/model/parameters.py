@@ -36,7 +36,8 @@ class Parameter:
     quantity : str
         For the parameter of an effect on any coordinate, what of it it is: ``'force'``, ``'rate'``, ``'change'`` or
         ``'1/change^2'``. The numbers are for the rotation of the paper's module; on another structure they are converted to
-        the size and the unit of its coordinate.
+        the size and the unit of its coordinate. ``'instant'``: a time in a recording, whose starting values in a search are
+        instants at which residuals change.
     """
 
     name: str

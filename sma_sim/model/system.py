@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.calls import add_rates, fill_kernel_phases, fill_kernel_state, share_rates, true_channel
+from sma_sim.model.effects.calls import (
+    add_rates,
+    fill_kernel_phases,
+    fill_kernel_state,
+    share_rates,
+    sum_of_neighbours,
+    true_channel,
+)
 from sma_sim.model.effects.ports import (
     ACTUATION,
     S_CHANNEL,
     S_DX,
     S_F,
     S_J,
+    S_NEIGHBOURS,
     S_STRAIN,
     S_T,
     S_VALUE,
@@ -206,7 +214,7 @@ def wire_rates(i: int, state: SystemState, point: InputPoint, p: System, dy: Vec
     else:
         T_E = ambient_temperature(point.u, p)
         heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, dx, y, p)
-        capacity = heat_capacity(T, x, w)
+        capacity = heat_capacity(T, x, w) + extra_capacity(p)
         latent = latent_heat(T, sigma, w)
         if transforming:
             latent += extra_latent_heat(i, 1.0 if mode == TO_MARTENSITE else -1.0, y, p)
@@ -217,7 +225,7 @@ def wire_rates(i: int, state: SystemState, point: InputPoint, p: System, dy: Vec
 
 
 def extra_heat(i: int, dx: float, y: Vector, p: System) -> float:
-    """Heat that effects bring into wire `i` [W] while it transforms at the rate `dx`."""
+    """Heat that effects bring into wire `i` [W] while it transforms at the rate `dx`; keeps the capacities that they add."""
     e = p.effects
     heat = 0.0
     if e.port_start[WIRE_HEAT + 1] > e.port_start[WIRE_HEAT]:
@@ -225,7 +233,17 @@ def extra_heat(i: int, dx: float, y: Vector, p: System) -> float:
         for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
             call_effect(e.value[k], k, i, y, e)
             heat += e.out[0]
+            e.contribution[k, 0] = e.out[1]
     return heat
+
+
+def extra_capacity(p: System) -> float:
+    """Heat capacity [J/K] that effects add to the wire whose `extra_heat` was found last."""
+    e = p.effects
+    capacity = 0.0
+    for k in range(e.port_start[WIRE_HEAT], e.port_start[WIRE_HEAT + 1]):
+        capacity += e.contribution[k, 0]
+    return capacity
 
 
 def extra_latent_heat(i: int, sign: float, y: Vector, p: System) -> float:
@@ -287,6 +305,8 @@ def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) 
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
             s[S_VALUE] = value
+            if e.depends_on_neighbours[k] != 0:
+                s[S_NEIGHBOURS] = sum_of_neighbours(channel, y, p, obs)
             add_rates(k, e.slot[k, channel], y, e, dy)
             call_effect(e.value[k], k, e.slot[k, channel], y, e)
             value = e.out[0]

@@ -17,6 +17,7 @@ from sma_sim.model.effects.ports import (
     S_LENGTH,
     S_STRAIN,
     S_T,
+    S_TIME,
     S_X,
     TRANSFORMATION_STRESS,
     WIRE_STRAIN,
@@ -39,7 +40,7 @@ from sma_sim.model.layout import (
 from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigma_M, stress
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.
-X_STEP, EPS_STEP, T_STEP, MEMORY_STEP = 1e-7, 1e-7, 1e-4, 1e-7
+X_STEP, EPS_STEP, T_STEP, MEMORY_STEP, TIME_STEP = 1e-7, 1e-7, 1e-4, 1e-7, 1e-6
 KNEE, LEAST = 0.2, 0.05  # of dsigma: from where on the hysteresis no longer narrows in proportion, and its limit
 SECANT_STEPS = 60
 FRACTION_TOLERANCE = 1e-13
@@ -127,6 +128,14 @@ def offsets_depend_on_eps(e: EffectTable) -> bool:
     """Whether any of them depends on the strain of the wire."""
     for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
         if e.depends_on_eps[k] != 0:
+            return True
+    return False
+
+
+def offsets_depend_on_t(e: EffectTable) -> bool:
+    """Whether any of them depends on time itself."""
+    for k in range(e.port_start[WIRE_STRAIN], e.port_start[TRANSFORMATION_STRESS + 1]):
+        if e.depends_on_t[k] != 0:
             return True
     return False
 
@@ -229,6 +238,8 @@ def fraction_rate(i: int, balance: HeatBalance, mode: int, y: Vector, p: System,
             by_x += added(i, T, x + step, at, y, p) / step
         if offsets_depend_on_eps(e):
             drawn += added_by_strain(i, at, y, p, obs) * obs[i, O_DEPS]
+        if offsets_depend_on_t(e):
+            drawn += added_in_time(i, at, y, p)
         if has_memory(e):
             sign = 1.0 if mode == TO_MARTENSITE else -1.0
             drift = memory_drift(i, 0.0, at, y, p)
@@ -250,6 +261,16 @@ def added_by_strain(i: int, at: Transformation, y: Vector, p: System, obs: Vecto
     slope = added(i, at.T, at.x, at, y, p) / EPS_STEP
     s[S_EPS], s[S_LENGTH] = obs[i, O_EPS], obs[i, O_LENGTH]
     return slope
+
+
+def added_in_time(i: int, at: Transformation, y: Vector, p: System) -> float:
+    """Rate of sigma - sigma_A - s_A (or M) through what effects add as functions of time itself [Pa/s]."""
+    s = p.effects.s[i]
+    now = s[S_TIME]
+    s[S_TIME] = now + TIME_STEP
+    rate = added(i, at.T, at.x, at, y, p) / (s[S_TIME] - now)
+    s[S_TIME] = now
+    return rate
 
 
 def memory_drift(i: int, dx: float, at: Transformation, y: Vector, p: System) -> float:

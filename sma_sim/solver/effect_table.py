@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sma_sim.model.effects.conversion import SHOWN
+from sma_sim.model.effects.conversion import like_of, with_parameters
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import CHAIN, Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots
@@ -30,6 +31,13 @@ def channel_codes(structure: Structure) -> list[int]:
     return [
         CHANNELS.index(channel) if channel in CHANNELS else len(CHANNELS) + k for k, channel in enumerate(structure.channels)
     ]
+
+
+def channel_kinds(structure: Structure) -> list[int]:
+    """The same number for channels that are alike: forces, temperatures, resistances; coordinates in one unit."""
+    own = [coordinate.unit for coordinate in structure.coordinates]
+    kinds = own + [f'of wires: {name[0]}' for name in structure.channels[len(own) :]]
+    return [kinds.index(kind) for kind in kinds]
 
 
 def channel_scales(structure: Structure) -> list[float]:
@@ -101,29 +109,37 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
             -1, len(structure.channels)
         ),
         'code': np.array(channel_codes(structure), dtype=np.int64),
+        'kind': np.array(channel_kinds(structure), dtype=np.int64),
         'shared': np.array([effect.scope.shared for effect in effects], dtype=np.int64),
         'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
         'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
         'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
+        'depends_on_t': np.array(['t' in read for read in fields], dtype=np.int64),
+        'depends_on_neighbours': np.array(['neighbours' in read for read in fields], dtype=np.int64),
         'parameter_start': np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
     })  # fmt: skip
 
 
 def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
-    """An effect with the parameters that its kernels read on a structure: one for each channel, where it is by channel.
+    """An effect with the parameters that its kernels read on a structure.
 
-    Of the effect as it is on the module, a coordinate takes the value of the channel in the same unit, else that of U_y, as
-    its declaration does (`parameters_of_channels`).
+    Where the effect is as declared for the module, channels of the structure take the value of the like one of the module
+    (`parameters_of_channels`), and what it has there for each bundle or in space is neutral.
     """
-    found = active.found
-    if not found.effect.by_channel or not structure.coordinates or found.effect.scope.name:
+    declared = active.found.effect
+    values = {p.name: value for p, value in zip(declared.parameters, active.values, strict=True)}
+    if declared.by_channel:
+        if declared.structure is structure or declared.scope.name or not structure.coordinates:
+            return active
+        own = active.found.on(structure)
+        likes = {p.name: like_of(declared, p.name, structure) for p in own.effect.parameters if p.name in structure.channels}
+        return ActiveEffect(own, tuple(values[(likes.get(p.name) or p).name] for p in own.effect.parameters))
+    effect = with_parameters(declared, structure)
+    if effect is declared:
         return active
-    own = found.on(structure)
-    if len(own.effect.parameters) == len(active.values):
-        return active
-    units = {p.unit: value for p, value in zip(found.effect.parameters, active.values, strict=True)}
-    units |= {structure_unit: active.values[k] for structure_unit, k in SHOWN.items()}
-    return ActiveEffect(own, tuple(units.get(c.unit, active.values[1]) for c in structure.coordinates))
+    found = replace(active.found, effect=effect, plain=active.found.plain or active.found)
+    more = effect.parameters[len(declared.parameters) :]
+    return ActiveEffect(found, (*active.values, *(p.default if p.neutral is None else p.neutral for p in more)))
 
 
 def effect_table(

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.meaning import POSE
 from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_WIRE
 from sma_sim.model.effects.scope import MASK_COORDINATE, MASK_SIZE, MASK_WIRE
 from sma_sim.model.structures.structure import Structure
@@ -48,7 +47,23 @@ def functions_of(effect: Effect) -> tuple[str, ...]:
 
 def parameter_fields(effect: Effect) -> list[str]:
     """Names of the parameters as kernels read them."""
-    return [OWN] if effect.by_channel else [p.name for p in effect.parameters]
+    return list(parameter_entries(effect, effect.structure))
+
+
+def parameter_entries(effect: Effect, structure: Structure) -> dict[str, str]:
+    """Expressions of the parameters by the names by which kernels read them: of those of the channel, and of the bundle."""
+    place = {p.name: f'p_[{k}]' for k, p in enumerate(effect.parameters)}
+    found = {OWN: parameter_of_channel(effect, structure)} if effect.by_channel else {}
+    numbered = {f'{p.name}_{i}' for p, *_ in effect.each_bundle for i in range(1, structure.wires + 1)}
+    found |= {p.name: place[p.name] for p in effect.shared_parameters if p.name not in numbered}
+    found |= {p.name: f'{p.neutral!r}' for p in effect.in_space if p.name not in place}
+    for p, *_ in effect.each_bundle:
+        expression = place.get(p.name, f'{p.neutral!r}')
+        for i in range(1, structure.wires + 1):
+            if f'{p.name}_{i}' in place:
+                expression = f'{place[f"{p.name}_{i}"]} if s_[{S_WIRE}] == {float(i - 1)!r} else {expression}'
+        found[p.name] = f'({expression})'
+    return found
 
 
 def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> str:
@@ -56,7 +71,7 @@ def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: b
     role, _, outputs, memory = one
     count = len(effect.parameters)
     groups = [('s', 'State', len(kinds.state._fields)), ('w', 'Constants', len(kinds.constants._fields))]
-    groups.append(('p', 'Parameters', 1 if effect.by_channel else count))
+    groups.append(('p', 'Parameters', count))
     if memory:
         groups.append(('m', 'Memory', len(effect.states)))
     sizes = {letter: size for letter, _, size in groups} | {'p': count + MASK_SIZE}
@@ -64,8 +79,7 @@ def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: b
     lines += [f'    {letter}_ = carray({letter}, {sizes[letter]})' for letter, _, _ in groups]
     lines += elsewhere_lines(effect, role, outputs)
     entries = {letter: [f'{letter}_[{i}]' for i in range(size)] for letter, _, size in groups}
-    if effect.by_channel:
-        entries['p'] = [parameter_of_channel(effect, kinds.structure)]
+    entries['p'] = list(parameter_entries(effect, kinds.structure).values())
     if effect.port == 'structure_force':
         lines += mask_lines(count, range(kinds.coordinates))
         for j in range(2 * kinds.coordinates):
@@ -95,16 +109,15 @@ def elsewhere_lines(effect: Effect, role: str, outputs: int) -> list[str]:
 
 
 def parameter_of_channel(effect: Effect, structure: Structure) -> str:
-    """Expression of the parameter of the channel: by its name, or of the coordinates of other structures in their order."""
-    named = structure.coordinate_names == POSE or not structure.coordinates
-    codes = [
-        CHANNELS.index(name) if named or name in CHANNELS else len(CHANNELS) + structure.channels.index(name)
-        for name in ([p.name for p in effect.parameters] if named else structure.coordinate_names)
-    ]
-    expression = f'p_[{min(len(codes), len(effect.parameters)) - 1}]'
-    for k in reversed(range(min(len(codes), len(effect.parameters)) - 1)):
-        expression = f'p_[{k}] if s_[{S_CHANNEL}] == {float(codes[k])!r} else {expression}'
-    return expression
+    """Expression of the parameter of the channel."""
+    codes = {name: float(CHANNELS.index(name)) for name in CHANNELS}
+    codes |= {name: float(len(CHANNELS) + k) for k, name in enumerate(structure.channels) if name not in CHANNELS}
+    place = {p.name: k for k, p in enumerate(effect.parameters)}
+    own = [(codes[name], place[p.name]) for name in codes if (p := effect.of_channel(name)) is not None]
+    expression = f'p_[{own[-1][1]}]'
+    for code, k in own[-2::-1]:
+        expression = f'p_[{k}] if s_[{S_CHANNEL}] == {code!r} else {expression}'
+    return f'({expression})'
 
 
 def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bool) -> str:
@@ -117,7 +130,7 @@ def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
         f'    s_, w_ = carray(s, {S_POSE + 2 * n}), carray(w, {constants})',
         f'    p_, m_ = carray(p, {parameters + MASK_SIZE}), carray(m, {max(1, states * len(acting))})',
         f'    w__ = Constants({", ".join(f"w_[{i}]" for i in range(constants))})',
-        f'    p__ = Parameters({", ".join(f"p_[{i}]" for i in range(parameters))})',
+        f'    p__ = Parameters({", ".join(parameter_entries(effect, kinds.structure).values())})',
         *mask_lines(parameters, range(n)),
     ]  # fmt: skip
     if one.role == 'value' and functions_of(effect):
@@ -139,13 +152,26 @@ def whole_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bo
         memory = [
             ', '.join(f'm_[{place[j] * states + k}]' if j in place else '0.0' for j in part) + ',' for k in range(states)
         ]  # fmt: skip
+        pose = f'Pose({q})'
+        if of_series(effect, kinds.structure):
+            pose = f'Place({begin // together}, s_[{S_POSE}:{S_POSE + n}].reshape(({n // together}, {together})))'
         lines += [
-            f'    s__ = State({wire_fields()}, Pose({q}), Pose({dq}))',
+            f'    s__ = State({wire_fields()}, {pose}, Pose({dq}))',
             *([f'    m__ = Memory({", ".join(f"Pose({each})" for each in memory)})'] if one.memory else []),
             f'    result = kernel({", ".join(given)})',
             *(f'    out_[{j}] = result{f"[{j - begin}]" if is_tuple else ""} * k_{j}' for j in part),
         ]
     return lines
+
+
+def of_series(effect: Effect, structure: Structure) -> bool:
+    """Whether the kernel of an effect takes the weight of segments in series, which depends on all of them."""
+    return structure.segment is not None and 'gravity' in effect.needs
+
+
+def function_of(structure: Structure, name: str) -> Any:
+    """A function of a structure that kernels take, of segments in series that of one, but for their weight."""
+    return getattr(structure if name == 'gravity' else part_of(structure), name)
 
 
 def part_of(structure: Structure) -> Structure:

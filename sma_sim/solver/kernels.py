@@ -8,14 +8,16 @@ from itertools import count, islice
 from types import FunctionType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates
-from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
+from sma_sim.model.effects.ports import CHANNELS, PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.model.structures.discovery import FoundStructure, package_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
-from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.model.structures.structure import Place, Structure, numbers, record
 from sma_sim.solver.compile import OWN, Compiler, carray, code_of, content_key, first_lines_of, write_source
 from sma_sim.solver.fields_read import check_fields, check_scope, fields_read
 from sma_sim.solver.kernel_text import (
@@ -23,7 +25,9 @@ from sma_sim.solver.kernel_text import (
     KernelTypes,
     OneKernel,
     force_text,
+    function_of,
     functions_of,
+    of_series,
     parameter_fields,
     part_of,
     wrapper_text,
@@ -59,7 +63,7 @@ def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> Nativ
     plain = found.plain or found
     if plain.effect.needs and on is None:
         on = package_structures()['module']
-    if plain.effect.by_channel and on is not None:
+    if on is not None and (plain.effect.by_channel or plain.effect.each_bundle or plain.effect.in_space):
         plain = plain.on(on.structure)
     return _native_effect(plain, on)
 
@@ -93,7 +97,7 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
 
 def functions_on(structure: Structure) -> tuple[Any, ...]:
     """The structure's own functions that kernels may call."""
-    return tuple(getattr(part_of(structure), name) for name in FUNCTIONS)
+    return tuple(function_of(structure, name) for name in FUNCTIONS)
 
 
 def outputs_of(effect: Effect, kinds: KernelTypes) -> int:
@@ -105,12 +109,12 @@ def outputs_of(effect: Effect, kinds: KernelTypes) -> int:
 
 def own_kernels(effect: Effect, structure: Structure) -> bool:
     """Whether the kernels of an effect are compiled for this structure, as they take its coordinates or constants."""
-    if effect.needs:
+    if effect.needs or any(each.numbers(structure.wires) for each in effect.each_bundle):
+        return True
+    if effect.by_channel and not set(structure.channels[: -structure.wires]) <= set(CHANNELS):
         return True
     if structure.coordinate_names == POSE or not structure.coordinates:
         return False
-    if effect.by_channel:
-        return True
     read = fields_read(effect.kernel) | fields_read(effect.rate) | fields_read(effect.start)
     return effect.port == 'structure_force' or not read.isdisjoint(pose_fields(structure))
 
@@ -136,7 +140,7 @@ def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compi
     """A C function of five addresses around one kernel."""
     role, kernel = one.role, one.python
     part = part_of(kinds.structure)
-    functions = {name: getattr(part, name) for name in FUNCTIONS if effect.needs}
+    functions = {name: function_of(kinds.structure, name) for name in FUNCTIONS if effect.needs}
     file = compiler.folder / f'effect_{effect.name}_{role}{suffix}.py'
     write_source(file, text)
     namespace: dict[str, Any] = {
@@ -147,6 +151,7 @@ def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compi
         'Parameters': record('Parameters', parameter_fields(effect)),
         'Memory': record('Memory', effect.states),
         'Pose': record('Pose', part.coordinate_names),
+        'Place': Place,
         'kernel': kernel,
         **functions,
     }
@@ -167,14 +172,19 @@ def arguments_of(effect: Effect, one: OneKernel, kinds: KernelTypes, values: Seq
     def pose() -> Any:
         return record('Pose', part.coordinate_names)(*islice(some, len(part.coordinates))) if whole else next(some)
 
+    known = {p.name: value for p, value in zip(effect.parameters, values, strict=True)}
+    more = (*effect.in_space, *(p for p, *_ in effect.each_bundle))
+    known = {p.name: 0.0 if p.neutral is None else p.neutral for p in more} | known
     given: list[Any] = [
         kinds.state(*(pose() if field in ('q', 'dq') else next(some) for field in fields)),
         kinds.constants(*islice(some, len(kinds.constants._fields))),
-        record('Parameters', parameter_fields(effect))(*values[: len(parameter_fields(effect))]),
+        record('Parameters', parameter_fields(effect))(*(known.get(name, values[0]) for name in parameter_fields(effect))),
     ]
+    if whole and of_series(effect, kinds.structure):
+        given[0] = given[0]._replace(q=Place(0, np.full((kinds.structure.segments, len(part.coordinates)), next(some))))
     if one.memory:
         given.append(record('Memory', effect.states)(*(pose() for _ in effect.states)))
-    return given + ([getattr(part, name) for name in functions_of(effect)] if whole else [])
+    return given + ([function_of(kinds.structure, name) for name in functions_of(effect)] if whole else [])
 
 
 def state_at_start(effect: Effect, given: Sequence[Any]) -> list[Any]:

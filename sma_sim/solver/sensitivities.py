@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.effects.ports import SENSING
+from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import sampled_numbers
 from sma_sim.solver.compile import is_interpreted, package_compiler
 from sma_sim.solver.effect_table import own_scratch
@@ -26,6 +27,7 @@ from sma_sim.solver.tangents import follow
 Matrix = NDArray[np.float64]
 TOGETHER = 8  # unknowns that vector instructions serve at once: the last ones of a run may be none
 NODES = 3  # of a step, at which it is linearised
+PACE_STEP = 1e-3  # [s], for the pace of a clock
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,14 @@ def direct_states(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64]
     return np.array([-1 if (sensed[:, c] >= 0).any() else first.get(c, -1) for c in numbers.tolist()], dtype=np.int64)
 
 
+def timed_channels(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each channel (c,) 1 where an effect on its sensor depends on time itself, else 0."""
+    e = model.compiled.effects
+    sensing = slice(e.port_start[SENSING], e.port_start[SENSING + 1])
+    timed = (e.slot[sensing][:, numbers] >= 0) & (e.depends_on_t[sensing, None] != 0)
+    return np.asarray(timed.any(axis=0), dtype=np.int64)
+
+
 def row_shifts(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Matrix | None:
     """Derivatives of the times of the stretches of an input (rows, unknowns); None where neighbours have other rows."""
     times, values, _ = pieces(source)
@@ -114,6 +124,7 @@ def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: A
     return Tangents(
         shift=np.zeros(count), y=np.zeros((NODES, n)), dy=np.zeros((NODES, n)), obs=np.zeros((NODES, *obs.shape)),
         shown=np.zeros((NODES, c)), by_state=np.zeros((NODES, n + c, n + wires)), by_unknown=np.zeros((NODES, n + c, count)),
+        sensed=np.zeros((NODES, c, count)),
         slope=np.zeros((n, count)), matrix=np.zeros((n, n + wires)), stage=np.zeros((n, count)),
         stages=np.zeros((STAGES, n, count)), rhs=np.zeros((n, count)), new=np.zeros((n, count)),
         dense=np.zeros((2, n, count)), mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires),
@@ -145,18 +156,27 @@ def simulate_with_tangents(
     shifts, (times, values, slopes) = row_shifts(source, neighbours, delta), pieces(source)
     if shifts is None or len(times) < 2:
         return None
-    run, asked = copy_of_run(model, initial_state), requested_times(source, sample_times)
+    run, asked, begin = copy_of_run(model, initial_state), requested_times(source, sample_times), float(source.times[0])
+    seen = seen_at(model, asked, begin)
+    times, values, slopes = held_until((times, values, slopes), seen)
     numbers = sampled_numbers(channels, model.structure)
     records = moved_systems(model, neighbours)
     s, r = differences_of_starts(run, neighbours, delta)
     tangents = new_tangents(
-        model, run, (len(numbers), len(neighbours), len(asked)), numbers=numbers, direct=direct_states(model, numbers),
-        systems=records.addresses, delta=delta, row_shift=shifts, s=s, r=r,
+        model, run, (len(numbers), len(neighbours), len(seen)), numbers=numbers, direct=direct_states(model, numbers),
+        timed=timed_channels(model, numbers), systems=records.addresses, delta=delta, row_shift=shifts, s=s, r=r,
     )  # fmt: skip
-    log = new_log(model, asked, numbers)
+    log = new_log(model, seen, numbers)
     limits = Limits(np.inf, max_steps, stall_step(model))
     stretches, p = InputStretches(times, values, slopes, model.uses_time), own_scratch(model.compiled)
     status = package_compiler().function(follow)(stretches, run, p, new_work(model), limits, log, tangents)
-    made = trajectory(model, log, run, stop_reason(status, model, run), ())
-    found = tangents.samples[: len(made.time), :, : len(neighbours)]
-    return Sensitivities(made, found.transpose(2, 1, 0), tangents.slopes[: len(made.time)].T)
+    made = trajectory(model, log, asked, run, stop_reason(status, model, run), ())
+    count = len(made.time)
+    found, slopes = tangents.samples[:count, :, : len(neighbours)].transpose(2, 1, 0), tangents.slopes[:count].T
+    for j, neighbour in enumerate(neighbours):
+        later = (seen_at(neighbour.model or model, asked, begin) - seen)[:count] / delta
+        if later.any():
+            found[j] += later * slopes
+    if not np.array_equal(seen, asked):
+        slopes = slopes * ((seen_at(model, asked + PACE_STEP, begin) - seen) / PACE_STEP)[:count]
+    return Sensitivities(made, found, slopes)

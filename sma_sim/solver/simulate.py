@@ -21,6 +21,7 @@ from sma_sim.model.layout import (
 )
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
@@ -255,11 +256,13 @@ def simulate(
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
     notes = (() if initial_state else notes_on_start(model, run)) + notes_on_commands(model, source)
     asked = requested_times(source, sample_times)
+    seen = seen_at(model, asked, float(source.times[0]))
+    times, values, slopes = held_until((times, values, slopes), seen)
     limits = Limits(float(max_step), int(max_steps), min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
     sampled = sampled_numbers(channels, model.structure)
-    log = new_log(model, asked, sampled)
+    log = new_log(model, seen, sampled)
     try:
         for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
             part = slice(first, first + PIECES_AT_ONCE + 1)
@@ -272,7 +275,7 @@ def simulate(
                 progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
     except KeyboardInterrupt:
         reason = STOPPED
-    return trajectory(model, log, run, reason, notes)
+    return trajectory(model, log, asked, run, reason, notes)
 
 
 def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
@@ -281,8 +284,11 @@ def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
     return Log(samples, times, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), numbers)
 
 
-def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
-    """What a run left behind, with names. Warns of wires that would have melted."""
+def trajectory(model: Model, log: Log, times: Vector, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
+    """What a run left behind, with names; `times` (k,) [s] at which the samples are shown.
+
+    Warns of wires that would have melted.
+    """
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
     hot = melting_note(model, temperatures_of(model, columns, run))
@@ -290,7 +296,7 @@ def trajectory(model: Model, log: Log, run: Run, reason: str, notes: tuple[str, 
         warnings.warn(hot, PhysicsWarning, stacklevel=3)
         notes = (*notes, hot)
     return Trajectory(
-        time=log.times[written],
+        time=times[written],
         columns=columns,
         resistances=resistances,
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V, RANGE
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
-from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.model.structures.structure import Place, Structure, numbers, record
 from sma_sim.solver.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
 
 Vector = NDArray[np.float64]
@@ -88,6 +88,7 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
     }
     example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives)), 'k': 0, 'g': 1.0}
     example |= {letter: np.full((structure.segments, n), 1e-3) for letter in SERIES}
+    example['w'] = Place(0, example['Q'])
     kernels = {}
     for role, python, takes, returns in (
         ('lengths', one.lengths, 'qp', one.wires),
@@ -95,7 +96,7 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
         ('forces', one.forces, 'qvp' + driven, n),
         ('accelerations', structure.accelerations, f'k{SERIES}p' if structure.segment else 'qvfp', n),
         ('stiffness', one.stiffness, 'qpg', n),
-        ('gravity', one.gravity, 'qpggg', n),
+        ('gravity', structure.gravity, 'wpggg' if structure.segment else 'qpggg', n),
     ):
         if python is not None:
             value = checked_value(structure, role, python, tuple(example[letter] for letter in takes), returns)

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.automaton import INNER
+from sma_sim.model.effects.calls import fill_kernel_state
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import (
     EVERY_WIRE,
     EVERYTHING,
     PER_WIRE_BITS,
     WIRE_1,
+    ambient_temperature,
     depends_on,
     sensed_channel,
     update_flow,
@@ -37,6 +39,7 @@ class Tangents(NamedTuple):
 
     numbers: Integers  # (c,) of the channels
     direct: Integers  # (c,) the state that a sensor shows as it is, -1 where it shows something else
+    timed: Integers  # (c,) 1 where what a sensor does depends on time itself
     systems: Integers
     delta: float
     row_shift: Matrix
@@ -48,7 +51,8 @@ class Tangents(NamedTuple):
     obs: Arrays  # (3, wires, ...)
     shown: Matrix  # (3, c)
     by_state: Arrays  # (3, n + c, n + wires) derivatives in states and frozen fractions, of rates, then of channels
-    by_unknown: Arrays  # (3, n + c, P)
+    by_unknown: Arrays  # (3, n + c, P), of channels without `sensed`
+    sensed: Arrays  # (3, c, P) of timed channels, what the sensor alone makes of an unknown
     slope: Matrix  # (n, P) h times the derivative in time of the equation at the beginning of a step
     matrix: Matrix  # (n, n + wires)
     stage: Matrix  # (n, P)
@@ -127,6 +131,26 @@ def unknown_columns(node: int, t: float, state: SystemState, segment: Segment, p
                 there = sensed_channel(a.numbers[c], beside.y, moved, w.stage.obs, w.stage.dy)
                 a.by_unknown[node, n + c, j] = (there - a.shown[node, c]) * inverse
     subtract_product(a.by_state[node], a.s, a.r, a.by_unknown[node])
+    for c in range(a.shown.shape[1]):
+        if a.timed[c] != 0:
+            by_sensor(c, t, Evaluation(state.y, a.obs[node]), p, w, a, a.sensed[node, c])
+            for j in range(a.systems.shape[0]):
+                a.by_unknown[node, n + c, j] -= a.sensed[node, c, j]
+
+
+def by_sensor(c: int, t: float, at: Evaluation, p: System, w: Work, a: Tangents, found: Vector) -> None:
+    """Derivatives (P,) in the unknowns of what the sensor of channel `c` makes of a state that stays: `at` has y and obs.
+
+    What it does may change faster in time than the states: between the nodes of a step this part is no parabola.
+    """
+    y, obs = at
+    T_E = ambient_temperature(w.u, p)
+    fill_kernel_state(t, y, T_E, p, obs)
+    here = sensed_channel(a.numbers[c], y, p, obs, w.stage.dy)
+    for j in range(a.systems.shape[0]):
+        moved = record_at(a.systems[j], p)
+        fill_kernel_state(t, y, T_E, moved, obs)
+        found[j] = (sensed_channel(a.numbers[c], y, moved, obs, w.stage.dy) - here) / a.delta
 
 
 def move_along(j: int, state: SystemState, a: Tangents) -> SystemState:

@@ -66,6 +66,7 @@ from sma_sim.solver.tangent_nodes import (
     LAST,
     MIDDLE,
     Tangents,
+    by_sensor,
     keep_last,
     linearize_node,
     move_along,
@@ -249,6 +250,10 @@ def sample_step(made: PartOfStep, state: SystemState, segment: Segment, p: Syste
                 a.slopes[k, c] += 0.5 * sign * value / (SLOPE_STEP * step.h)
                 log.samples[k, c] = value
         sample_row(k, theta / made.part, a)
+        for c in range(a.slopes.shape[1]):
+            if a.timed[c] != 0:
+                by_sensor(c, log.times[k], Evaluation(w.y_dense, w.sample.obs), p, w, a, a.rhs[0])
+                add_product(1.0, a.rhs[0], a.samples[k, c])
         k += 1
     log.written[0] = k
 
@@ -289,3 +294,6 @@ def sample_last(k: int, log: Log, a: Tangents) -> None:
         for i in range(n):
             a.slopes[k, c] += a.by_state[LAST, n + c, i] * a.dy[LAST, i]
     show(k, interpolation(1.0), a.s, a)
+    for c in range(a.slopes.shape[1]):
+        if a.timed[c] != 0:
+            add_product(1.0, a.sensed[LAST, c], a.samples[k, c])

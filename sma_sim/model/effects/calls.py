@@ -9,6 +9,7 @@ from sma_sim.model.effects.ports import (
     S_EPS,
     S_J,
     S_LENGTH,
+    S_NEIGHBOURS,
     S_OTHERS,
     S_POSE,
     S_SIGMA,
@@ -133,6 +134,8 @@ def start_sensor(channel: int, y: Vector, p: System, obs: Vector) -> None:
     s[S_VALUE], s[S_CHANNEL] = true_channel(channel, y, p, obs), e.code[channel]
     for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
         if e.slot[k, channel] >= 0:
+            if e.depends_on_neighbours[k] != 0:
+                s[S_NEIGHBOURS] = sum_of_neighbours(channel, y, p, obs)
             if e.start[k] != 0:
                 start_instance(k, e.slot[k, channel], y, e)
             call_effect(e.value[k], k, e.slot[k, channel], y, e)
@@ -158,6 +161,15 @@ def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
     if i < 0:
         return y[p.first_T + channel - n - p.wires]
     return resistance(obs[i, O_EPS], obs[i, O_X], y[p.first_T + i], p.wire)
+
+
+def sum_of_neighbours(channel: int, y: Vector, p: System, obs: Vector) -> float:
+    """Sum of the true values of all other channels of the kind of a channel."""
+    total = 0.0
+    for other in range(p.channels):
+        if other != channel and p.effects.kind[other] == p.effects.kind[channel]:
+            total += true_channel(other, y, p, obs)
+    return total
 
 
 def stress_wire(channel: int, p: System) -> int:

@@ -6,17 +6,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_slots
+from sma_sim.model.effects.effect import Effect, kind_of
+from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_slots, moves_in_space
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.parameters import Parameter, wire_constants
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Structure, numbers, record
 
 REFERENCE = 2  # the coordinate of the module for which the numbers of effects are declared: its rotation
-SHOWN = {'rad': 2, 'm': 1}  # the channel of the module, for sensors
+SHOWN = {'rad': 'alpha'}  # the channel of the module whose numbers a sensor of a coordinate in this unit has
+OTHERWISE = 'U_y'
 STEP = 1e-3  # of the differences of lengths, in usual changes of a coordinate
 DIGITS = 2  # of converted numbers
+MODULE_WIRE = wire_constants(MODULE.default_values)
 
 
 def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] | None = None) -> Effect:
@@ -25,14 +27,17 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     Its parameters have the unit of the coordinate on which it acts first, and values of the same size in comparison with
     the pull of the wires there (forces) or with a usual change of the coordinate.
     """
-    if effect.structure is structure or effect.scope.name:
+    if effect.scope.name:
         return effect
     if structure.name == MODULE.name:
+        return with_parameters(effect, structure)
+    if effect.structure is structure:
         return effect
     general = effect.general_title if structure.title != MODULE.title else ''
+    title, same = structure.named_effects.get(effect.name, ('', ''))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
     moved = replace(
-        effect, structure=structure, title=general or effect.title,
+        effect, structure=structure, title=title or general or effect.title, same_as=same or effect.same_as,
         confused_with=tuple(name for name in effect.confused_with if has_parameter(name, structure)),
     )  # fmt: skip
     if effect.port == PORT_NAMES[SENSING]:
@@ -42,10 +47,27 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
         return moved
     if effect.by_channel:
         return replace(moved, parameters=parameters_of_channels(effect, structure, known))
+    parameters = (*effect.parameters, *more_parameters(effect, structure))
     if effect.needs:
         at = acting_coordinates(effect.needs, structure)[0]
-        return replace(moved, parameters=tuple(converted(p, structure, at, known) for p in effect.parameters))
-    return moved
+        parameters = tuple(converted(p, structure, at, known) for p in parameters)
+    return replace(moved, parameters=parameters)
+
+
+def with_parameters(effect: Effect, structure: Structure) -> Effect:
+    """The effect with the parameters that it lacks of those that it has on a structure; itself where it lacks none."""
+    known = {parameter.name for parameter in effect.parameters}
+    more = tuple(parameter for parameter in more_parameters(effect, structure) if parameter.name not in known)
+    return replace(effect, parameters=effect.parameters + more) if more else effect
+
+
+def more_parameters(effect: Effect, structure: Structure) -> tuple[Parameter, ...]:
+    """The parameters that an effect has beside those of the module, in space and of each of many bundles."""
+    bundles = [
+        replace(each.parameter, name=f'{each.parameter.name}_{number}', description=f'{each.parameter.description} {number}')
+        for each in effect.each_bundle for number in each.numbers(structure.wires)
+    ]  # fmt: skip
+    return (*(effect.in_space if moves_in_space(structure) else ()), *bundles)
 
 
 def has_parameter(name: str, structure: Structure) -> bool:
@@ -67,20 +89,39 @@ def converted(parameter: Parameter, structure: Structure, at: int, values: Mappi
 
 
 def parameters_of_channels(effect: Effect, structure: Structure, values: Mapping[str, float]) -> tuple[Parameter, ...]:
-    """One parameter for each coordinate that is sensed, from those of the module in the same unit."""
-    made = []
+    """One parameter for each channel that is sensed, from those of the module in the same unit; then those they share."""
+    made: dict[str, Parameter] = {}
+    constants, wire = structure.constants_of(values), wire_constants(values)
     slots = channel_slots(effect, structure)
-    for coordinate, slot in zip(structure.coordinates, slots, strict=False):
-        if slot < 0:
+    coordinates = {coordinate.name: coordinate for coordinate in structure.coordinates}
+    for channel in (name for name, slot in zip(structure.channels, slots, strict=True) if slot >= 0):
+        like, declared = like_of(effect, channel, structure), like_name(channel, structure)
+        if like is None or like.name == kind_of(channel):
+            made |= {like.name: like} if like else {}
             continue
-        k = SHOWN.get(coordinate.unit, 1)
-        like = effect.parameters[k]
-        shown = coordinate.sensor_size(structure.constants_of(values)) / MODULE.coordinates[k].sensor_size(
-            MODULE.default_constants
-        )
-        here = replace(like, name=coordinate.name, description=like.description.replace(like.name, coordinate.name))
-        made.append(here if like.unit == '-' else scaled(here, shown, coordinate.unit))
-    return tuple(made)
+        here = replace(like, name=channel, description=like.description.replace(like.name, channel))
+        if channel not in coordinates:
+            part = wire.n * wire.section / (MODULE_WIRE.n * MODULE_WIRE.section) if channel.startswith('F') else 1.0
+            made[channel] = here if like.unit == '-' or part == 1.0 else scaled(here, part, like.unit)
+            continue
+        coordinate, of_module = coordinates[channel], MODULE.coordinates[MODULE.coordinate_names.index(declared)]
+        shown = coordinate.sensor_size(constants) / of_module.sensor_size(MODULE.default_constants)
+        unit = like.unit.replace(of_module.unit, coordinate.unit, 1).replace('-/', '1/')
+        made[channel] = here if like.unit == '-' else scaled(here, shown, unit)
+    return (*made.values(), *effect.shared_parameters)
+
+
+def like_name(channel: str, structure: Structure) -> str:
+    """The channel of the module whose parameter one of another structure has, where it has none of its own name."""
+    units = {coordinate.name: coordinate.unit for coordinate in structure.coordinates}
+    if channel in units:
+        return SHOWN.get(units[channel], OTHERWISE)
+    return f'{kind_of(channel)}_1' if kind_of(channel) else f'{channel}_1'
+
+
+def like_of(effect: Effect, channel: str, structure: Structure) -> Parameter | None:
+    """The declared parameter of a channel on a structure."""
+    return effect.of_channel(like_name(channel, structure))
 
 
 def scaled(parameter: Parameter, factor: float, unit: str) -> Parameter:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
@@ -20,7 +20,39 @@ CHAIN = {
     'sensing': ('misalignment', 'gain', 'bias', 'lag', 'delay', 'noise'),
 }
 TRIED = ('everywhere', 'single wire', 'timed', 'never')
+WIRE_CHANNELS = ('F', 'T', 'R')  # kinds of channels that every wire has
 NEEDS = ('coordinate', 'joint', 'spring', 'stiffness', 'gravity')
+
+
+class EachBundle(NamedTuple):
+    """A parameter of each bundle of a structure that has several.
+
+    Attributes
+    ----------
+    parameter : Parameter
+        Its declaration; that of bundle 2 is named with ``_2`` behind the name.
+    first, fewest : int
+        Bundles have it from number `first` on, on structures that have `fewest` of them or more.
+    """
+
+    parameter: Parameter
+    first: int
+    fewest: int
+
+    def has(self, name: str) -> bool:
+        """Whether a parameter of this name is that of a bundle."""
+        plain, _, number = name.rpartition('_')
+        return plain == self.parameter.name and number.isdigit() and int(number) >= self.first
+
+    def numbers(self, bundles: int) -> range:
+        """The numbers of the bundles that have it, of so many."""
+        return range(self.first, bundles + 1) if bundles >= self.fewest else range(0)
+
+
+def kind_of(channel: str) -> str:
+    """The kind of a channel of a wire, such as F for F_1; '' of others."""
+    kind, _, number = channel.rpartition('_')
+    return kind if kind in WIRE_CHANNELS and number.isdigit() else ''
 
 
 @dataclass(frozen=True)
@@ -76,7 +108,17 @@ class Effect:
         ``s.k``. With 'stiffness' or 'gravity' the kernel is of all coordinates at once: ``s.q``, ``s.dq`` and the extra
         states have them by name, and the structure's function of that name is its last argument.
     by_channel : bool
-        On sensing: one parameter for each channel, with its name, that the kernel sees as ``p.own``.
+        On sensing: the parameters that have the name of a channel, or of a kind of channels (``F`` for all ``F_1``,
+        ``F_2``, ...), are of these channels: the kernel sees that of its own as ``p.own``, and all others by name.
+    clock : callable, optional
+        On sensing, in place of acting on values: ``clock(t, p)`` is the time [s] since the beginning of the run at which
+        the sensors saw what is shown at t, (k,) each.
+    in_space : tuple of Parameter
+        Further parameters on a structure that gravity also moves along z; elsewhere kernels see their neutral values.
+    each_bundle : tuple of EachBundle
+        Further parameters on structures of several bundles, one for each, which the kernel of a wire sees under the plain
+        name (of bundle 2 ``gain_2`` as ``p.gain``). Other wires see the parameter of that name, or without one the neutral
+        value.
     systems : tuple of str
         The systems in which the effect has a meaning, in others it is left out; none are all with enough `wires` and with
         what it `needs`.
@@ -123,6 +165,9 @@ class Effect:
     channels: tuple[str, ...] = CHANNELS
     needs: tuple[str, ...] = ()
     by_channel: bool = False
+    clock: Callable[..., Any] | None = None
+    in_space: tuple[Parameter, ...] = ()
+    each_bundle: tuple[EachBundle, ...] = ()
     systems: tuple[str, ...] = ()
     wires: int = 1
     tried: str = 'everywhere'
@@ -163,14 +208,34 @@ class Effect:
         Raises UserError for a parameter that it does not have.
         """
         names = [parameter.name for parameter in self.parameters]
+        names += [parameter.name for parameter in self.in_space]
         for name in values:
-            if name not in names:
+            if name not in names and not any(each.has(name) for each in self.each_bundle):
                 known = ', '.join(f'{p.name} [{p.unit}]' for p in self.parameters)
                 raise UserError(f'effect {self.name} has no parameter {name}{suggestion(name, names)}; it has {known}')
         return EffectChoice(self, values, scope)
 
     def __repr__(self) -> str:
         return f'Effect({self.name}: {self.equation})'
+
+    def of_channel(self, channel: str) -> Parameter | None:
+        """The parameter of a channel, where they are `by_channel`: by its name, or by that of its kind."""
+        named = {parameter.name: parameter for parameter in self.parameters}
+        return named.get(channel) or named.get(kind_of(channel))
+
+    def is_seen(self, parameter: str, measured: Collection[str]) -> bool:
+        """Whether a parameter is not of a channel, or of one that is `measured`."""
+        shared = not self.by_channel or any(parameter == p.name for p in self.shared_parameters)
+        return shared or parameter in measured or parameter in map(kind_of, measured)
+
+    @property
+    def shared_parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that are of no channel, nor of a bundle."""
+        if not self.by_channel:
+            return self.parameters
+        known = {*CHANNELS, *self.structure.channels}
+        known |= {kind_of(channel) for channel in known}
+        return tuple(parameter for parameter in self.parameters if parameter.name not in known)
 
     @property
     def plain_name(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.effect import Effect, kind_of
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.structures.structure import Structure
 
@@ -20,7 +20,11 @@ def acts_on(effect: Effect, structure: Structure) -> bool:
         return False
     if effect.needs and not acting_coordinates(effect.needs, structure):
         return False
-    return effect.port != PORT_NAMES[SENSING] or any(slot >= 0 for slot in channel_slots(effect, structure))
+    return (
+        effect.port != PORT_NAMES[SENSING]
+        or effect.clock is not None
+        or any(slot >= 0 for slot in channel_slots(effect, structure))
+    )
 
 
 def is_tried(effect: Effect, structure: Structure) -> bool:
@@ -37,16 +41,22 @@ def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[in
     return tuple(j for j in every if 'joint' not in needs or structure.coordinates[j].joint)
 
 
+def moves_in_space(structure: Structure) -> bool:
+    """Whether gravity along z moves a structure."""
+    return any(structure.weight(0.0, 0.0, 1.0))
+
+
 def channel_slots(effect: Effect, structure: Structure) -> list[int]:
     """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
 
-    An effect on every coordinate of the module acts on every coordinate of other structures too, one on wire 1 on the only
-    wire.
+    An effect on every coordinate of the module acts on every coordinate of other structures too, one on both of its wires
+    on all wires, one on wire 1 on the only wire.
     """
     slots, count = [], 0
     of_pose = set(POSE) <= set(effect.channels) and not effect.scope.channel
     for channel in structure.channels:
         named = channel in effect.channels or f'{channel}_1' in effect.channels
+        named |= not effect.scope.channel and {f'{kind_of(channel)}_1', f'{kind_of(channel)}_2'} <= set(effect.channels)
         acts = effect.port == PORT_NAMES[SENSING] and (named or of_pose and channel in structure.coordinate_names)
         slots.append(count if acts else -1)
         count += acts

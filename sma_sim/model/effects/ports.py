@@ -18,11 +18,11 @@ PORT_NAMES = (
     'structure_force',
     'sensing',
 )
-PORT_OUTPUTS = (1, 1, 3, 2, 1, 3, 1)  # numbers that a kernel returns
-PORT_MAY_RETURN_ONE = (False, False, True, False, False, False, False)  # the others are zero then
+PORT_OUTPUTS = (1, 2, 3, 2, 1, 3, 1)  # numbers that a kernel returns
+PORT_MAY_RETURN_ONE = (False, True, True, False, False, False, False)  # the others are zero then
 
 # Fields of the state that are not known yet when the values, and the rates, of a port's effects are evaluated.
-_SENSING_ONLY = ('value', 'channel')
+_SENSING_ONLY = ('value', 'channel', 'neighbours')
 _AFTER_PHASES = ('x_other', 'sigma', 'dx', 'F', *_SENSING_ONLY)
 VALUE_UNKNOWN = (
     ('dx', 'F', *_SENSING_ONLY),
@@ -55,8 +55,9 @@ class State(NamedTuple):
     Per wire: T, x, eps, deps (its rate), l, v, and of the other wire T_other and x_other (of `others` wires: their
     mean); J [W], the heating of one wire, on its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of
     one wire, on its way to the structure. For all: t, T_E, the pose (U_x, U_y, alpha) and its rates. Sensing: `value` on
-    its way through the chain and its `channel`, an index into CHANNELS. `wire` counts from 0. `strain` is what the effects
-    before it have added on wire_strain.
+    its way through the chain, its `channel`, an index into CHANNELS, and `neighbours`, the sum of the true values of all
+    other channels of its kind (forces, temperatures, resistances, coordinates in one unit). `wire` counts from 0. `strain`
+    is what the effects before it have added on wire_strain.
 
     Order: strain and stress ports (there J is the command, before the actuation chain), actuation, wire_heat,
     wire_force, structure_force, sensing. Heat may depend on dx, in proportion to it for each sign.
@@ -80,6 +81,7 @@ class State(NamedTuple):
     others: float
     value: float
     channel: float
+    neighbours: float
     strain: float
     U_x: float
     U_y: float
@@ -108,26 +110,29 @@ class State(NamedTuple):
     S_OTHERS,
     S_VALUE,
     S_CHANNEL,
+    S_NEIGHBOURS,
     S_STRAIN,
     S_POSE,
-) = range(20)  # the coordinates, then their rates
+) = range(21)  # the coordinates, then their rates
 
 
 class EffectTable(NamedTuple):
     """The active effects as the compiled right-hand side reads them, sorted by port and place in its chain.
 
-    Shapes: `port_start` (8,), `slot` (effects, channels), `code` (channels,), all others one entry per effect, except
-    for the flat `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start` are
-    addresses of native kernels, 0 for none. After an effect's `parameters` stands the mask of its scope. `states` counts
+    Shapes: `port_start` (8,), `slot` (effects, channels), `code` and `kind` (channels,), all others one entry per effect,
+    except for the flat `parameters`, the `scale` of every extra state, and the scratch arrays. `value`, `rate` and `start`
+    are addresses of native kernels, 0 for none. After an effect's `parameters` stands the mask of its scope. `states` counts
     the extra states of one instance (one wire, one channel, or the structure); instance i of effect k has its states at
     ``state_start[k] + i states[k]`` in the state vector. `slot` gives the instance of a sensing effect on a channel, -1
-    where it does not act; `code` is what kernels see as its ``s.channel``. `shared` is 1 where the wires have their extra
+    where it does not act; `code` is what kernels see as its ``s.channel``; `kind` is the same for channels that are alike.
+    `shared` is 1 where the wires have their extra
     states in common: each keeps a copy, whose rate is the mean of what all say. `s` (wires, S_POSE + twice the coordinates)
     is the state that kernels read, a row per wire; `row` is the one that an effect on the structure or a sensor reads,
     -1 for those on wires, which read their wire's. `constants` are the addresses of `wire` or `structure`. `out` takes
     what kernels return; `contribution` (effects, 3) keeps what those on wire_strain add, of which those from
-    `series_start` on are in series with the wire. What effects add on strain and stress ports depends on x and eps, and on
-    wire_heat on dx, where `depends_on_x`, `depends_on_eps` and `depends_on_dx` are 1.
+    `series_start` on are in series with the wire, and first the heat capacity of those on wire_heat. What effects add on
+    strain and stress ports depends on x, eps and t, on wire_heat on dx, and on sensing on neighbours and t, where
+    `depends_on_x` and its like are 1.
     """
 
     port_start: NDArray[np.int64]
@@ -139,10 +144,13 @@ class EffectTable(NamedTuple):
     scale: NDArray[np.float64]
     slot: NDArray[np.int64]
     code: NDArray[np.int64]
+    kind: NDArray[np.int64]
     shared: NDArray[np.int64]
     depends_on_x: NDArray[np.int64]
     depends_on_eps: NDArray[np.int64]
     depends_on_dx: NDArray[np.int64]
+    depends_on_t: NDArray[np.int64]
+    depends_on_neighbours: NDArray[np.int64]
     parameter_start: NDArray[np.int64]
     parameters: NDArray[np.float64]
     row: NDArray[np.int64]

@@ -66,6 +66,7 @@ def slider_with(wires: int) -> Structure:
             Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
                       'of the rail; positive: wire 1 lifts the slider', SOURCE),
         )),
+        named_effects={'joint_friction': ('dry friction of the rail (slider.F_c)', 'slider.F_c with slider.v_c')},
         drawing=Drawing(wires=(lambda q, p: [toward_anchor(q, p)]) if one else drawn_wires),
         size_parameter='slider.L',
         fitted=('slider.k', 'slider.x_0', 'slider.b'),

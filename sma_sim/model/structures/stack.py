@@ -79,6 +79,22 @@ def accelerations(k: int, q: Any, v: Any, f: Any, p: StackConstants) -> tuple[fl
     return x, y, turn - b_turn
 
 
+def gravity(q: Any, p: StackConstants, g_x: float, g_y: float, g_z: float) -> tuple[float, float, float]:
+    """Generalised forces of the weight of all plates on module ``q.k``: it carries those beyond it [N, N, N m]."""
+    count, angle, moment = q.Q.shape[0], 0.0, 0.0
+    for i in range(q.k):
+        angle += q.Q[i, 2]
+    sine, cosine = math.sin(angle), math.cos(angle)
+    carried = p.m_H * (count - q.k)
+    across = carried * (cosine * g_y - sine * g_x)
+    for i in range(q.k + 1, count):
+        angle += q.Q[i - 1, 2]
+        r_x, r_y = p.L + q.Q[i, 0], q.Q[i, 1]
+        x, y = math.cos(angle) * r_x - math.sin(angle) * r_y, math.sin(angle) * r_x + math.cos(angle) * r_y
+        moment += p.m_H * (count - i) * (x * g_y - y * g_x)
+    return carried * (cosine * g_x + sine * g_y), across, moment
+
+
 def energy(q: Any, v: Any, p: StackConstants) -> float:
     """Energy of the plates' motion and height, and of the bent beams [J]."""
     x = y = angle = v_x = v_y = w = total = 0.0
@@ -123,6 +139,8 @@ def stack_of(modules: int) -> Structure:
             Parameter('stack.g_y', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity across it', SOURCE),
         ),
         accelerations=accelerations,
+        gravity=gravity,
+        named_effects={'gravity': ('gravity (stack.g_x, stack.g_y)', 'stack.g_x with stack.g_y')},
         constants=constants,
         energy=energy,
         drawing=Drawing(

@@ -11,7 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, Parameter, initial_fraction
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
@@ -25,6 +28,13 @@ CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'stra
 NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
 WIRE_STATES = (('x_M', ''), ('mode', ''), ('T', '_K'))  # of every wire, sampled after the sensor channels; with their unit
 MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
+
+
+class Place(NamedTuple):
+    """A segment in a series: its number `k`, from 0 on, and the coordinates `Q` (segments, coordinates of one) of all."""
+
+    k: int
+    Q: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,8 @@ class Structure:
         stiffness is there (1: as in `forces`). Effects such as creep act where it is declared.
     gravity : callable, optional
         ``gravity(q, p, g_x, g_y, g_z)`` returns the generalised forces of the weight in a gravity with these components
-        [m/s^2], for a structure whose `forces` leave it out.
+        [m/s^2], for a structure whose `forces` leave it out. Of segments in series those on one of them: `q` is then a
+        `Place`.
     accelerations : callable, optional
         ``accelerations(q, v, f, p)`` from the generalised forces `f`, in place of f over `inertia`. Of segments in series
         ``accelerations(k, q, v, f, p)`` returns those of segment `k`, from 0 on; `q`, `v` and `f` are arrays (segments,
@@ -169,6 +180,9 @@ class Structure:
         default one, and the full name of that parameter.
     of_size : callable, optional
         From the value of that parameter, a whole number, to the structure.
+    named_effects : mapping
+        By the name of an effect that the structure's own parameters describe: what a sentence calls it here, and which
+        parameters these are.
     options : mapping
         Words by the name of a parameter, such as ``bench.control: strain``, by which this structure is chosen among its
         `variants`.
@@ -203,6 +217,7 @@ class Structure:
     system: str = ''
     size_name: str = ''
     of_size: Callable[[int], Structure] | None = None
+    named_effects: Mapping[str, tuple[str, str]] = field(default_factory=lambda: MappingProxyType({}))
     options: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     variants: tuple[Structure, ...] = ()
     description: str = ''
@@ -287,6 +302,17 @@ class Structure:
             j for j in range(n)
             if work[j][j] > 0.0 and all(work[i][j] <= COUPLED * work[j][j] for i in range(n) if i != j)
         )  # fmt: skip
+
+    def weight(self, g_x: float, g_y: float, g_z: float) -> tuple[float, ...]:
+        """Generalised forces of the weight in this gravity [m/s^2], each coordinate at its usual change; () without any."""
+        if self.gravity is None:
+            return ()
+        constants = self.default_constants
+        sizes = [coordinate.size(constants) for coordinate in self.coordinates]
+        if self.segment is None:
+            return numbers(self.gravity(record('Pose', self.coordinate_names)(*sizes), constants, g_x, g_y, g_z))
+        Q = np.reshape(sizes, (self.segments, -1))
+        return tuple(f for k in range(self.segments) for f in self.gravity(Place(k, Q), constants, g_x, g_y, g_z))
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

@@ -25,5 +25,5 @@ EFFECT = Effect(
     energy='heat that the wire gave to the air and that the air gives back in part',
     description='one thermal node of air per bundle, at T_E at the start',
     signature='slow drift of all that depends on temperature, up under heating and back after it',
-    confused_with=('environment.T_E', 'wire.sigma_MW0', 'beam_creep', 'functional_fatigue'),
+    confused_with=('environment.T_E', 'wire.sigma_MW0', 'beam_creep', 'functional_fatigue', 'ambient_drift'),
 )

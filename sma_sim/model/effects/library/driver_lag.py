@@ -47,6 +47,6 @@ EFFECT = Effect(
     kernel=lambda s, w, p, m: m.P if time_constant(p) > FASTEST else s.J,
     description='heating sets in late and goes on after switching off; its integral is kept',
     signature='temperature, then pose, follow every step late by about tau; at a limited rate large steps by more',
-    confused_with=('delay', 'sensor_lag', 'wire.c_V', 'latent_heat_scale'),
+    confused_with=('delay', 'sensor_lag', 'wire.c_V', 'latent_heat_scale', 'clock_skew'),
     same_as='a delay by tau, to first order in tau',
 )

@@ -42,5 +42,7 @@ EFFECT = Effect(
         'attachment_compliance',
         'thermal_expansion',
         'transformation_plasticity',
+        'ambient_drift',
+        'clamp_slip',
     ),  # fmt: skip
 )

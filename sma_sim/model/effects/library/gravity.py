@@ -1,6 +1,6 @@
 """Weight, on a structure whose own equations leave it out.
 
-F = m_H (g_x, g_y)   [N] for the plate of a beam, in the frame of its foot; the beam's own mass is neglected.
+F = m_H g   [N] for the plate of a beam, g = (g_x, g_y, g_z) in the frame of its foot; the beam's own mass is neglected.
 """
 
 from sma_sim.model.effects.effect import Effect
@@ -11,15 +11,16 @@ EFFECT = Effect(
     title='gravity',
     port='structure_force',
     needs=('gravity',),
-    equation='F = m_H (g_x, g_y, 0)',
+    equation='F = m_H g, g = (g_x, g_y) or (g_x, g_y, g_z)',
     source="Newton's law; the paper neglects it",
     parameters=(
         Parameter('g_y', -9.81, 'm/s^2', (-50.0, 50.0), 'gravity across the beam', '', 0.0, (-9.81, 9.81)),
         Parameter('g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the beam', '', 0.0, (-9.81, 9.81)),
     ),
-    kernel=lambda s, b, p, gravity: gravity(s.q, b, p.g_x, p.g_y, 0.0),
+    in_space=(Parameter('g_z', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along z', '', 0.0, (-9.81, 9.81)),),
+    kernel=lambda s, b, p, gravity: gravity(s.q, b, p.g_x, p.g_y, p.g_z),
     energy='the force of a potential, none is lost',
-    description='the same force at every angle',
+    description='the same force at every angle; g_z where a structure moves along z',
     signature='bent to one side at rest; the same offset of force in all poses',
     confused_with=('sensor_bias', 'power_gain_mismatch', 'beam_creep'),
 )

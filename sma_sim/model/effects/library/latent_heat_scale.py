@@ -18,6 +18,6 @@ EFFECT = Effect(
     energy='(k - 1) L_x dx_M/dt is exchanged with a store that U leaves out; nil over a loop where L_x is constant',
     description='a polycrystal transforms in part, with more or less heat than its slope sigma_T says',
     signature='transformation takes more time (k > 1) or less when heat is scarce; nothing at rest',
-    confused_with=('wire.c_V', 'driver_lag', 'sensor_lag', 'guide_friction', 'power_scale'),
+    confused_with=('wire.c_V', 'driver_lag', 'sensor_lag', 'guide_friction', 'power_scale', 'heat_capacity_difference'),
     same_as='a power gain 1/k that all wires have in common, with c_V and lambda times 1/k',
 )

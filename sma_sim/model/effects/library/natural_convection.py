@@ -27,5 +27,6 @@ EFFECT = Effect(
         'resistance_feedback',
         'polycrystal',
         'driver_deadband',
+        'driver_saturation',
     ),  # fmt: skip
 )

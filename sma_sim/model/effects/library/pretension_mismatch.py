@@ -1,21 +1,27 @@
 """Bundles that were mounted with different lengths.
 
 e = delta/2 in wire 1, -delta/2 in the others   [-]: the first is longer by delta l0 than the others
+Of three bundles or more each beyond the second has a strain of its own besides: e_i = extra_i - delta/2, i > 2.
 """
 
-from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.effect import EachBundle, Effect
 from sma_sim.model.parameters import Parameter
 
 EFFECT = Effect(
     name='pretension_mismatch',
-    title='unequal pre-tension of the two bundles',
+    title='unequal pre-tension of the bundles',
     port='wire_strain',
-    equation='e = delta/2 (wire 1), -delta/2 (wire 2)',
+    equation='e = delta/2 (wire 1), extra_i - delta/2 (wire i)',
     source='geometry: l0 of a bundle is known as well as its crimps are placed',
     parameters=(
-        Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'wire 1 is longer than wire 2, over l0', '', 0.0, (-0.02, 0.02)),
+        Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'wire 1 is longer than the others, over l0', '', 0.0, (-0.02, 0.02)),
     ),
-    kernel=lambda s, w, p: p.delta * (0.5 - min(s.wire, 1.0)),
+    each_bundle=(
+        EachBundle(
+            Parameter('extra', 0.0, '-', (-0.1, 0.1), 'further length over l0 of bundle', '', 0.0, (-0.02, 0.02)), 3, 3
+        ),
+    ),
+    kernel=lambda s, w, p: p.delta * (0.5 - min(s.wire, 1.0)) + p.extra,
     energy='does not enter: the strain is constant',
     description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
     signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',
@@ -29,5 +35,6 @@ EFFECT = Effect(
         'slack',
         'functional_fatigue',
         'grip_toe',
+        'clamp_slip',
     ),  # fmt: skip
 )

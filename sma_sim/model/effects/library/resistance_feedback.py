@@ -21,5 +21,5 @@ EFFECT = Effect(
     energy='the driver delivers what the wire takes; the balance of the wire is that of its true heating',
     description='R_0 is the resistance at T0 with half of the wire martensite: other choices are a common power gain',
     signature='heating by the same command weakens (r > 0) while the wire turns to austenite; nothing during cooling',
-    confused_with=('wire.lambda', 'natural_convection'),
+    confused_with=('wire.lambda', 'natural_convection', 'driver_saturation'),
 )

@@ -24,5 +24,13 @@ EFFECT = Effect(
     kernel=lambda s, w, p: s.value + p.own,
     description='the motion itself is as modelled',
     signature='a constant error of the shown channel, at rest too; forces and temperatures agree',
-    confused_with=('gravity', 'sensor_misalignment', 'power_gain_mismatch', 'sensor_gain', 'wire.sigma_MW0'),
+    confused_with=(
+        'gravity',
+        'sensor_misalignment',
+        'power_gain_mismatch',
+        'sensor_gain',
+        'wire.sigma_MW0',
+        'sensor_drift',
+        'sensor_jump',
+    ),
 )

@@ -25,5 +25,5 @@ EFFECT = Effect(
     tried='timed',
     description='the motion itself is as modelled',
     signature='the shown pose follows late and rounds off fast motion, at switching on and off alike; temperatures agree',
-    confused_with=('delay', 'driver_lag', 'latent_heat_scale', 'beam.b_y'),
+    confused_with=('delay', 'driver_lag', 'latent_heat_scale', 'beam.b_y', 'clock_skew'),
 )

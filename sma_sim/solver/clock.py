@@ -1,0 +1,31 @@
+"""The clock of the measurement: when the sensors saw what a recording shows at a time."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.solver.model import Model
+
+Vector = NDArray[np.float64]
+Pieces = tuple[Vector, NDArray[np.float64], NDArray[np.float64]]
+
+
+def seen_at(model: Model, times: Vector, begin: float) -> Vector:
+    """The times [s] of the command's clock at which was seen what is shown at `times` (k,); `begin` is that of the run."""
+    for active in model.config.effects:
+        effect = active.found.effect
+        if effect.clock is not None:
+            values = {p.name: value for p, value in zip(effect.parameters, active.values, strict=True)}
+            times = begin + np.asarray(effect.clock(times - begin, SimpleNamespace(**values)), float)
+    return times
+
+
+def held_until(pieces: Pieces, times: Vector) -> Pieces:
+    """The stretches of an input (`solver.inputs.pieces`), the last values held up to the last of some times [s]."""
+    ends, values, slopes = pieces
+    if not len(times) or times[-1] <= ends[-1]:
+        return pieces
+    return np.append(ends, times[-1]), np.vstack([values, values[-1:]]), np.vstack([slopes, slopes[-1:]])
