@@ -16,6 +16,8 @@ from sma_sim.model.structures.module import STRUCTURE as MODULE
 def test_candidates():
     names = {candidate.name for candidate in candidates_for(Config())}
     acting = {name for name, found in find_effects().items() if acts_on(found.effect, MODULE)}
+    assert {'sensor_crosstalk', 'sensor_drift', 'sensor_jump', 'clamp_slip', 'clock_skew', 'ambient_drift'} <= names
+    assert {'driver_saturation', 'heat_capacity_difference'} <= names
     of_wires = {'stress_dependent_transformation_strain', 'grip_toe', 'temperature_gradient'}
     assert set(find_effects()) - acting == {'cubic_stiffness', 'backlash'} | of_wires  # of springs that a beam has not
     of_single_wires = {'r_phase_strain', 'transformation_plasticity', 'nucleation_peak'}

@@ -13,6 +13,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, Parameter
 
 BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
+INSTANT_STD = 300.0  # [s] of the prior of an instant: it is anywhere in a recording
 PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
 NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
 MATERIAL_NAMES = (
@@ -141,8 +142,12 @@ def with_values(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def free_parameter(name: str, value: float, declared: Parameter) -> FreeParameter:
-    """One parameter with its prior around `value`: relative where it is positive, else over its realistic range."""
+    """One parameter with its prior around `value`: relative where it is positive, else over its realistic range; wide for an
+    instant."""
     low, high = declared.bounds
+    if declared.quantity == 'instant':
+        ends = ((low - value) / INSTANT_STD, (high - value) / INSTANT_STD)
+        return FreeParameter(name, value, INSTANT_STD, *ends, False, declared.unit)
     log = value > 0.0 and low >= 0.0 and declared.neutral is None
     if log:
         scale = NARROW_PRIOR_STDS.get(name, PRIOR_STD)

@@ -55,13 +55,33 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
 
 def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
     """All probes of one effect; `every_shape`: with all combinations of its shapes, where runs cost little."""
-    strengths = [p for p in found.effect.parameters if p.neutral is not None]
     shapes = [p for p in found.effect.parameters if p.neutral is None]
+    return candidate_at(found, every_combination(shapes) if every_shape else shape_grid(shapes))
+
+
+def candidate_at(found: FoundEffect, shapes: Iterable[Mapping[str, float]]) -> Candidate:
+    """The probes of one effect, a family for each set of values of its shapes."""
+    strengths = [p for p in found.effect.parameters if p.neutral is not None]
     families = [
         tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
-        for shape in (every_combination(shapes) if every_shape else shape_grid(shapes))
+        for shape in shapes
     ]
     return Candidate(found, tuple(family for family in families if family))
+
+
+def instants_of(found: FoundEffect) -> list[str]:
+    """The parameters of an effect that are instants of a recording."""
+    return [p.name for p in found.effect.parameters if p.quantity == 'instant']
+
+
+def at_instants(candidate: Candidate, instants: Sequence[float]) -> Candidate:
+    """A candidate that is probed at these instants [s], its other shapes in the middle; itself where it has no instant."""
+    names = instants_of(candidate.found)
+    if not names:
+        return candidate
+    shapes = [p for p in candidate.found.effect.parameters if p.neutral is None]
+    centre = {p.name: shape_values(p)[len(shape_values(p)) // 2] for p in shapes}
+    return candidate_at(candidate.found, [centre | dict.fromkeys(names, instant) for instant in instants])
 
 
 def every_combination(shapes: Sequence[Parameter]) -> list[dict[str, float]]:

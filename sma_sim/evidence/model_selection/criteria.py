@@ -29,6 +29,9 @@ class SelectionCriteria:
     """Ends of a range whose ratio is larger are interpolated logarithmically."""
 
     # Score tests
+    most_instants: int = 2000
+    tried_instants: int = 3
+    """Times at which residuals may change, and at how many of them an effect with an instant is probed."""
     bootstrap_draws: int = 999
     """Wild-bootstrap draws: with the measurement itself 1000, so that p-values are multiples of 0.001."""
     min_blocks: int = 8

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
 from sma_sim.evidence.estimation.uncertainty import correlation_times
-from sma_sim.evidence.model_selection.candidates import Candidate, Probe, with_effect
+from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
 Vector = NDArray[np.float64]
@@ -59,6 +59,9 @@ def screen(
     linear = linearize(problem, z, pool)
     residuals = np.concatenate([run.residuals.ravel() for run in linear])
     blocks = block_numbers(problem, linear)
+    if any(instants_of(candidate.found) for candidate in candidates):
+        instants = change_points(problem, linear)
+        candidates = [at_instants(candidate, instants) for candidate in candidates]
     responses = probe_all(problem, z, candidates, linear, pool)
     project = Projection(linear, len(z), problem.tempering)
     random = np.random.default_rng(seed)
@@ -87,12 +90,38 @@ def screen(
     )
 
 
+def change_points(problem: Problem, linear: Sequence[LinearizedRun]) -> list[float]:
+    """The instants [s] from which on the residuals of a channel have another mean, the plainest channel first.
+
+    They maximise the cumulative sum of what residuals are above their mean, over all runs (Page's test; Basseville and
+    Nikiforov, Detection of Abrupt Changes, 2.6): its square over n f (1 - f), with n samples and a part f of them before.
+    """
+    times = np.unique(np.concatenate([run.time for run in problem.runs]))
+    times = times[:: -(-len(times) // CRITERIA.most_instants)]
+    evidence: dict[str, Vector] = {}
+    for run, found in zip(problem.runs, linear, strict=True):
+        for name, residuals, weight in zip(run.channels, found.residuals, run.weight, strict=True):
+            known = weight > 0.0
+            if known.sum() > 1:
+                before = np.searchsorted(run.time[known], times)
+                sums = np.concatenate([[0.0], np.cumsum(residuals[known] - residuals[known].mean())])[before]
+                part = before / known.sum()
+                among = np.where((part > 0.0) & (part < 1.0), part * (1.0 - part), np.inf) * known.sum()
+                evidence[name] = evidence.get(name, np.zeros(len(times))) + sums**2 / among
+    ordered = sorted(evidence.values(), key=lambda shown: -float(shown.max()))
+    return list(dict.fromkeys(float(times[np.argmax(shown)]) for shown in ordered[: CRITERIA.tried_instants]))
+
+
 def probe_all(
     problem: Problem, z: Vector, candidates: Sequence[Candidate], linear: Sequence[LinearizedRun], pool: Executor
 ) -> dict[int, Vector]:
     """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run."""
     config, indices = problem.fitted(z), problem.indices()
-    probes = [(candidate, probe) for candidate in candidates for family in candidate.families for probe in family]
+    measured = {channel for run in problem.runs for channel in run.channels}
+    probes = [
+        (candidate, probe) for candidate in candidates for family in candidate.families for probe in family
+        if candidate.found.effect.is_seen(probe.parameter, measured)
+    ]  # fmt: skip
     futures = []
     for candidate, probe in probes:
         values = {**probe.shape, probe.parameter: probe.neutral + probe.step}

@@ -47,12 +47,13 @@ def differs(effect: Effect, scope: Scope) -> bool:
     """Whether an effect in a scope is another one."""
     read = fields_read(effect.kernel)
     if scope.wire >= 0:
-        return 'wire' not in read and effect.structure.wires > 1
+        return 'wire' not in read and not effect.each_bundle and effect.structure.wires > 1
     if scope.shared:
         return can_share(effect) and effect.structure.wires > 1
     if scope.coordinate >= 0:
         return is_of_several_coordinates(effect, scope.coordinate)
-    return not effect.by_channel and 'channel' not in read and len(effect.channels) > 1
+    own = effect.of_channel(scope.channel) if effect.by_channel else None
+    return 'channel' not in read and len(effect.channels) > 1 and (own is None or own.name != scope.channel)
 
 
 def is_of_several_coordinates(effect: Effect, coordinate: int) -> bool:
