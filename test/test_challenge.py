@@ -34,7 +34,8 @@ LIBRARY = (
     'attachment_compliance', 'slack', 'guide_friction', 'clausius_clapeyron_mismatch', 'polycrystal',
     'r_phase', 'functional_fatigue', 'latent_heat_scale', 'resistance_feedback', 'driver_lag',
     'driver_deadband', 'power_gain_mismatch', 'sensor_bias', 'sensor_gain', 'sensor_lag',
-    'sensor_misalignment', 'smooth_transformation',
+    'sensor_misalignment', 'smooth_transformation', 'ambient_drift', 'clamp_slip', 'clock_skew',
+    'driver_saturation', 'heat_capacity_difference', 'sensor_crosstalk', 'sensor_drift', 'sensor_jump',
 )  # fmt: skip
 SHORT = RecordingPlan(duration=20.0, rate=10.0)
 COMMAND = module_input([0.0, 4.0, 9.0], [12.0, -11.0, -11.0])
@@ -219,6 +220,12 @@ SAME = [  # a truth and its values; the library's effect and the values that mea
         'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3}),
     ('truth_sensor_gain', {'pixel': 0.05, 'radius': -0.04}, {'U_x': 1 / 1.05, 'U_y': 1 / 1.05, 'alpha': 1 / 0.96}),
     ('truth_sensor_misalignment', {'turn': 0.03}, {'theta': 0.03}),
+    ('truth_supply_limit', {'P_max': 12.0}, {'r': 10.0 / 12.0, 'p': 2.0}),
+    ('truth_ambient_drift', {'rise': 40.0}, {'c': 0.4}),
+    ('truth_heat_capacity_difference', {'f': 0.4}, {'r': 0.4, 'T_ref': 298.0}),
+    ('truth_sensor_drift', {'warm': 0.01, 'tau': 10.0}, {'U_x': 0.0, 'U_y': 0.0, 'alpha': 1e-3, 'k': 0.1}),
+    ('truth_sensor_jump', {'off_U_x': 2e-5, 'off_U_y': 1e-4, 'off_alpha': 2e-3, 't_bump': 5.01}, {
+        'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3, 't_slip': 5.01, 'w': 2e-3}),
 ]  # fmt: skip
 PRESENT = [case for case in SAME if truths()[case[0]].library in find_effects()]
 

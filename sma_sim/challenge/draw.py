@@ -70,7 +70,7 @@ def draw_truths(
 def named_truth(kind: str) -> Truth:
     """A truth by its name, by that without `truth_`, or by the library's name. Raises UserError."""
     by_kind = {truth.library or name.removeprefix('truth_'): truth for name, truth in truths().items()}
-    found = truths().get(kind) or by_kind.get(kind)
+    found = truths().get(kind) or by_kind.get(kind) or truths().get(f'truth_{kind}')
     if found is None:
         known = ', '.join(sorted(by_kind))
         raise UserError(f'--kind {kind}: unknown effect{suggestion(kind, by_kind)}; known are {known}')

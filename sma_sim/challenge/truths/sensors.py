@@ -64,6 +64,12 @@ def drift(time: Vector, channels: Channels, p: Values) -> dict[str, Vector]:
     return {'alpha': channels['alpha'] + p['warm'] * (1.0 - np.exp(-np.maximum(time, 0.0) / p['tau']))}
 
 
+def bumped_camera(time: Vector, channels: Channels, p: Values) -> dict[str, Vector]:
+    """Somebody touches the stand of the camera: from then on all displacements are off, and the angle."""
+    after = time >= p['t_bump']
+    return {name: channels[name] + np.where(after, p[f'off_{name}'], 0.0) for name in ('U_x', 'U_y', 'alpha')}
+
+
 TRUTHS = (
     sensor_truth(
         'truth_sensor_bias', zero_error,
@@ -102,6 +108,14 @@ TRUTHS = (
         'truth_sensor_drift', drift,
         drawn_parameter('warm', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'error once it is warm'),
         drawn_parameter('tau', 's', 10.0, 60.0, 'time in which it warms up'),
-        variables=('t',), signed=('warm',),
+        library='sensor_drift', variables=('t',), signed=('warm',),
+    ),
+    sensor_truth(
+        'truth_sensor_jump', bumped_camera,
+        drawn_parameter('off_U_x', 'm', 5e-6, 6e-5, 'shift of the picture along the beam'),
+        drawn_parameter('off_U_y', 'm', 3e-5, 4e-4, 'shift of the picture across it'),
+        drawn_parameter('off_alpha', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'turn of the picture'),
+        drawn_parameter('t_bump', 's', 20.0, 80.0, 'instant'),
+        library='sensor_jump', variables=('t',), signed=('off_U_x', 'off_U_y', 'off_alpha'),
     ),
 )  # fmt: skip

@@ -15,4 +15,4 @@ EFFECT = Effect(
     stage='saturation',
     kernel=lambda s, w, p: s.J / (1.0 + (w.n * s.J / p.P_max) ** 4) ** 0.25,
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('J',), file=__file__),)
+TRUTHS = (simulated_truth(EFFECT, library='driver_saturation', variables=('J',), file=__file__),)
