@@ -35,12 +35,7 @@ def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
         try:
             with ros_client.Simulation('-r', '__ns:=/robot_1') as robot:
                 browser.get(server.address)
-                until(browser, 'return window.smaExplore?.ready')
-                browser.find_element('id', 'view-robot').click()
-                browser.find_element('id', 'namespace').send_keys('robot_1')
-                domain = robot.environment['ROS_DOMAIN_ID']
-                browser.find_element('id', 'domain').send_keys(domain)
-                browser.find_element('id', 'listen').click()
+                listen(browser, robot)
                 wait(browser, 'one.state === "comparing" && smaExplore.robot.charts.size >= 10')
                 browser.find_element('id', 'record').click()
                 wait(browser, 'one.recording.messages > 200')
@@ -64,6 +59,38 @@ def test_beside_a_node_that_is_recorded_goes_and_comes_back(browser, tmp_path):
             until(browser, 'return smaExplore.state.steps.stages[0].job?.state === "done"', seconds=PATIENCE)
             (run,) = server.application.data.engine.latest('check').result()['runs']
             assert {'U_x', 'U_y', 'alpha', 'F_1', 'T_2'} <= set(run['channels']) and run['samples'] > 20
+        finally:
+            server.application.close()
+
+
+def listen(browser, robot):
+    """Listen to a node in its namespace and domain."""
+    until(browser, 'return window.smaExplore?.ready')
+    browser.find_element('id', 'view-robot').click()
+    browser.find_element('id', 'namespace').send_keys('robot_1')
+    browser.find_element('id', 'domain').send_keys(robot.environment['ROS_DOMAIN_ID'])
+    browser.find_element('id', 'listen').click()
+
+
+def test_what_is_changed_acts_at_once_also_on_what_was_measured(browser, tmp_path):
+    """A node with gravity beside a model without: switched on, it is in all that is shown, and undone it is not."""
+    with serving(tmp_path / 'session', words=(*WORDS, 'check.noise_alpha=1e-4')) as server:
+        try:
+            with ros_client.Simulation('-p', 'effects.active:=[gravity]', '-r', '__ns:=/robot_1') as robot:
+                browser.get(server.address)
+                listen(browser, robot)
+                wait(browser, 'one.state === "comparing" && smaExplore.robot.samples.length > 40')
+                largest = 'Math.max(...smaExplore.robot.samples.map((sample) => Math.max(...sample.error.slice(0, 3))))'
+                assert browser.execute_script(f'return {largest}') > 5.0
+                first = browser.execute_script('return smaExplore.robot.samples[0].stamp')
+                browser.find_element('id', 'tab-effects').click()
+                browser.execute_script('document.querySelector("[data-effect=gravity] input").click()')
+                wait(browser, 'one.model.version === 2 && smaExplore.robot.samples.length > 40')
+                assert browser.execute_script('return smaExplore.robot.samples[0].stamp') <= first + 1.0
+                assert browser.execute_script(f'return {largest}') < 1e-3
+                assert 'with version 2' in browser.find_element('id', 'robot-state').text
+                browser.find_element('id', 'undo').click()
+                wait(browser, f'one.model.version === 1 && smaExplore.robot.samples.length > 40 && {largest} > 5')
         finally:
             server.application.close()
 

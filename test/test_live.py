@@ -5,13 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sma_sim import Config, Input, Model
+from sma_sim import Config, Input, Model, read_config
 from sma_sim.evidence.monitoring.live_model import (
     J_EQ,
     MODULE_CHANNEL_NAMES,
     T_E,
+    ComparedSample,
     DepartureDetector,
     InputChange,
+    LiveHistory,
     LiveModel,
     RunningError,
 )
@@ -45,6 +47,41 @@ def test_prediction_is_the_offline_run_bit_for_bit():
     assert len(NAMES) == len(MODULE_CHANNEL_NAMES)
     for column, name in enumerate(NAMES):
         assert np.array_equal(np.array(rows)[:, SENSED + column], run[name]), name
+
+
+def history_of(model, span, seconds):
+    """A model's own past, as a check adds it: a step of the command each second; and the rows of the model."""
+    live, history = LiveModel(model, RATE, EPOCH, (0.0, 298.0)), LiveHistory(span)
+    history.start(EPOCH, [0.0, 298.0])
+    rows = []
+    for k in range(1, 100 * seconds + 1):
+        changes = [InputChange(after(0.01 * k - 0.003), J_EQ, 3.0 * (k // 100))] if k % 100 == 0 else []
+        rows.append(live.advance(after(0.01 * k), changes).copy())
+        history.add(ComparedSample(after(0.01 * k), changes, rows[-1][SENSED : SENSED + 7].copy()))
+    return live, history, np.array(rows)
+
+
+def test_another_model_is_put_beside_the_same_past():
+    """The same model gives the same rows to the last bit, and goes on alike; one with an effect is that of its own run."""
+    model = Model(Config())
+    live, history, rows = history_of(model, 100.0, 4)
+    again, shown = history.beside(model, RATE)
+    assert np.array_equal(np.array([row for _, row in shown]), rows, equal_nan=True)
+    assert np.array_equal(again.advance(after(5.0), []), live.advance(after(5.0), []), equal_nan=True)
+    heavier = Model(read_config(effects=['gravity']))
+    other, shown = history.beside(heavier, RATE)
+    _, _, alone = history_of(heavier, 100.0, 4)
+    assert np.array_equal(np.array([row for _, row in shown]), alone, equal_nan=True)
+    assert abs(alone - rows)[:, SENSED + 1].max() > 1e-5
+
+
+def test_a_long_past_is_kept_for_a_span_only():
+    """What is older is forgotten; another model begins there from rest, under the command that was in force."""
+    model = Model(Config())
+    _, history, rows = history_of(model, 2.0, 6)
+    live, shown = history.beside(model, RATE)
+    assert len(shown) == 201 and shown[0][0].stamp == after(4.0) and live.begin == after(3.99)
+    assert live.advance(after(6.0), [])[0] != pytest.approx(rows[-1][0], rel=1e-9)  # it was not at rest
 
 
 def test_a_late_change_takes_effect_now_and_stamps_need_not_fit_the_steps():

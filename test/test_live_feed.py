@@ -82,6 +82,32 @@ def test_only_the_last_minutes_are_kept(tmp_path, monkeypatch):
     assert [sample['stamp'] for sample in one.read()['samples']] == [2.0, 3.0, 4.0] and len(one.read(4)['samples']) == 1
 
 
+def test_another_model_has_its_own_samples(tmp_path):
+    """Samples of the model before are gone, those of the new one come anew; one that cannot be run leaves the one before."""
+    told = [{**sample, 'model': [7.0, 8.0]} for sample in LINES[5:7]]
+    answers = [
+        {'path': 'v/0002.yaml', 'failed': '', 'samples': told},
+        {'path': 'v/0003.yaml', 'failed': 'why', 'samples': []},
+    ]
+    lines = [json.dumps({'kind': 'model', **answer}) for answer in answers]
+    one = feed(
+        tmp_path, saying(LINES, f'for answer in {lines!r}:\n    asked = input()\n    print(answer, flush=True)\ninput()')
+    )
+    one.start(tmp_path / '0001.yaml')
+    until(lambda: one.read()['next'] == 5)
+    one.use(tmp_path / '0002.yaml')
+    until(lambda: one.read()['model']['changes'] == 1)
+    found = one.read(5)  # as a page asks that knows all samples of the model before
+    assert [sample['model'] for sample in found['samples']] == [[7.0, 8.0]] * 2 and found['next'] == 7
+    assert one.read()['samples'] == found['samples'] and found['model']['path'] == 'v/0002.yaml'
+    one.use(tmp_path / '0003.yaml')
+    until(lambda: one.read()['model']['failed'] == 'why')
+    assert one.read()['model']['path'] == 'v/0002.yaml' and len(one.read()['samples']) == 2
+    one.stop()
+    with pytest.raises(UserError, match='does not listen'):
+        one.use(tmp_path / '0004.yaml')
+
+
 @pytest.mark.parametrize(('namespace', 'domain'), [('a b', None), ('-p x:=1', None), ('', 233), ('', -1), ('1a', None)])
 def test_wrong_wishes(tmp_path, namespace, domain):
     with pytest.raises(UserError, match='namespace|domain'):

@@ -153,7 +153,8 @@ class Application:
         return self.changed()
 
     def changed(self) -> Reply:
-        """The state, after all tabs were told."""
+        """The state, after all tabs were told, and the model beside a robot is that of the current version."""
+        self.live.follow()
         with self._counting:
             self._changes += 1
             self._announce('changed', {'changes': self._changes})

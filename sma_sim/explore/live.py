@@ -48,6 +48,7 @@ class LiveFeed:
         self._recording: dict[str, Any] = {'path': '', 'messages': 0, 'failed': ''}
         self._said: deque[str] = deque(maxlen=LAST_LINES)
         self._was_stopped = False
+        self._model: dict[str, Any] = {'path': '', 'failed': '', 'changes': 0}
 
     def start(self, parameters: Path, namespace: str = '', domain: int | None = None) -> None:
         """Listen to the robot in a namespace and a domain (default: the environment's) beside the model of a parameter file.
@@ -66,6 +67,7 @@ class LiveFeed:
                 raise UserError('the page listens to a robot already: end that first')
             self._clear()
             self._state['state'] = 'starting'
+            self._model['path'] = str(parameters)
             process = subprocess.Popen(
                 words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
                 encoding='utf-8', errors='replace', start_new_session=True,
@@ -88,21 +90,34 @@ class LiveFeed:
 
     def record(self, path: Path | None) -> None:
         """Begin a bag of what the robot publishes, or end it (None). Raises UserError where nothing is listened to."""
+        self._ask('record', str(path) if path else '')
+
+    def use(self, parameters: Path) -> None:
+        """Compare with the model of another parameter file, what was heard before too. Raises UserError as `record`."""
+        self._ask('model', str(parameters))
+
+    @property
+    def listens(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.poll() is None
+
+    def _ask(self, what: str, value: str) -> None:
         process = self._process
-        if process is None or process.poll() is not None or process.stdin is None:
-            raise UserError('record: the page does not listen to a robot: start that first')
+        if not self.listens or process is None or process.stdin is None:
+            raise UserError(f'{what}: the page does not listen to a robot: start that first')
         try:
-            process.stdin.write(json.dumps({'record': str(path) if path else ''}) + '\n')
+            process.stdin.write(json.dumps({what: value}) + '\n')
             process.stdin.flush()
         except OSError as error:
-            raise UserError(f'record: the listening process has ended ({error.strerror})') from error
+            raise UserError(f'{what}: the listening process has ended ({error.strerror})') from error
 
     def read(self, since: int = 0) -> dict[str, Any]:
         """What was heard from sample number `since` on, for JSON.
 
         ``state`` (``off``, ``starting``, ``waiting for joint_states``, ``burn-in``, ``comparing``, ``ended``, ``failed``),
         ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` and ``recording`` (as
-        `sma_sim.ros.live_feed` has them) and ``next``, the number to ask for then.
+        `sma_sim.ros.live_feed` has them), ``model`` (``path`` of its parameter file; how many ``changes`` of it there were,
+        with each of which all ``samples`` begin anew; why the last one ``failed``) and ``next``, the number to ask for then.
         """
         with self._lock:
             code = None if self._process is None else self._process.poll()
@@ -118,6 +133,7 @@ class LiveFeed:
                 'channels': self._channels,
                 'samples': samples,
                 'recording': dict(self._recording),
+                'model': dict(self._model),
                 'next': self._count,
             }
 
@@ -134,10 +150,23 @@ class LiveFeed:
         elif kind == 'sample':
             self._samples.append(content)
             self._count += 1
+        elif kind == 'model':
+            self._take_model(content)
         elif kind == 'recording':
             self._recording = {name: content[name] for name in ('path', 'messages', 'failed')}
         elif kind == 'state':
             self._state = {name: content[name] for name in ('state', 'problems', 'samples')}
+
+    def _take_model(self, content: dict[str, Any]) -> None:
+        """Another model, which has its own samples; one that cannot be run leaves the one before."""
+        failed, samples = str(content['failed']), list(content['samples'])
+        if failed:
+            self._model = {**self._model, 'failed': failed}
+            return
+        self._model = {'path': str(content['path']), 'failed': '', 'changes': self._model['changes'] + 1}
+        self._samples.clear()
+        self._samples.extend(samples)
+        self._count += len(samples)
 
     def _note(self, lines: IO[str] | None, said: deque[str]) -> None:
         for line in lines or ():

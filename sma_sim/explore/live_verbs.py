@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 
 from sma_sim.explore.data_verbs import BAG, recorded_bags
 from sma_sim.explore.jobs import new_folder
@@ -18,27 +20,29 @@ class LiveVerbs:
 
     def __init__(self, session: Session) -> None:
         self._session, self._feed = session, LiveFeed()
+        self._shown: Path | None = None  # the file of the version that runs beside the robot
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
             'live': self.live, 'live_start': self.start, 'live_stop': self.stop, 'record': self.record,
         }  # fmt: skip
 
     def live(self, body: Body) -> Reply:
         """What was heard from sample number `since` on."""
-        return self._feed.read(max(whole(body.get('since', 0), 'since'), 0))
+        return self._heard(max(whole(body.get('since', 0), 'since'), 0))
 
     def start(self, body: Body) -> Reply:
         """Listen, beside the model of the current version."""
         domain = body.get('domain')
+        self._shown = self._session.file()
         self._feed.start(
-            self._session.file(), text(body.get('namespace', ''), 'namespace'),
+            self._shown, text(body.get('namespace', ''), 'namespace'),
             None if domain is None else whole(domain, 'domain'),
         )  # fmt: skip
-        return self._feed.read()
+        return self._heard()
 
     def stop(self, _: Body) -> Reply:
         """Listen no more."""
         self._feed.stop()
-        return self._feed.read()
+        return self._heard()
 
     def record(self, body: Body) -> Reply:
         """Begin (`on`) or end a bag in the session."""
@@ -50,7 +54,21 @@ class LiveVerbs:
             self._feed.record(folder / f'{BAG}_{number}')
         else:
             self._feed.record(None)
-        return self._feed.read()
+        return self._heard()
+
+    def follow(self) -> None:
+        """Let the model beside the robot be the current version."""
+        file = self._session.file()
+        if file != self._shown and self._feed.listens:
+            self._shown = file
+            with suppress(UserError):  # it ends just now, which the page sees
+                self._feed.use(file)
+
+    def _heard(self, since: int = 0) -> Reply:
+        """What was heard; the model as the number of its version."""
+        found = self._feed.read(since)
+        stem = Path(found['model']['path']).stem
+        return found | {'model': found['model'] | {'version': int(stem) if stem else None}}
 
     def close(self) -> None:
         """End the listening process."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import queue
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,9 @@ from std_srvs.srv import Trigger
 
 from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.evidence.monitoring.live_model import (
+    ComparedSample,
     DepartureDetector,
+    LiveHistory,
     LiveModel,
     RunningError,
 )
@@ -39,6 +42,7 @@ Vector = NDArray[np.float64]
 
 POLL_PERIOD = 0.005  # [s] between two looks for samples
 REMINDER_PERIOD = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
+HISTORY = 300.0  # [s] of the past beside which a model that takes another's place is run
 SILENCE = 3.0  # [s] without a sample after which it is said: slower robots are not followed
 OUTPUT_TOPICS: Mapping[str, Any] = {
     'model_joint_states': JointState,
@@ -56,6 +60,9 @@ class Observer(Protocol):
 
     def state(self, state: str, problems: Sequence[str], samples: int) -> None:
         """What the check is doing, what is wrong, how many samples were compared."""
+
+    def replaced(self, samples: Sequence[tuple[int, Vector, Vector, Vector]], failed: str) -> None:
+        """Another model has taken the place of the one before: all comparisons anew, as in `sample`; or why it has not."""
 
     def close(self) -> None:
         """The check has ended."""
@@ -87,6 +94,8 @@ class ModelCheck:
         self._before: Sample | None = None
         self._starts, self._samples, self._remind_at = 0, 0, 0.0
         self._reset_requested = threading.Event()
+        self._others: queue.SimpleQueue[tuple[Config, Model]] = queue.SimpleQueue()
+        self._history = LiveHistory(HISTORY if observer is not None else 0.0)
         self._heated: set[int] = set()  # wires that were heated since the model started
         self._forget_verdict()
         self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in OUTPUT_TOPICS.items()}
@@ -107,6 +116,7 @@ class ModelCheck:
         """Follow the robot until `stop` is set."""
         diagnose_at = self._heard_at = time.monotonic()
         while not stop.is_set():
+            self._replace_model()
             for sample in self._robot.ready():
                 self._heard_at = time.monotonic()
                 self._take(sample)
@@ -116,6 +126,10 @@ class ModelCheck:
                 diagnose_at += DIAGNOSTICS_PERIOD
                 self._diagnose()
             time.sleep(POLL_PERIOD)
+
+    def use(self, config: Config, model: Model) -> None:
+        """Put another model of the same structure in the place of this one, beside the same past; any thread may ask."""
+        self._others.put((config, model))
 
     def close(self) -> None:
         """Tell the observer, if there is one."""
@@ -147,8 +161,12 @@ class ModelCheck:
             if self._live is None or reason:
                 self._start(now, reason)
             else:
-                row = self._live.advance(now.stamp, self._inputs(before, now))
-                self._compare(now, row, self._robot.companions(before, now))
+                changes = self._inputs(before, now)
+                row = self._live.advance(now.stamp, changes)
+                measured = np.concatenate([now.joints[0], self._robot.companions(before, now)])
+                if self._observer is not None:
+                    self._history.add(ComparedSample(now.stamp, changes, measured))
+                self._compare(now, row, measured)
         except SimulationError as error:
             self._live = None
             self._robot.warn_of('the model cannot go on', f'{error}; it starts anew with the next sample')
@@ -163,6 +181,37 @@ class ModelCheck:
         if step > self._values['longest_gap']:
             return f'nothing was measured for {step:.1f} s (check.longest_gap {self._values["longest_gap"]:g} s)'
         return ''
+
+    def _replace_model(self) -> None:
+        """Let the model that was asked for last take the place of this one, if it can be run beside the past."""
+        config, model = self._config, None
+        while not self._others.empty():
+            config, model = self._others.get()
+        if model is None:
+            return
+        before, after = (one.parameters['environment.T_E'] for one in (self._config, config))
+        if self._input[-1] == before:  # nobody has said otherwise
+            self._input[-1] = after
+            self._history.set_first(-1, after)
+        samples: list[tuple[int, Vector, Vector, Vector]] = []
+        try:
+            live, rows = self._history.beside(model, self._rate) if self._live is not None else (None, [])
+        except SimulationError as error:
+            self._tell_replaced(samples, str(error))
+            return
+        self._config, self._model, self._live = config, model, live
+        self._forget_verdict()
+        for sample, row in rows:
+            t, predicted = self._seconds(sample.stamp), row[self._messages.where.sensed]
+            self._add_error(t, sample.measured - predicted)
+            if self._settled:
+                self._departure.update(t, self._last_error)
+            samples.append((sample.stamp, sample.measured, predicted, self._last_error))
+        self._tell_replaced(samples, '')
+
+    def _tell_replaced(self, samples: Sequence[tuple[int, Vector, Vector, Vector]], failed: str) -> None:
+        if self._observer is not None:
+            self._observer.replaced(samples, failed)
 
     def _inputs(self, before: Sample | None, now: Sample) -> Any:
         changes = self._robot.changes(before, now)
@@ -183,21 +232,28 @@ class ModelCheck:
         self._inputs(None, now)
         self._forget_verdict()
         self._live = LiveModel(self._model, self._rate, now.stamp, self._input)
+        self._history.start(now.stamp, self._input)
         self._starts += 1
         self._logger.info(
             'the model starts from rest (initial.*), which the robot may not be in: no verdict for check.burn_in = '
             f'{self._values["burn_in"]:g} s'
         )
 
-    def _compare(self, now: Sample, row: Vector, beside: Vector) -> None:
-        measured, model = np.concatenate([now.joints[0], beside]), row[self._messages.where.sensed]
-        residual = measured - model
+    def _seconds(self, stamp: int) -> float:
+        """Time since the model started [s]."""
         assert self._live is not None
-        t = (now.stamp - self._live.begin) / 1e9
+        return (stamp - self._live.begin) / 1e9
+
+    def _add_error(self, t: float, residual: Vector) -> None:
         if not self._settled and t >= self._values['burn_in']:
             self._error.clear()
             self._settled = True
         self._last_error = self._error.add(t, residual / self._noise)
+
+    def _compare(self, now: Sample, row: Vector, measured: Vector) -> None:
+        model = row[self._messages.where.sensed]
+        t, residual = self._seconds(now.stamp), measured - model
+        self._add_error(t, residual)
         if self._settled:
             self._judge(t)
         self._samples += 1

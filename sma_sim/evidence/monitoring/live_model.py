@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -60,6 +61,52 @@ class LiveModel:
             self._run.take_jumps()
         row: Vector = self._row[0]
         return row
+
+
+class ComparedSample(NamedTuple):
+    """A measurement at `stamp` [ns], (n,) in SI units, and what changed of the input since the one before it."""
+
+    stamp: int
+    changes: Sequence[InputChange]
+    measured: Vector
+
+
+class LiveHistory:
+    """What a live model was compared with in the last `span` seconds, so that another one can be put beside the same.
+
+    Call `start` where a model starts from rest under its `first` input, then `add` with every measurement.
+    """
+
+    def __init__(self, span: float) -> None:
+        self._span = round(span * 1e9)
+        self.start(0, ())
+
+    def start(self, begin: int, first: Sequence[float]) -> None:
+        """Forget all: a model starts at `begin` [ns]."""
+        self._begin, self._first = begin, list(first)
+        self._samples: deque[ComparedSample] = deque()
+
+    def add(self, sample: ComparedSample) -> None:
+        """Take a measurement; what is older than the span is forgotten."""
+        self._samples.append(sample)
+        while sample.stamp - self._samples[0].stamp > self._span:
+            oldest = self._samples.popleft()
+            self._begin = oldest.stamp
+            for change in oldest.changes:
+                self._first[change.column] = change.value
+
+    def set_first(self, column: int, value: float) -> None:
+        """Another first value of a column of the input."""
+        if self._first:
+            self._first[column] = value
+
+    def beside(self, model: Model, rate: float) -> tuple[LiveModel, list[tuple[ComparedSample, Vector]]]:
+        """Another model from rest at the beginning of what is known until now; the samples with its predictions there.
+
+        Raises SimulationError where it cannot be run.
+        """
+        live = LiveModel(model, rate, self._begin, self._first)
+        return live, [(sample, live.advance(sample.stamp, sample.changes).copy()) for sample in self._samples]
 
 
 class RunningError:

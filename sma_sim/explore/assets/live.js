@@ -16,9 +16,10 @@ export class RobotView {
     this.actions = actions;
     this.samples = [];
     this.next = 0;
+    this.changes = 0;
     this.timer = 0;
     this.charts = new Map();
-    this.state = { state: 'off', problems: [], recording: { path: '', messages: 0, failed: '' } };
+    this.state = { state: 'off', problems: [], recording: { path: '', messages: 0, failed: '' }, model: { version: null, failed: '' } };
     this.build();
   }
 
@@ -42,7 +43,7 @@ export class RobotView {
     this.use.addEventListener('click', () => this.actions.useRecorded());
     this.parent.replaceChildren(element('div', { className: 'bar' }, element('h2', { textContent: 'Robot beside the model' }),
       element('label', {}, 'namespace ', namespace), element('label', {}, 'ROS domain ', domain), this.start, this.stop, this.record, this.use),
-    element('p', { className: 'note', textContent: 'Listens to the topics of a robot or a simulating node (joint_states, its command, ...) and runs the current version of the model under the same command. For a recording to improve the model with, begin while the robot is at rest.' }),
+    element('p', { className: 'note', textContent: 'Listens to the topics of a robot or a simulating node (joint_states, its command, ...) and runs the current version of the model under the same command: what you change under Parameters or Effects acts at once, also on what was measured before. For a recording to improve the model with, begin while the robot is at rest.' }),
     this.words, this.problems, this.recording, this.grid);
     this.show();
   }
@@ -50,8 +51,8 @@ export class RobotView {
   async ask(verb, body = {}) {
     const found = await this.actions.attempt(verb, () => ask(verb, body));
     if (!found) return;
-    if (verb === 'live_start') { this.samples = []; this.next = 0; }
-    this.take({ ...found, samples: [], next: this.next }); // samples come with the next question
+    if (verb === 'live_start') { this.samples = []; this.next = 0; this.changes = 0; }
+    this.take({ ...found, samples: [], next: this.next, model: { ...found.model, changes: this.changes } }); // samples come with the next question
     this.wake();
   }
 
@@ -67,7 +68,9 @@ export class RobotView {
   }
 
   take(found) {
-    if (found.next < this.next) this.samples = []; // another beginning, by another tab
+    const { changes = 0 } = found.model ?? {};
+    if (found.next < this.next || changes !== this.changes) this.samples = []; // another beginning, by another tab, or another model
+    this.changes = changes;
     if (found.samples.length && found.next > this.next) this.samples = [...this.samples, ...found.samples].slice(-KEPT);
     this.next = found.next;
     this.state = found;
@@ -75,7 +78,7 @@ export class RobotView {
   }
 
   show() {
-    const { state, problems, recording, channels = [] } = this.state, runs = RUNS.includes(state);
+    const { state, problems, recording, model, channels = [] } = this.state, runs = RUNS.includes(state);
     this.start.disabled = runs;
     this.stop.disabled = !runs;
     this.record.disabled = !runs || state === 'starting';
@@ -83,8 +86,9 @@ export class RobotView {
     this.record.setAttribute('aria-pressed', String(recording.path !== ''));
     this.use.hidden = this.actions.recordedCount() === 0;
     this.use.disabled = recording.path !== '';
-    this.words.textContent = { off: 'Not listening.', ended: 'Listening has ended; what was heard stays.', failed: 'Listening has failed.' }[state] ?? `${state}; ${this.state.compared ?? 0} samples compared`;
-    this.problems.replaceChildren(...problems.map((textContent) => element('li', { textContent })));
+    this.words.textContent = { off: 'Not listening.', ended: 'Listening has ended; what was heard stays.', failed: 'Listening has failed.' }[state] ?? `${state}${model?.version ? ` with version ${model.version}` : ''}; ${this.state.compared ?? 0} samples compared`;
+    const failed = runs && model?.failed ? [`The current version cannot be run beside the robot, version ${model.version} stays: ${model.failed}`] : [];
+    this.problems.replaceChildren(...[...failed, ...problems].map((textContent) => element('li', { textContent })));
     this.recording.textContent = recording.failed ? `Not recorded: ${recording.failed}` : recording.path ? `Recording to ${recording.path}: ${recording.messages} messages` : '';
     this.draw(channels);
   }
