@@ -25,6 +25,7 @@ from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
 from sma_sim.evidence.residual_analysis.patterns import find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
+from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -219,12 +220,35 @@ def test_patterns_that_were_put_in_are_named(right, shape, error, value, words):
     assert words in found[0].text
 
 
+def test_an_error_that_is_spread_is_not_said_to_be_noise(right):
+    """Of an error that concentrates nowhere its size is said; and that of noise is said to be noise."""
+    for noise, words in (
+        (1.0, 'The error is no more than noise.'),
+        (28.0, 'times the noise in alpha, concentrates nowhere'),
+    ):
+        summary = summarize(with_error(right, 'alpha', lambda run: np.zeros(len(run.time)), noise))
+        assert words in summary.spread_sentence and summary.remarks == ()
+        assert comparison_data(summary)['spread'] == summary.spread_sentence
+    assert float(summary.spread_sentence.split()[2]) == pytest.approx(28.0, rel=0.05)
+
+
+def test_what_is_said_of_an_error_is_ordered_by_weight(right):
+    """A large error of one channel comes before a small one of another, whatever kind of sentence it is."""
+    small = with_error(right, 'U_y', lambda run: np.full(len(run.time), 2.0 * run.noise['U_y']))
+    found = summarize(with_error(small, 'alpha', lambda run: 30.0 * run.noise['alpha'] * (run.time > 20.0)))
+    weights = [remark.weight for remark in found.remarks]
+    assert weights == sorted(weights, reverse=True) and found.remarks[0].channel == 'alpha'
+    assert found.remarks[-1].channel == 'U_y' and len(found.remarks) == len(found.patterns) + len(found.findings)
+
+
 def test_bands_have_round_edges():
     found = band_dimension('T', [np.array([291.3, 347.0])], 'wire 1 is {}', 'K')
     assert found.edges == (290.0, 300.0, 310.0, 320.0, 330.0, 340.0, 350.0)
     assert found.words(4, 5) == 'wire 1 is above 330 K'
     assert found.words(0, 0) == 'wire 1 is below 300 K'
     assert found.words(1, 2) == 'wire 1 is between 300 and 320 K'
+    shown = band_dimension('T', [np.array([291.3, 347.0])], 'wire 1 is {}', 'deg C', 273.15)
+    assert shown.words(4, 6) == 'wire 1 is above 50 deg C' and shown.classes[0].tolist() == [0, 6]
     assert round_step(0.3) == pytest.approx(0.5) and round_step(10.0) == 10.0
 
 

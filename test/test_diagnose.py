@@ -1,9 +1,11 @@
 """Diagnosis: hidden effects are found, nothing is invented, what cannot be explained is said."""
 
 import json
+import re
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from importlib import metadata
 from itertools import permutations
 from threading import Event
 
@@ -31,7 +33,9 @@ from sma_sim.evidence.model_selection.refit import at_finite_step, refit
 from sma_sim.evidence.model_selection.restricted import with_narrower_bounds
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import sketched, with_candidate
+from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
+from sma_sim.report.html.page import Provenance
 
 SEEDS = [1, 2, 3]
 
@@ -158,6 +162,45 @@ def test_a_model_that_cannot_make_the_held_out_run_is_shown_on_the_fitted_ones(w
     assert np.isfinite(reduction_figure(replace(found, stages=(broken, last))).layout.yaxis.range).all()
 
 
+def test_the_report_has_the_model_as_it_was_given_beside_the_calibrated_one(with_gravity, tmp_path):
+    """What calibration bends is not what the user gave: both stand in figures, and in the table of parameters."""
+    runs, found = with_gravity
+    given = scaled(config(), wire__lambda=1.3)  # a file that is off by a third in what a calibration finds
+    review = reviewed(found, *hold_out_last(runs, None), given)
+    bare, errors = found.nominal, review.given_errors
+    assert errors[0] > 2.0 * bare.train and np.isfinite(errors[1])
+    assert review.given_values['wire.lambda'] == given.parameters['wire.lambda']
+    assert review.nominal_values['wire.lambda'] == bare.values['wire.lambda'] != given.parameters['wire.lambda']
+    figure = reduction_figure(found, errors)
+    held_out, fitted = figure.data[:2]
+    assert fitted.x[0] == 'your model,<br>as given' and fitted.y[0] == errors[0] and held_out.y[0] == errors[1]
+    assert fitted.y[1] == bare.train
+    page = tmp_path / 'why.html'
+    write_diagnosis_page(
+        page, review, provenance=Provenance('sma-sim diagnose <x> & y', {'mine.yaml': 'wire: {a: 1}  # <b>'})
+    )
+    text = page.read_text()
+    for words in ('as given', 'calibrated without', 'sma-sim diagnose &lt;x&gt; &amp; y', 'wire: {a: 1}  # &lt;b&gt;'):
+        assert words in text, words
+    assert re.search(rf'Made on \d{{4}}-\d\d-\d\d at .* by sma_sim {re.escape(metadata.version("sma_sim"))}\.', text)
+
+
+@pytest.mark.parametrize('errors', [(3.0, 0.02), (1e-4, 1e-5), (40.0, 1.0)])
+def test_no_error_lies_beyond_the_axis(with_gravity, errors):
+    """Where the stated noise is too large, errors lie far below it."""
+    bare, last = with_gravity[1].stages
+    stages = tuple(
+        replace(stage, calibration=replace(stage.calibration, error=error), predicted=())
+        for stage, error in zip((bare, last), errors, strict=True)
+    )
+    found = replace(with_gravity[1], stages=stages)
+    low, high = (10.0**end for end in reduction_figure(found, (2.0 * errors[0], np.nan)).layout.yaxis.range)
+    assert low < min(errors) and 2.0 * errors[0] < high and low < 1.0 < high
+    steps = [{'effects': (), 'train': error, 'held_out': None} for error in errors]
+    low, high = draw_error_reduction(steps).axes[0].get_ylim()
+    assert low < min(errors) < max(errors) < high
+
+
 def test_candidates_that_cannot_win_are_not_cross_validated(with_gravity):
     _, found = with_gravity
     first = found.selection_steps[0]
@@ -200,8 +243,8 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(tmp_path):
     assert worse.effects == ('gravity',) and worse.held_out > 1.3 > bare.held_out and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
     assert any(line.startswith('Removed again: gravity') and f'{worse.held_out:.2f} with' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(levelled, None)))
-    labels = ('nominal model<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(levelled, None), config()))
+    labels = ('the same,<br>calibrated<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
     assert (tmp_path / 'why.html').exists() and reduction_figure(found).data[0].x == labels
 
 
@@ -219,7 +262,7 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     assert pooled is not None and max(pooled.train, pooled.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': pooled.train, 'held_out': pooled.held_out, 'ambient': {}}
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(weakly_driven, None)))
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(weakly_driven, None), config()))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 

@@ -55,7 +55,7 @@ def test_runs_with_different_channels_of_which_one_is_empty(tmp_path):
     assert found.verdict == 'none' and found.held_out == () and np.isnan(found.stages[-1].held_out)
     assert set(found.stages[-1].channel_errors) == {'U_x', 'U_y', 'alpha', 'F_2'} and found.stages[-1].train < 1.1
     assert any('No run was held out' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, runs, None))
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, runs, None, robot.nominal))
     assert 'No run was held out' in (tmp_path / 'why.html').read_text()
 
 

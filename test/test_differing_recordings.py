@@ -112,7 +112,7 @@ def test_differences_are_named_and_nothing_is_missing(recordings, words, expecte
     assert difference['by_recording'] == pytest.approx(expected, abs=tolerance)
     assert data['error'][-1]['held_out'] < 1.1
     held_out = replace(dataset, recordings=dataset.recordings[-1:])
-    review = reviewed(found, replace(dataset, recordings=dataset.recordings[:-1]), held_out)
+    review = reviewed(found, replace(dataset, recordings=dataset.recordings[:-1]), held_out, sma_sim.Config())
     assert max(review.remaining.comparison.runs[-1].measured) and review.diagnosis is found
 
 

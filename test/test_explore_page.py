@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -234,6 +235,60 @@ def test_two_versions_side_by_side_a_command_and_a_wrong_value(browser, tmp_path
         assert browser.get_log('browser') == []
     with serving(tmp_path / 'session') as again:
         assert again.application.session.current.number == 2 and again.application._command.kind == 'sine'
+
+
+KEYS = """
+const slider = () => document.querySelector('[data-name="wire.dsigma"] input[type=range]');
+slider().focus();
+const presses = [...Array(30).keys()];
+const press = () => {  // as a key that is held down: a step and both events of a slider with each repetition
+  const one = document.activeElement;
+  one.dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowRight', bubbles: true }));
+  one.stepUp();
+  one.dispatchEvent(new Event('input', { bubbles: true }));
+  one.dispatchEvent(new Event('change', { bubbles: true }));
+  if (presses.pop() !== 0) setTimeout(press, arguments[0]);
+};
+window.firstStep = Number(slider().value);
+press();
+"""
+
+
+def test_keys_that_are_held_down_lose_no_step_and_make_one_version(browser, tmp_path):
+    """Also while the server answers: what was committed meanwhile does not set the slider back."""
+    with serving(tmp_path / 'session') as server:
+        opened(browser, server)
+        session, value = server.application.session, '[data-name="wire.dsigma"] input[type=range]'
+        browser.execute_script(KEYS, 30)
+        until(browser, f'return Number(document.querySelector({value!r}).value) === firstStep + 30')
+        until(browser, 'return smaExplore.state.history.current > 1')
+        assert session.current.number == 2
+        shown = browser.execute_script(
+            'return Number(document.querySelector(\'[data-name="wire.dsigma"] input[type=number]\').value)'
+        )
+        assert session.config().parameters['wire.dsigma'] == 1e6 * shown
+        assert browser.execute_script(f'return Number(document.querySelector({value!r}).value) === firstStep + 30')
+        assert browser.execute_script('return document.activeElement.type') == 'range'
+        change, held = server.application.verbs['change'], Event()
+
+        def slow(body):
+            held.wait(2.0)
+            return change(body)
+
+        server.application.verbs = {**server.application.verbs, 'change': slow}
+        browser.execute_script(KEYS, 0)
+        until(browser, 'return Number(document.activeElement.value) === firstStep + 30')
+        time.sleep(0.8)  # the first change is on its way
+        browser.execute_script(KEYS, 0)
+        until(browser, 'return Number(document.activeElement.value) === firstStep + 30')
+        held.set()
+        until(browser, 'return smaExplore.state.history.current === 4 && Object.keys(smaExplore.values).length === 0')
+        assert browser.execute_script('return Number(document.activeElement.value) === firstStep + 30')
+        browser.execute_script(KEYS, 0)
+        until(browser, 'return Number(document.activeElement.value) === firstStep + 30')
+        browser.find_element('id', 'undo').click()  # takes back what was just moved, not what came before
+        until(browser, 'return smaExplore.state.history.current === 4')
+        assert [version.number for version in session.versions] == [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize('size', [(390, 844, True), (1280, 720, False)])

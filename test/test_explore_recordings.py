@@ -33,6 +33,13 @@ return chart.curves.map((one) => [Array.from(one.x), Array.from(one.y)]);
 CHOOSE = (
     'const one = document.getElementById(arguments[0]); one.value = arguments[1]; one.dispatchEvent(new Event("change"));'
 )
+CANDIDATES = ['gravity', 'sensor_gain', 'driver_lag', 'radiation', 'natural_convection', 'guide_friction']
+SO_FAR = """
+const bar = document.querySelector('[data-stage=candidates] progress');
+const rows = document.querySelectorAll('#candidates-so-far tbody tr');
+const elapsed = document.querySelector('#detail .elapsed')?.textContent;
+return rows.length > 0 && bar?.max === arguments[0] && / s; about .* s left$/.test(elapsed);
+"""
 GROWING = 'const place = document.getElementById("growing")?.getBoundingClientRect() ?? {};'
 
 
@@ -55,12 +62,19 @@ def test_steps_cannot_be_taken_in_the_wrong_order_and_show_what_the_commands_com
     words = browser.find_element('id', 'detail').text
     assert case.name in words and 'not been checked yet' in words
     assert refused(server, 'start', stage='diagnose') and refused(server, 'accept')
+    for stage, title in (('compare', 'Compare'), ('diagnose', 'Diagnose'), ('accept', 'Accept'), ('export', 'Export')):
+        browser.find_element('css selector', f'[data-stage={stage}] .link').click()  # no step shows an empty pane
+        until(browser, 'return document.querySelector("#detail h2")?.textContent === arguments[0]', title)
+        assert 'check the recordings first' in browser.find_element('id', 'detail').text
     take(browser, 'check')
     until(browser, 'return document.querySelectorAll("#detail tbody tr").length === 3')
     assert offered(browser) == ['check', 'compare']
     noise = next(line for line in browser.find_element('id', 'detail').text.splitlines() if line.startswith('Noise'))
     assert [word.split()[-1] for word in noise.split(', ')] == ['um', 'mm', 'deg', 'N', 'N'], noise
+    browser.find_element('css selector', '[data-stage=compare] .link').click()
+    until(browser, 'return document.getElementById("detail").textContent.includes("its button is under Steps")')
     take(browser, 'compare')
+    until(browser, 'return /step 2, version 1, done in [0-9]/.test(document.getElementById("detail").textContent)')
     assert offered(browser) == ['check', 'compare', 'candidates', 'calibrate', 'diagnose', 'export']
     until(browser, 'return smaExplore.recordings.charts.size === 15')
     config = server.application.session.file(1)
@@ -115,14 +129,18 @@ def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     assert browser.execute_script(ERRORS)[-1] != before and server.application.session.current.number == 1
     browser.refresh()
     until(browser, f'{READY} && smaExplore.recordings.charts.size === 15')
-    assert verb(server, 'start', stage='candidates', options={'effects': ['gravity', 'sensor_gain']})[0] == 200
+    assert verb(server, 'start', stage='candidates', options={'effects': CANDIDATES})[0] == 200
+    browser.execute_script('smaExplore.stages.choose("candidates")')
+    until(browser, SO_FAR, len(CANDIDATES), seconds=PATIENCE)
     until(browser, 'return smaExplore.state.steps.candidates?.state === "done"', seconds=PATIENCE)
     explained = region(browser)
+    assert ' deg C' in explained and ' K' not in explained
     assert 'mode of wire 1' in explained and 'gravity' in explained and 'direction of motion' in explained
     by_keys = region_by_keys(browser)
     assert 'run1, U_y, 6' in by_keys and 'mode of wire 1' in by_keys and 'gravity' in by_keys
     browser.execute_script('smaExplore.stages.choose("candidates")')
-    until(browser, 'return document.querySelectorAll("#detail tbody button").length === 4')
+    until(browser, 'return document.querySelectorAll("#detail tbody button").length === arguments[0]', 2 * len(CANDIDATES))
+    assert 'g_y \u22129.8' in browser.find_element('id', 'detail').text
     browser.execute_script('document.querySelector("#detail tbody button").click()')
     until(browser, 'return smaExplore.tried?.name === "gravity"')
     until(browser, f'{ERRORS.replace("return ", "const e = ")}; return e[e.length - 1] < 1.2')

@@ -1,10 +1,12 @@
 """The HTML page: self-contained and small, and a real browser draws every figure of it without a complaint."""
 
 import base64
+import html
 import json
 import re
 import time
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
@@ -14,6 +16,7 @@ from measured_runs import truth, write_isotherm, write_module_runs
 
 from sma_sim import UserError
 from sma_sim.cli.main import main
+from sma_sim.model.config import Config, flat_parameters, read_config
 from sma_sim.report.html.figure_json import GAP, figure_json, packed_curve
 from sma_sim.report.html.figures import envelope, log_axis, new_figure, stretches
 from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, write_page
@@ -57,9 +60,18 @@ def test_page_is_one_file_that_loads_nothing(page):
     assert links.loaded == ['data:,']
     assert links.headings == [
         'How well it fits', 'Parameters', 'Where the error is', 'Measured against model', 'Hysteresis',
-        'Residual over state', 'Data',
+        'Residual over state', 'Data', 'How this page was made',
     ]  # fmt: skip
     assert page.stat().st_size < MOST_BYTES
+
+
+def test_what_made_the_page_stands_in_it(page):
+    """The command as it was typed, and the model that it was given, which makes the same again."""
+    text = html.unescape(page.read_text())
+    assert f'sma-sim fit {page.parent} --hold-out run3' in text and str(Path.cwd()) in text
+    listing = re.search(r'given: without a parameter file</summary><pre>(.*?)</pre>', text, re.DOTALL).group(1)
+    (page.parent / 'again.yaml').write_text(listing)
+    assert flat_parameters(read_config(page.parent / 'again.yaml')) == flat_parameters(Config())
 
 
 @pytest.mark.slow
@@ -134,6 +146,23 @@ def test_every_axis_has_two_labelled_ticks(desktop):
     for k in range(desktop.execute_script(f'return Math.max(1, ...{TABS}.map(b => b.children.length))')):
         desktop.execute_script(f'{TABS}.forEach(b => b.children[{k}]?.click())')
         assert poorly_labelled(desktop) == []
+
+
+@pytest.mark.parametrize('width', [1400, 900, 400])
+def test_no_heading_of_the_menu_is_out_of_sight(page, width):
+    """All of them are on the screen, whatever its width, and what is jumped to is not behind the menu."""
+    driver = open_browser(width, 800)
+    try:
+        driver.get(page.as_uri())
+        links = 'return [...document.querySelectorAll("nav a")].map((one) => one.getBoundingClientRect())'
+        assert all(one['left'] >= 0 and one['right'] <= width for one in driver.execute_script(links))
+        assert driver.execute_script('return document.documentElement.scrollWidth <= innerWidth')
+        menu = 'document.querySelector("header").getBoundingClientRect().bottom'
+        jump = 'const top = document.getElementById("part2").getBoundingClientRect().top;'
+        driver.execute_script('document.querySelectorAll("nav a")[2].click()')
+        until(driver, f'(() => {{ {jump} return Math.max({menu}, 0) <= top + 1 && top < innerHeight / 2; }})()', 'the jump')
+    finally:
+        driver.quit()
 
 
 def test_logarithmic_axes_are_labelled_within_a_decade_and_over_many(tmp_path):

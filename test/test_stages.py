@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from measured_runs import truth, write_module_runs
 
 from sma_sim import UserError
 from sma_sim.cli.main import main
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import channel_scores
 from sma_sim.explore import worker
@@ -23,6 +25,8 @@ from sma_sim.explore.session import Start, open_session
 from sma_sim.explore.stages import Engine
 from sma_sim.explore.worker import outcome
 from sma_sim.model.config import flat_parameters, read_config
+from sma_sim.model.effects.discovery import package_effects
+from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.data_request import DataRequest
 
 PATIENCE = 300.0  # [s]
@@ -273,18 +277,47 @@ def candidates(engine):
 
 
 def test_what_every_candidate_would_do(engine, candidates):
-    """What is missing explains most; and its errors are those of a comparison with it."""
+    """What is missing explains most; its errors are those of a comparison, but for delay and starts of fewer samples."""
     result = candidates.result()
     first = result['effects'][0]
     assert first['name'] == 'gravity' and first['error'] < 1.1 < 5.0 < result['error'] and first['family_p'] < 0.05
     assert first['expected_error'] < result['expected_error'] < result['error']
-    told = [event['name'] for event in candidates.events() if event['kind'] == 'candidate']
-    assert told == [effect['name'] for effect in result['effects']] and len(told) == 3
+    told = [event for event in candidates.events() if event['kind'] == 'candidate']
+    assert {event['name'] for event in told} == {effect['name'] for effect in result['effects']}
+    assert [(event['done'], event['total']) for event in told] == [(1, 3), (2, 3), (3, 3)]
+    assert [effect['expected_error'] for effect in result['effects']] == sorted(one['expected_error'] for one in told)
+    g_y = first['parameters']['g_y']
+    assert g_y['low'] <= -9.81 <= g_y['high'] and g_y['determined'] and g_y['high'] - g_y['low'] < 2.0
     config = engine.session.preview({f'effects.gravity.{name}': v for name, v in first['values'].items()}, ['gravity'])
     request = engine.session.data
     fitted, held_out = request.split(request.read(config))
     scores = channel_scores(compare(fitted, config, held_out).part(False), list(first['errors']))
-    assert {name: score.over_noise for name, score in scores.items()} == first['errors']
+    assert {name: score.over_noise for name, score in scores.items()} == pytest.approx(first['errors'], rel=3e-2)
+
+
+def test_candidates_stay_within_what_is_realistic(engine, candidates, case):
+    """Beside data that ask for far more, every value is within the realistic range, and can be switched on as it is."""
+    known = {found.effect.name: found.effect for found in package_effects().values()}
+    request = engine.session.data
+    config = engine.session.config(1)
+    fitted, _ = request.split(request.read(config))
+    pulled = replace(  # as if something pulled sixty times as hard as gravity
+        fitted, recordings=tuple(replace(one, channels={**one.channels, 'U_y': one.channels['U_y'] - 60 * 2.5e-4})
+                                 for one in fitted.recordings),
+    )  # fmt: skip
+    with executor_or_threads(None) as executor:
+        found = candidate_effects(pulled, config, [], executor, (lambda _: None, lambda _: None), ['gravity', 'radiation'])
+    assert {effect.name for effect in found.effects} >= {'gravity'}
+    for effect in found.effects:
+        for p in known[effect.name].parameters:
+            if p.name in effect.parameters:
+                one, least = effect.parameters[p.name], min(p.realistic[0], p.neutral)
+                assert least <= one.low <= one.value <= one.high <= p.realistic[1], (effect.name, p.name, one)
+        values = {f'effects.{effect.name}.{name}': value for name, value in effect.values.items()}
+        assert engine.session.preview(values, [effect.name]).effects[0].found.effect.name == effect.name
+    gravity = next(effect for effect in found.effects if effect.name == 'gravity')
+    assert gravity.parameters['g_y'].at_end and gravity.values['g_y'] == -9.81
+    assert gravity.error < found.error
 
 
 def test_a_part_of_a_residual(engine, candidates):

@@ -14,6 +14,7 @@ from sma_sim.cli.common.data import (
     chosen_executor,
     from_curves,
     print_written,
+    provenance_of,
     read_data,
     system_words,
     table_text,
@@ -61,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f'one configuration is of system {first}, the other of {second}: expected two of the same system')
     fitted, held_out = read_data(arguments, named[0][1])
     labels, configs = zip(*named, strict=True)
+    made = provenance_of(arguments, *zip(arguments.configs or [None], configs, strict=True))
     named = list(zip(labels, from_curves(fitted, *configs, is_fitted=False), strict=True))
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
@@ -71,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, comparison_result(summaries, pairs, fitted.noise_std))
     if arguments.report:
-        write_compare_page(arguments.report, summaries, pairs, (fitted, held_out))
+        write_compare_page(arguments.report, summaries, pairs, (fitted, held_out), made)
     print_written(arguments.report, arguments.json)
     return 0
 
@@ -125,7 +127,7 @@ def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
 
 def finding_lines(summary: Summary) -> list[str]:
     """Where the error is, in words."""
-    words = [*(pattern.text for pattern in summary.patterns), *(finding.text for finding in summary.findings)]
-    if not words:
-        return ['The error is spread evenly, or is no more than noise.']
-    return ['Where the error is:', *(f'{k + 1:2}. {text}' for k, text in enumerate(words[:MAX_LINES]))]
+    remarks = summary.remarks[:MAX_LINES]
+    if not remarks:
+        return [summary.spread_sentence]
+    return ['Where the error is:', *(f'{k:2}. {remark.text}' for k, remark in enumerate(remarks, 1))]

@@ -19,6 +19,7 @@ from sma_sim.cli.common.data import (
     limits_from,
     print_progress,
     print_written,
+    provenance_of,
     read_data,
     system_words,
     write_json,
@@ -35,6 +36,7 @@ from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.model.config import Config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.workflow.diagnosis import command_between, write_improved
@@ -63,9 +65,9 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose, and write what was asked for."""
     check_outputs(arguments, arguments.out)
-    config = config_from(arguments, *system_words(arguments))
-    training, held_out = read_data(arguments, config)
-    (config,) = from_curves(training, config)
+    given = config_from(arguments, *system_words(arguments))
+    training, held_out = read_data(arguments, given)
+    (config,) = from_curves(training, given)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
     options = FitOptions(starts=CRITERIA.nominal_starts, limits=limits_from(arguments.limits))
@@ -76,15 +78,15 @@ def run(arguments: argparse.Namespace) -> int:
         with chosen_executor(arguments) as executor:
             found = diagnose(training, config, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        written = write_outputs(arguments, found, *hold_out_last(training, held_out))
+        written = write_outputs(arguments, found, given, *hold_out_last(training, held_out))
     print_written(arguments.out, written, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0
 
 
 def write_outputs(
-    arguments: argparse.Namespace, found: Diagnosis, training: Dataset, held_out: Dataset | None
+    arguments: argparse.Namespace, found: Diagnosis, given: Config, training: Dataset, held_out: Dataset | None
 ) -> Path | None:
-    """Write the files that were asked for; returns that of a proposed effect. Raises UserError."""
+    """Write the files that were asked for; returns that of a proposed effect. `given`: the model. Raises UserError."""
     written = None
     if arguments.out:
         written = write_improved(arguments.out, found, folders_beside(arguments, arguments.out))
@@ -94,7 +96,8 @@ def write_outputs(
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(arguments.json, as_data(found, written) | offered)
     if arguments.report:
-        write_diagnosis_page(arguments.report, reviewed(found, training, held_out), command)
+        made = provenance_of(arguments, (arguments.config, given))
+        write_diagnosis_page(arguments.report, reviewed(found, training, held_out, given), command, made)
     if command:
         print(f'To design the experiment that separates {" and ".join(rivals)}: {command}')
     return written

@@ -18,6 +18,7 @@ from sma_sim.cli.common.data import (
     from_curves,
     limits_from,
     print_written,
+    provenance_of,
     read_data,
     system_words,
     table_text,
@@ -67,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out, arguments.sheet)
     config = config_from(arguments, *system_words(arguments))
     fitted, held_out = read_data(arguments, config)
+    made = provenance_of(arguments, (arguments.config, config))
     (config,) = from_curves(fitted, config)
     options = FitOptions(
         split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed,
@@ -90,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, review.as_data())
     if arguments.report:
-        review.write_page(arguments.report)
+        review.write_page(arguments.report, made)
     print_written(arguments.out, arguments.report, arguments.json, arguments.sheet)
     return EXIT_INTERRUPTED if found.interrupted else 0
 

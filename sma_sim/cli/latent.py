@@ -14,6 +14,7 @@ from sma_sim.cli.common.data import (
     chosen_executor,
     print_progress,
     print_written,
+    provenance_of,
     read_data,
     report_path,
     system_words,
@@ -52,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, latent_data(found))
     if arguments.report:
-        write_latent_page(arguments.report, found, *hold_out_last(training, held_out))
+        made = provenance_of(arguments, (arguments.config, config))
+        write_latent_page(arguments.report, found, *hold_out_last(training, held_out), made)
     print(*verdict_sentences(found), sep='\n')
     if found.findings:
         print(table_text(RANKING_HEADER, ranking_rows(found)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 import traceback
 from importlib import import_module
@@ -24,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     name = 'sma-sim'
     try:
         chosen = parser_for(words).parse_args(words)
-        name = f'sma-sim {chosen.verb}'
+        name, chosen.command = f'sma-sim {chosen.verb}', shlex.join(['sma-sim', *words])
         code = int(chosen.run(chosen))
         sys.stdout.flush()
         return code

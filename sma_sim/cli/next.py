@@ -16,6 +16,7 @@ from sma_sim.cli.common.data import (
     chosen_executor,
     print_progress,
     print_written,
+    provenance_of,
     read_data,
     system_words,
     table_text,
@@ -90,7 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, plan_data(plan))
     if arguments.report:
-        write_design_page(arguments.report, plan, hypothesis_curves(plan))
+        made = provenance_of(arguments, (arguments.config, config))
+        write_design_page(arguments.report, plan, hypothesis_curves(plan), made)
     print(*plan_text(plan), sep='\n')
     print_written(arguments.out, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if plan.interrupted else 0

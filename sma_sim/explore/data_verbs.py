@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_rows, probability_lines
 from sma_sim.explore.columns import choices, map_text
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
@@ -31,11 +32,11 @@ MOST_HELD_OUT = 200
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
     'compare': ('comparisons', 'noise_std'), 'check': ('runs', 'noise_std', 'notes', 'system'),
     'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
-    'diagnose': ('verdict', 'model', 'effects', 'ranking', 'error', 'held_out', 'interrupted', 'seconds', 'proposed',
-                 'next'),
+    'diagnose': ('verdict', 'model', 'effects', 'ranking', 'error', 'intervals', 'held_out', 'interrupted', 'seconds',
+                 'proposed', 'next'),
     'candidates': ('errors', 'error', 'expected_error', 'effects'),
 }  # fmt: skip
-SHOWN_COMPARISON = ('error', 'channels', 'runs', 'patterns', 'findings', 'delay')
+SHOWN_COMPARISON = ('error', 'channels', 'runs', 'patterns', 'findings', 'spread', 'delay')
 TYPES = {'.yaml': 'application/yaml', '.html': 'text/html; charset=utf-8', '.json': 'application/json'}
 
 
@@ -94,7 +95,9 @@ class DataVerbs:
             content = job.result()
             shown = {name: content.get(name) for name in SHOWN_RESULTS[job.stage]}
             if job.stage == 'compare':
-                shown['comparisons'] = [{name: one[name] for name in SHOWN_COMPARISON} for one in content['comparisons']]
+                shown['comparisons'] = [{name: one.get(name) for name in SHOWN_COMPARISON} for one in content['comparisons']]
+            if job.stage == 'diagnose':
+                shown['probability'] = probability_data(content)
             answer['result'] = shown
             answer['summary'] = job.files['summary'].read_text(encoding='utf-8') if 'summary' in job.files else ''
         return finite_reply(answer)
@@ -200,6 +203,12 @@ class DataVerbs:
             raise UserError(f'there is no {name} of {kind} {number_of}')
         stem, dot, suffix = name.rpartition('.')
         return TYPES.get(f'.{suffix}', 'text/plain; charset=utf-8'), path.read_bytes(), f'{stem}_{given}{dot}{suffix}'
+
+
+def probability_data(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a diagnosis says of probabilities, in words; empty lists where it says nothing."""
+    rows = {'models': model_rows(content), 'findings': finding_rows(content)}
+    return {'lines': probability_lines(content), **{name: list(map(asdict, found)) for name, found in rows.items()}}
 
 
 def curves_in(body: Body) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.explore.history import Version
-from sma_sim.explore.jobs import REPORT, RESULT, Job
+from sma_sim.explore.jobs import COMMANDS, REPORT, RESULT, Job
 from sma_sim.explore.session import Session
 from sma_sim.explore.stages import Engine
 from sma_sim.explore.work import diagnosis_request, fit_options
@@ -24,7 +24,6 @@ START, PARAMETERS, REPORT_FILE, COMPARISON, SHELL, PYTHON = (
     'start.yaml', 'parameters.yaml', 'report.html', 'comparison.json', 'again.sh', 'again.py',
 )  # fmt: skip
 OUTPUTS = 'again'  # where the commands and the Python lines write
-VERBS = {'calibrate': 'fit', 'diagnose': 'diagnose'}
 
 
 @dataclass(frozen=True)
@@ -105,23 +104,12 @@ def shell_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job]) 
     config = START
     for k, job in enumerate(steps, 1):
         out = f'{OUTPUTS}/{k}_{job.stage}'
-        words = ['sma-sim', VERBS[job.stage], *request.options(), '--config', config, *command_options(job)]
+        words = ['sma-sim', COMMANDS[job.stage], *request.options(), '--config', config, *job.command_options()]
         lines.append(shlex.join([*words, '-o', f'{out}.yaml', '--json', f'{out}.json', '--report', f'{out}.html']))
         config = f'{out}.yaml'
     words = ['sma-sim', 'compare', *request.options(), '--config', config]
     outputs = ['--json', f'{OUTPUTS}/{COMPARISON}', '--report', f'{OUTPUTS}/{REPORT_FILE}']
     return '\n'.join([*lines, shlex.join([*words, *outputs]), ''])
-
-
-def command_options(job: Job) -> list[str]:
-    """The options of a job as words of its command."""
-    options, words = job.options, list[str]()
-    if options.get('free') is not None:
-        words += ['--free', ','.join(options['free'])]
-    for name in ('model', 'starts', 'seed'):
-        words += [f'--{name}', str(options[name])] if name in options else []
-    words += ['--robust'] if options.get('robust') else []
-    return words + [f'--no-{name}' for name in ('equation', 'variants') if not options.get(name, True)]
 
 
 def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job]) -> str:

@@ -31,6 +31,7 @@ JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
 )  # fmt: skip
 RESULT, PARAMETERS, REPORT, CURVES, SUMMARY = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz', 'summary.txt'
 FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES, 'summary': SUMMARY}
+COMMANDS = {'compare': 'compare', 'calibrate': 'fit', 'diagnose': 'diagnose'}  # by stage, the verb of sma-sim
 ENDED = ('done', 'stopped', 'failed', 'killed')
 START_TIME = 60.0  # [s] that a process may take before it says that it runs
 KILLED = 'the process ended without a result: it was killed, or the computer went down; start this step again'
@@ -89,8 +90,21 @@ class Job:
         if started and not is_locked(self.folder / LOCK):
             known = self.written_state()  # it may have come to its end in between
             return known if known[0] != 'running' else ('killed', KILLED)
-        age = (datetime.now(timezone.utc) - datetime.fromisoformat(self.time)).total_seconds()
-        return known if started or age < START_TIME else ('killed', KILLED)
+        return known if started or self.age < START_TIME else ('killed', KILLED)
+
+    @property
+    def age(self) -> float:
+        """Time since it was started [s]."""
+        return (datetime.now(timezone.utc) - datetime.fromisoformat(self.time)).total_seconds()
+
+    @property
+    def seconds(self) -> float | None:
+        """Time that it took, or has taken so far [s]; None of one that was killed."""
+        if self.state == 'running':
+            return max(self.age, 0.0)
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            return float(json.loads((self.folder / STATE).read_text(encoding='utf-8'))['seconds'])
+        return None
 
     def written_state(self) -> tuple[str, str]:
         """State and words as the process wrote them last."""
@@ -157,13 +171,23 @@ class Job:
         """Ask it to end with what it has, as Ctrl-C does."""
         (self.folder / STOP).touch()
 
+    def command_options(self) -> list[str]:
+        """The options as words of the command that does the same."""
+        options, words = self.options, list[str]()
+        if options.get('free') is not None:
+            words += ['--free', ','.join(options['free'])]
+        for name in ('model', 'starts', 'seed'):
+            words += [f'--{name}', str(options[name])] if name in options else []
+        words += ['--robust'] if options.get('robust') else []
+        return words + [f'--no-{name}' for name in ('equation', 'variants') if not options.get(name, True)]
+
     def as_data(self) -> dict[str, Any]:
         """The job for JSON."""
         state, words = self.read_state()
         words = self.words if state == 'running' else words
         return {
             'number': self.number, 'stage': self.stage, 'version': self.version, 'options': dict(self.options),
-            'time': self.time, 'state': state, 'words': words,
+            'time': self.time, 'seconds': self.seconds, 'state': state, 'words': words,
             'files': {name: str(path) for name, path in self.files.items()},
         }  # fmt: skip
 

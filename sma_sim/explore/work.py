@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,13 +28,14 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
 from sma_sim.explore.events import EventLog
-from sma_sim.explore.jobs import CURVES, PARAMETERS, REPORT, RESULT, SUMMARY, Job, write_curves
+from sma_sim.explore.jobs import COMMANDS, CURVES, PARAMETERS, REPORT, RESULT, SUMMARY, Job, write_curves
 from sma_sim.explore.session_files import VERSIONS, read_settings
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.report.html.page import Provenance
 from sma_sim.solver.first_start import announce_compilation
 from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.check import data_check
@@ -80,6 +82,12 @@ class WorkOrder:
         """The folders of the user's effects."""
         return effect_folders_of(self.file, ())
 
+    def provenance(self) -> Provenance:
+        """What makes the report of this job: the command that does the same, on the version's parameter file."""
+        verb = COMMANDS[self.job.stage]
+        words = ['sma-sim', verb, *self.request.options(), '--config', str(self.file), *self.job.command_options()]
+        return Provenance(shlex.join(words), {str(self.file): self.file.read_text(encoding='utf-8')})
+
     def output(self, name: str) -> Path:
         """Where a result goes."""
         return self.job.folder / name
@@ -114,7 +122,7 @@ def compare_version(order: WorkOrder) -> bool:
     summary = summarize(comparison)
     write_json(order.output(RESULT), comparison_result([summary], (), fitted.noise_std))
     write_curves(order.output(CURVES), curves_of(comparison))
-    write_compare_page(order.output(REPORT), [summary], (), (fitted, held_out))
+    write_compare_page(order.output(REPORT), [summary], (), (fitted, held_out), order.provenance())
     return False
 
 
@@ -129,7 +137,7 @@ def calibrate_version(order: WorkOrder) -> bool:
         review = reviewed_fit(found, config, fitted, held_out, executor)
     write_json(order.output(RESULT), review.as_data())
     write_curves(order.output(CURVES), curves_of(review.summary.comparison))
-    review.write_page(order.output(REPORT))
+    review.write_page(order.output(REPORT), order.provenance())
     return found.interrupted
 
 
@@ -157,9 +165,9 @@ def diagnose_version(order: WorkOrder) -> bool:
         command = command_between(rivals, [], [*order.request.options(), '--config', str(order.file)]) if rivals else ''
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(order.output(RESULT), as_data(found, written) | offered)
-        review = reviewed(found, *hold_out_last(fitted, held_out))
+        review = reviewed(found, *hold_out_last(fitted, held_out), order.config())
         write_curves(order.output(CURVES), curves_of(review.remaining.comparison))
-        write_diagnosis_page(order.output(REPORT), review, command)
+        write_diagnosis_page(order.output(REPORT), review, command, order.provenance())
     return found.interrupted
 
 

@@ -69,8 +69,8 @@ def of_the_session(words: str, session: Path) -> str:
 
 
 def write_state(job: Job, state: str, words: str) -> None:
-    """Say how far the job is."""
-    content: dict[str, Any] = {'state': state, 'words': words}
+    """Say how far the job is, and for how long it has run [s]."""
+    content: dict[str, Any] = {'state': state, 'words': words, 'seconds': job.age}
     write_json(job.folder / STATE, content)
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from sma_sim.report.palette import BLUE, GREY, RED
 from sma_sim.report.style import plain_axes, sized_figure
 
-TICKS = tuple(step * decade for decade in (1, 10, 100, 1000) for step in (1, 2, 5))
+TICKS = tuple(step * decade for decade in (1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1, 10, 100, 1000) for step in (1, 2, 5))
 
 
 def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
@@ -29,10 +29,11 @@ def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axis.axhline(1.0, color=GREY, ls=':', label='noise')
     axis.set_yscale('log')
     axis.minorticks_off()
-    largest = max(2.0, *(float(step[name] or 0.0) for step in steps for name in ('train', 'held_out')))
-    ticks = [tick for tick in TICKS if tick <= 1.4 * largest]
+    known = [float(step[name]) for step in steps for name in ('train', 'held_out') if step[name]]
+    low, high = 0.85 * min(1.0, *known), 1.4 * max(2.0, *known)
+    ticks = [tick for tick in TICKS if low <= tick <= high]
     axis.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
-    axis.set_ylim(0.85, 1.4 * largest)
+    axis.set_ylim(low, high)
     axis.set_xlim(-0.3, len(steps) - 0.5)
     axis.set_xticks(positions, [f'+ {step["effects"][-1]}' if step['effects'] else 'nominal model' for step in steps])
     axis.set_ylabel('error over noise')

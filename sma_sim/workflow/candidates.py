@@ -1,8 +1,10 @@
 """What each effect would do to the error if it were switched on: by channel, and as a trace in every residual.
 
-The trace of an effect is what it adds to the model where it explains most, without what the fitted parameters could do as
-well (`sma_sim.evidence.model_selection.score_tests`): a residual (measured - model) of the same shape asks for the effect,
-or for one that is alike. All of it is to first order: it says little of a model that is not calibrated.
+An effect is switched on with the values that explain most while all other parameters stay as they are: within what is
+realistic of it, or the bounds where nothing is said of that, and with its priors. What would be left once the others were
+fitted again is said to first order. The trace is what an effect adds to the model at these values, without what the fitted
+parameters could do as well (`sma_sim.evidence.model_selection.score_tests`): a residual (measured - model) of the same shape
+asks for the effect, or for one that is alike. It says little of a model that is not calibrated.
 """
 
 from __future__ import annotations
@@ -10,53 +12,86 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recording import Dataset, in_order
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
 from sma_sim.evidence.estimation.cross_validation import own_unknowns
-from sma_sim.evidence.estimation.problem import DELAY, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_parameter
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, cost_at, quadratic_model, secant_minimum
+from sma_sim.evidence.estimation.problem import DEFAULT_STEP, DELAY, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.residuals import fit_data
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import Projection, ScreeningResult, screen
-from sma_sim.evidence.residual_analysis.compare import compare
+from sma_sim.evidence.residual_analysis.compare import run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import channel_scores, total_error
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import Parameter
+from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 OnCandidate = Callable[[Mapping[str, Any]], None]
+FRACTIONS = (1.0, 0.3, 0.1)  # of the way to what the score test says, from which the least error is looked for
+NORMAL_95 = 1.96  # standard deviations on each side of a 95 % interval
+AT_END = 1e-6  # of a coordinate from its bound
+
+
+@dataclass(frozen=True)
+class EffectValue:
+    """A parameter of an effect with its 95 % interval, as wide as the other parameters leave it, SI units.
+
+    `at_end`: whether the value is at an end of what is realistic; `determined`: whether the interval leaves any of that out.
+    """
+
+    value: float
+    low: float
+    high: float
+    at_end: bool
+    determined: bool
 
 
 @dataclass(frozen=True)
 class CandidateEffect:
-    """One effect, switched on at `values` of its parameters, SI units.
+    """One effect, switched on at `parameters`.
 
     `errors` by channel and `error`: over noise, all other parameters as they are. `expected_error`: with these fitted again,
     to first order. `family_p`: how often, by chance, the best of all effects explains as much. `traces`: by run, an
-    array (channels, k) over noise, in the order of the run's channels and at its thinned times; empty where the model cannot
-    be run.
+    array (channels, k) over noise, in the order of the run's channels and at its thinned times.
     """
 
     name: str
-    values: Mapping[str, float]
+    parameters: Mapping[str, EffectValue]
     errors: Mapping[str, float]
     error: float
     expected_error: float
     family_p: float
     traces: Mapping[str, Vector]
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the effect's parameters by their short names, SI units."""
+        return {name: parameter.value for name, parameter in self.parameters.items()}
+
     def as_data(self) -> dict[str, Any]:
         """All but the traces, for JSON."""
-        return {name: value for name, value in vars(self).items() if name != 'traces'}
+        shown = {name: value for name, value in vars(self).items() if name != 'traces'}
+        return shown | {'values': self.values, 'parameters': {name: vars(one) for name, one in self.parameters.items()}}
 
 
 @dataclass(frozen=True)
 class CandidateEffects:
-    """The effects by what they would explain, the most first; `errors` and `error` over noise without any of them.
+    """The effects by what they would leave, the least first; `errors` and `error` over noise without any of them.
 
     `expected_error`: without any, the parameters fitted again, to first order. `times` and `channels` by run: those of
     the traces.
@@ -76,54 +111,90 @@ class CandidateEffects:
         return without | {'effects': effects}
 
 
+@dataclass(frozen=True)
+class LinearModel:
+    """A model on thinned samples: its problem, a point z (n,), and the linearisation there."""
+
+    problem: Problem
+    z: Vector
+    linear: tuple[LinearizedRun, ...]
+
+    @cached_property
+    def with_fixed_parameters(self) -> LinearModel:
+        """The same where only what is unknown about the recordings is free."""
+        first, problem = len(self.problem.free), replace(self.problem, free=())
+        runs = zip(problem.indices(), self.linear, strict=True)
+        linear = (LinearizedRun(indices, run.residuals, run.jacobian[first:]) for indices, run in runs)
+        return LinearModel(problem, self.z[first:], tuple(linear))
+
+    @cached_property
+    def projection(self) -> Projection:
+        """Takes from a response what the unknowns can absorb."""
+        return Projection(self.linear, len(self.z), self.problem.tempering)
+
+    def expected_error(self) -> float:
+        """Error over noise with all unknowns at their optimum within the bounds, to first order."""
+        low, high = self.problem.limits()
+        cost, gradient, hessian = quadratic_model(self.problem, self.linear, self.z)
+        step = bounded_step(gradient, hessian, 0.0, low - self.z, high - self.z)
+        best, at = cost + float(gradient @ step + 0.5 * step @ hessian @ step), self.z + step
+        return FitResult(self.problem, at, best).error
+
+    def standard_errors(self) -> Vector:
+        """Standard deviations of the unknowns (n,), widened by the error that is left."""
+        cost, _, hessian = quadratic_model(self.problem, self.linear, self.z)
+        left = max(1.0, FitResult(self.problem, self.z, cost).error)
+        found: Vector = left * np.sqrt(np.diag(np.linalg.inv(hessian)))
+        return found
+
+
 def candidate_effects(
     fitted: Dataset, config: Config, folders: Sequence[Path], executor: Executor,
     callbacks: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None,
 ) -> CandidateEffects:  # fmt: skip
     """Switch listed effects on, one at a time, and see what becomes of the errors: `names` of effects, or all.
 
-    `callbacks`: the first gets what is being done, the second every effect as it is known. Raises UserError.
+    `callbacks`: the first gets what is being done, the second every effect as it is known, with how many are `done` of how
+    many in `total`. Raises UserError.
     """
-    on_progress, on_candidate = callbacks
+    (on_progress, on_candidate), rtol = callbacks, config.parameters['solver.rtol']
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
-    found = calibrate(fitted, config, options, executor)
-    problem, z = problem_at(fitted, config, found)
+    base = model_at(fitted, config, calibrate(fitted, config, options, executor), executor)
     candidates = [candidate for candidate in candidates_for(config, folders) if names is None or candidate.name in names]
     on_progress(f'screening {len(candidates)} effects')
-    screened = screen(problem, z, candidates, executor)
-    linear = linearize(problem, z, executor)
-    project = Projection(linear, len(z))
-    squares = float(np.sum(project(np.concatenate([run.residuals.ravel() for run in linear])) ** 2))
+    screened = screen(base.problem, base.z, candidates, executor)
     effects = []
-    for result in screened:
-        on_progress(f'switching {result.candidate.name} on')
-        changed = with_effect(config, result.candidate.found, result.values)
+    for done, result in enumerate(screened, 1):
+        on_progress(f'switching {result.candidate.name} on ({done} of {len(screened)})')
         try:
-            errors, error = errors_of(fitted, changed, executor)
-        except UserError:
+            effect = switched_on(fitted, base, result, rtol, executor)
+        except (UserError, SimulationError):
             continue  # the model cannot be run with it
-        expected = float(np.sqrt(max(squares - result.gain, 0.0) / problem.samples))
-        traces = traces_of(problem, z, (linear, project), result, executor)
-        effect = CandidateEffect(
-            result.candidate.name, dict(result.values), errors, error, expected, result.family_p, traces
-        )  # fmt: skip
-        on_candidate(effect.as_data())
+        on_candidate(effect.as_data() | {'done': done, 'total': len(screened)})
         effects.append(effect)
+    runs = base.problem.runs
     return CandidateEffects(
-        *errors_of(fitted, config, executor), float(np.sqrt(squares / problem.samples)), tuple(effects),
-        {run.name: np.asarray(run.time) for run in problem.runs}, {run.name: tuple(run.channels) for run in problem.runs},
+        *errors_at(fitted, base, rtol, executor), base.expected_error(),
+        tuple(sorted(effects, key=lambda effect: effect.expected_error)),
+        {run.name: np.asarray(run.time) for run in runs}, {run.name: tuple(run.channels) for run in runs},
     )  # fmt: skip
 
 
-def errors_of(fitted: Dataset, config: Config, executor: Executor) -> tuple[dict[str, float], float]:
-    """Errors over noise by channel and in all, as ``sma-sim compare`` has them. Raises UserError."""
-    comparison = compare(fitted, config, executor=executor)
-    scores = channel_scores(comparison.runs, comparison.channels)
+def errors_at(fitted: Dataset, model: LinearModel, rtol: float, executor: Executor) -> tuple[dict[str, float], float]:
+    """Errors over noise on all samples, by channel and in all; `rtol` of the solver. Raises SimulationError."""
+    config = model.problem.at_tolerance(rtol).fitted(model.z)
+    futures = []
+    for recording, run, indices in zip(fitted.recordings, model.problem.runs, model.problem.indices(), strict=True):
+        prepared = recording, fit_data(recording, fitted.noise_std, floor=rtol)
+        nuisance = model.problem.nuisance(run, model.z[indices])
+        futures.append(executor.submit(run_beside_model, config, prepared, nuisance, fitted.noise_std, False))
+    runs = [future.result() for future in futures]
+    scores = channel_scores(runs, in_order(fitted.channels, config.structure.structure.name))
     return {name: score.over_noise for name, score in scores.items()}, total_error(list(scores.values()))
 
 
-def problem_at(fitted: Dataset, config: Config, found: Calibration) -> tuple[Problem, Vector]:
-    """The problem of a calibration on thinned samples, and its point at a model whose delay and starts are known."""
+def model_at(fitted: Dataset, config: Config, found: Calibration, executor: Executor) -> LinearModel:
+    """A model as it is, whose delay and starts are known, with the parameters free that a fit would change."""
     longest = max(len(recording.time) for recording in fitted.recordings)
     problem = problem_for(
         fitted, config, FitOptions(kinetics=config.simulated_kinetics), max(1, longest // SEARCH_SAMPLES), False
@@ -131,25 +202,98 @@ def problem_at(fitted: Dataset, config: Config, found: Calibration) -> tuple[Pro
     free = [parameter.coordinate(config.parameters[parameter.name]) for parameter in problem.free]
     delay = [] if problem.delay is not None else [DELAY.coordinate(found.delay)]
     own = [z for fit in found.runs for z in own_unknowns(fit)]
+    z = np.clip(np.array([*free, *delay, *own]), *problem.limits())
+    return LinearModel(problem, z, tuple(linearize(problem, z, executor)))
+
+
+def switched_on(
+    fitted: Dataset, base: LinearModel, result: ScreeningResult, rtol: float, executor: Executor
+) -> CandidateEffect:
+    """One effect where it explains most. Raises UserError or SimulationError where the model cannot be run with it."""
+    alone = fitted_alone(base.with_fixed_parameters, result, executor)
+    both, own = joined(base, alone), alone.problem.free
+    parameters = {}
+    for free, z, std in zip(own, alone.z, both.standard_errors()[len(base.problem.free) :], strict=False):
+        z, reach = float(z), NORMAL_95 * float(std)
+        low, high = max(z - reach, free.low), min(z + reach, free.high)
+        parameters[free.name.rpartition('.')[2]] = EffectValue(
+            free.value(z), free.value(low), free.value(high), at_end=min(z - free.low, free.high - z) < AT_END,
+            determined=low > free.low or high < free.high,
+        )  # fmt: skip
+    errors, error = errors_at(fitted, alone, rtol, executor)
+    name, family_p = result.candidate.name, result.family_p
+    return CandidateEffect(name, parameters, errors, error, both.expected_error(), family_p, traces(base, alone))
+
+
+def fitted_alone(base: LinearModel, result: ScreeningResult, executor: Executor) -> LinearModel:
+    """A model with one effect more where that explains most, from what the score test says of it, or nearer to nothing."""
+    found = result.candidate.found
+    config = with_effect(base.problem.config, found, {})
+    values = dict(zip([p.name for p in found.effect.parameters], config.effects[-1].values, strict=True))
+    free = [realistic(f'effects.{found.effect.name}.{p.name}', values[p.name], p)
+            for p in found.effect.parameters if p.name in result.values]  # fmt: skip
+    problem = replace(base.problem, config=config, free=tuple(free))
+    said = np.array([one.coordinate(result.values[one.name.rpartition('.')[2]]) for one in free])
     low, high = problem.limits()
-    return problem, np.clip(np.array([*free, *delay, *own]), low, high)
+    points = [np.clip(np.concatenate([part * said, base.z]), low, high) for part in FRACTIONS]
+    z = min(points, key=lambda point: cost_at(problem, point, executor))
+    linear = with_own_derivatives(problem, z, base.linear, executor)
+    least = SKETCH_DECREASE * min(cost_at(base.problem, base.z, executor), float(problem.samples))
+    fit = secant_minimum(problem, z, linear, (ADDED_EFFECT.damping, least), SearchContext(executor, Event()))
+    return LinearModel(problem, fit.z, with_own_derivatives(problem, fit.z, base.linear, executor))
 
 
-def traces_of(
-    problem: Problem,
-    z: Vector,
-    base: tuple[Sequence[LinearizedRun], Projection],
-    result: ScreeningResult,
-    executor: Executor,
-) -> dict[str, Vector]:
-    """By run, what an effect takes from the residuals over noise, (channels, k), as far as nothing else can."""
-    linear, project = base
-    config = with_effect(problem.config, result.candidate.found, result.values)
-    shown = residuals_at(replace(problem, config=config), z, executor)
-    if any(residuals is None for residuals in shown):
-        return {}
-    changes = [found - run.residuals for run, found in zip(linear, shown, strict=True) if found is not None]
-    rest = project(np.concatenate([change.ravel() for change in changes]))
-    ends = np.cumsum([change.size for change in changes])
-    parts = np.split(rest, ends[:-1])
-    return {run.name: part.reshape(change.shape) for run, part, change in zip(problem.runs, parts, changes, strict=True)}
+def realistic(name: str, value: float, declared: Parameter) -> FreeParameter:
+    """A parameter of an effect with its prior, bounded by what is realistic of it where that is known."""
+    free = free_parameter(name, value, declared)
+    if declared.realistic is None:
+        return free
+    low, high = (free.coordinate(end) if end > 0.0 or not free.log else free.low for end in declared.realistic)
+    return replace(free, low=min(max(low, free.low), 0.0), high=max(min(high, free.high), 0.0))
+
+
+def with_own_derivatives(
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], executor: Executor
+) -> tuple[LinearizedRun, ...]:
+    """The linearisation at z of a problem whose free parameters are an effect's; `linear` is one without them, near it.
+
+    Raises SimulationError where the model cannot be run at z.
+    """
+    here = residuals_at(problem, z, executor)
+    own, high = range(len(problem.free)), problem.limits()[1]
+    steps = [DEFAULT_STEP if z[k] + DEFAULT_STEP <= high[k] else -DEFAULT_STEP for k in own]
+    moved = [
+        residuals_at(problem, z + step * (np.arange(len(z)) == k), executor) for k, step in zip(own, steps, strict=True)
+    ]
+    found = []
+    for j, (run, indices) in enumerate(zip(linear, problem.indices(), strict=True)):
+        at, others = here[j], [there[j] for there in moved]
+        if at is None or any(other is None for other in others):
+            raise SimulationError(f'{problem.runs[j].name}: the model cannot be run with these parameters')
+        rows = [(other - at) / step for other, step in zip(others, steps, strict=True) if other is not None]
+        found.append(LinearizedRun(indices, at, np.concatenate([np.reshape(rows, (len(own), *at.shape)), run.jacobian])))
+    return tuple(found)
+
+
+def joined(base: LinearModel, alone: LinearModel) -> LinearModel:
+    """A model with an effect, at the parameters that both have: those of the model and of the effect free."""
+    first = len(base.problem.free)
+    problem = replace(alone.problem, free=(*base.problem.free, *alone.problem.free))
+    runs = zip(problem.indices(), base.linear, alone.linear, strict=True)
+    linear = (
+        LinearizedRun(indices, run.residuals, np.concatenate([without.jacobian[:first], run.jacobian]))
+        for indices, without, run in runs
+    )
+    return LinearModel(problem, np.concatenate([base.z[:first], alone.z]), tuple(linear))
+
+
+def traces(base: LinearModel, alone: LinearModel) -> dict[str, Matrix]:
+    """By run, what an effect takes from the residuals over noise, (channels, k), as far as nothing else can: as much of it
+    as explains most, to first order."""  # fmt: skip
+    changes = [run.residuals - without.residuals for run, without in zip(alone.linear, base.linear, strict=True)]
+    rest = base.projection(np.concatenate([change.ravel() for change in changes]))
+    residuals = np.concatenate([run.residuals.ravel() for run in base.linear])
+    amount = max(-float(rest @ residuals) / max(float(rest @ rest), 1e-300), 0.0)
+    parts = np.split(amount * rest, np.cumsum([change.size for change in changes])[:-1])
+    runs = zip(base.problem.runs, parts, changes, strict=True)
+    return {run.name: part.reshape(change.shape) for run, part, change in runs}

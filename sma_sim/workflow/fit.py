@@ -21,6 +21,7 @@ from sma_sim.evidence.residual_analysis.compare import compared_calibration
 from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
 from sma_sim.model.config import Config
 from sma_sim.report.html.comparison_page import write_fit_page
+from sma_sim.report.html.page import Provenance
 from sma_sim.workflow.code_folders import parameter_file_at
 
 
@@ -46,10 +47,10 @@ class FitReview:
         further = {'run_by_run': asdict(self.runs) if self.runs else None, 'comparison': comparison_data(self.summary)}
         return fit_result_data(self.found, self.predicted, self.fitted) | further
 
-    def write_page(self, path: Path) -> None:
+    def write_page(self, path: Path, provenance: Provenance | None = None) -> None:
         """Write the HTML report. Raises UserError."""
         data = (self.fitted, self.held_out)
-        write_fit_page(path, self.found, values_of(self.start), self.summary, data, self.runs)
+        write_fit_page(path, self.found, values_of(self.start), self.summary, data, self.runs, provenance)
 
 
 def reviewed_fit(

@@ -19,7 +19,10 @@ from sma_sim.evidence.estimation.executors import dask_executor, executor_or_thr
 from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.given import effect_folders_of
 from sma_sim.model.optional import require
+from sma_sim.model.parameter_file import parameter_file
+from sma_sim.report.html.page import Provenance
 from sma_sim.workflow.data_request import DataRequest
 
 EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
@@ -151,6 +154,15 @@ def noise_from(words: Sequence[str]) -> dict[str, float]:
         if not equals:
             raise UserError(f'--noise {word}: expected CHANNEL=STD in SI units, such as alpha=0.00035')
     return noise
+
+
+def provenance_of(arguments: argparse.Namespace, *configs: tuple[Path | None, Config]) -> Provenance:
+    """What makes a report: the command, and the models that it was given, each from a parameter file or without one."""
+    texts = {}
+    for path, config in configs:
+        folders = [str(folder.resolve()) for folder in effect_folders_of(path, arguments.words)]
+        texts[str(path or 'without a parameter file')] = parameter_file(config, folders)
+    return Provenance(arguments.command, texts)
 
 
 @contextmanager

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.stage_change import StageChange, stage_change
+from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.recording_differences import with_differences
-from sma_sim.evidence.residual_analysis.compare import compared_calibration
+from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison, compare, compared_calibration
+from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_scores, total_error
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
+from sma_sim.model.config import Config
 from sma_sim.model.parameters import DEFAULTS
 
 
@@ -18,20 +21,40 @@ from sma_sim.model.parameters import DEFAULTS
 class DiagnosisReview:
     """A diagnosis, its recordings, and what was computed from both.
 
-    `changes`: by accepted effect, where the stage that added it changed most; `remaining`: the
-    last model beside all recordings; `initial_values`: parameters of the nominal model, defaults where it has none.
+    `given`: the user's model as it is beside all recordings, and `given_values` its parameters, defaults of effects that it
+    does not have. `nominal_values`: those of the same model calibrated, which is bent towards what it lacks. `changes`: by
+    accepted effect, where the stage that added it changed most; `remaining`: the last model beside all recordings.
     """
 
     diagnosis: Diagnosis
     training: Dataset
     held_out: Dataset | None
+    given: Comparison
+    given_values: Mapping[str, float]
+    nominal_values: Mapping[str, float]
     changes: Mapping[str, StageChange]
     remaining: Summary
-    initial_values: Mapping[str, float]
+
+    @property
+    def given_errors(self) -> tuple[float, float]:
+        """Error over noise of the user's model in the fitted and in the held-out runs; NaN without any."""
+        return tuple(total_error(self.scores(held_out)) for held_out in (False, True))  # type: ignore[return-value]
+
+    def scores(self, held_out: bool) -> list[ChannelScore]:
+        """How well the user's model does, by channel."""
+        return list(channel_scores(self.given.part(held_out), self.given.channels).values())
+
+    def given_run(self, name: str) -> ComparedRun:
+        """A recording beside the user's model."""
+        return next(run for run in self.given.runs if run.name == name)
 
 
-def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None) -> DiagnosisReview:
-    """Evaluate a diagnosis on the recordings that it was made with. Raises SimulationError."""
+def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None, given: Config) -> DiagnosisReview:
+    """Evaluate a diagnosis on the recordings that it was made with, from the model as it was `given`.
+
+    Raises SimulationError and UserError.
+    """
+    as_it_is = compare(training, given, held_out, 'the model as it was given')
     training = with_differences(training, diagnosis.differences)
     held_out = held_out and with_differences(held_out, diagnosis.differences)
     changes = {
@@ -39,8 +62,11 @@ def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None) 
         for step in diagnosis.selection_steps
         if step.accepted is not None and (change := diagnosis.change('added', step.accepted.name)) is not None
     }
-    values = {name: parameter.default for name, parameter in DEFAULTS.items()} | dict(diagnosis.nominal.values)
+    given_values = {name: parameter.default for name, parameter in DEFAULTS.items()} | values_of(given)
     for parameter in diagnosis.calibration.free:
-        values.setdefault(parameter.name, parameter.center)
+        given_values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')
-    return DiagnosisReview(diagnosis, training, held_out, changes, summarize(comparison), values)
+    nominal_values = given_values | dict(diagnosis.nominal.values)
+    return DiagnosisReview(
+        diagnosis, training, held_out, as_it_is, given_values, nominal_values, changes, summarize(comparison)
+    )

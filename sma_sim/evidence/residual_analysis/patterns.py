@@ -26,7 +26,8 @@ MIN_PATTERN_SHARE = 0.25  # of the squared error: a shape that explains less is 
 @dataclass(frozen=True)
 class Pattern:
     """A shape (`offset`, `scale`, `lag`) of the residual of a channel: the part `share` of the squared error that it
-    explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, and the sentence.
+    explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, its `weight` among all that is
+    said of an error (as `ErrorRegion` has it), and the sentence.
     """
 
     channel: str
@@ -35,6 +36,7 @@ class Pattern:
     value: float
     low: float
     high: float
+    weight: float
     text: str
 
 
@@ -75,8 +77,10 @@ def fit_pattern(comparison: Comparison, samples: ChannelSamples, shape: str) -> 
     values = (draws @ along) / np.maximum(draws @ size, 1e-300)
     low, high = (float(x) for x in np.quantile(values, (0.025, 0.975)))
     value = float(along.sum() / max(size.sum(), 1e-300))
-    share = float(value * along.sum() / max(float(np.sum(samples.scaled**2)), 1e-300))
-    return Pattern(channel, shape, share, value, low, high, pattern_text(channel, shape, share, (value, low, high)))
+    squares = float(np.sum(samples.scaled**2))
+    share = float(value * along.sum() / max(squares, 1e-300))
+    weight, words = share * (squares / len(samples.scaled) - 1.0), pattern_text(channel, shape, share, (value, low, high))
+    return Pattern(channel, shape, share, value, low, high, weight, words)
 
 
 def pattern_text(channel: str, shape: str, share: float, interval: tuple[float, float, float]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
@@ -46,16 +47,17 @@ def state_densities(comparison: Comparison) -> dict[str, tuple[StateDensity, ...
 
 def changing_states(comparison: Comparison) -> Sequence[tuple[str, Vector]]:
     """Labels and values of the states over all runs joined; those that do not change are left out."""
-    columns: list[tuple[str, str, float]] = []
+    columns: list[tuple[str, str, float, float]] = []
     for suffix, wire in wires_of(comparison.config).items():
         columns += [
-            (f'temperature of {wire} [K]', f'T{suffix}_K', 1.0), (f'strain of {wire} [%]', f'strain{suffix}', 100.0),
-            (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0),
+            (f'temperature of {wire} [deg C]', f'T{suffix}_K', 1.0, -ZERO_CELSIUS),
+            (f'strain of {wire} [%]', f'strain{suffix}', 100.0, 0.0), (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0, 0.0),
         ]  # fmt: skip
     for name in comparison.config.structure.structure.commands:
-        columns.append(('power J [W]' if name == 'J' else f'{name} [W]', f'{name}_W', 1.0))
+        columns.append(('power J [W]' if name == 'J' else f'{name} [W]', f'{name}_W', 1.0, 0.0))
     joined = [
-        (label, factor * np.concatenate([run.states[name] for run in comparison.runs])) for label, name, factor in columns
+        (label, factor * np.concatenate([run.states[name] for run in comparison.runs]) + offset)
+        for label, name, factor, offset in columns
     ]
     return [(label, values) for label, values in joined if np.ptp(values) > 0.0]
 

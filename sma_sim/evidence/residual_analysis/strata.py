@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate_of_change, wires_of
 from sma_sim.model.structures.structure import Structure
@@ -63,8 +64,9 @@ def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
         found += module_dimensions(runs)
     else:
         found += structure_dimensions(runs, structure) if structure.coordinates else bench_dimensions(runs)
+    ambient = [run.states['T_E_K'] for run in runs]
     found += [
-        band_dimension('ambient temperature', [run.states['T_E_K'] for run in runs], 'the ambient temperature is {}', 'K'),
+        band_dimension('ambient temperature', ambient, 'the ambient temperature is {}', 'deg C', ZERO_CELSIUS),
         quarter_dimension(runs), run_dimension(runs),
     ]  # fmt: skip
     return tuple(way for way in found if len(np.unique(np.concatenate(way.classes))) > 1)
@@ -75,9 +77,10 @@ def wire_dimensions(runs: Sequence[ComparedRun], suffix: str, wire: str) -> list
     of_wire = f' of {wire}'
     modes = tuple(run.states[f'class{suffix}'].astype(np.int64) for run in runs)
     rates = [run.states[f'dT{suffix}'] for run in runs]
+    temperatures = [run.states[f'T{suffix}_K'] for run in runs]
     return [
         Dimension(f'mode{of_wire}', MODE_LABELS, wire + ' is {}', modes),
-        band_dimension(f'temperature{of_wire}', [run.states[f'T{suffix}_K'] for run in runs], wire + ' is {}', 'K'),
+        band_dimension(f'temperature{of_wire}', temperatures, wire + ' is {}', 'deg C', ZERO_CELSIUS),
         sign_dimension(
             f'heating or cooling{of_wire}', rates, STEADY_RATE, ('cooling', 'neither heating nor cooling', 'heating'),
             wire + ' is {}',
@@ -150,12 +153,13 @@ def sign_dimension(
     return Dimension(name, labels, template, tuple(1 + (run > small).astype(np.int64) - (run < -small) for run in values))
 
 
-def band_dimension(name: str, values: Sequence[Vector], template: str, unit: str) -> Dimension:
-    """By bands with round edges, as few as show the range; one band where nothing changes."""
+def band_dimension(name: str, values: Sequence[Vector], template: str, unit: str, zero: float = 0.0) -> Dimension:
+    """By bands with round edges, as few as show the range; one band where nothing changes. `zero` is what `unit` calls 0."""
     joined = np.concatenate(values)
     low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     if high - low <= 1e-3 * max(abs(low), abs(high)):
         return Dimension(name, ('all',), template, tuple(np.zeros(len(run), np.int64) for run in values))
+    low, high, values = low - zero, high - zero, [run - zero for run in values]
     step = round_step((high - low) / MAX_BANDS)
     first, last = int(np.floor(low / step)), int(np.ceil(high / step))
     edges = tuple(float(step * k) for k in range(first, last + 1))

@@ -9,7 +9,7 @@ from typing import Any
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import Split, all_splits
 from sma_sim.evidence.residual_analysis.findings import ErrorRegion, find_error_regions
-from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_scores, total_error
+from sma_sim.evidence.residual_analysis.metrics import AT_NOISE, ChannelScore, channel_scores, total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.patterns import Pattern, find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import Band, error_bands
@@ -46,6 +46,23 @@ class Summary:
     def held_out_error(self) -> float:
         """Error over noise of the held-out runs; NaN without any."""
         return total_error(list(self.held_out.values()))
+
+    @property
+    def remarks(self) -> tuple[Pattern | ErrorRegion, ...]:
+        """What is said of where the error is, the most important first."""
+        return tuple(sorted((*self.patterns, *self.findings), key=lambda remark: -remark.weight))
+
+    @property
+    def spread_sentence(self) -> str:
+        """What is said of an error that concentrates nowhere."""
+        scores = (*self.fitted.values(), *self.held_out.values())
+        worst = max(scores, key=lambda score: score.over_noise, default=None)
+        if worst is None or worst.over_noise <= AT_NOISE:
+            return 'The error is no more than noise.'
+        return (
+            f'The error, {worst.over_noise:.3g} times the noise in {worst.channel}, concentrates nowhere: it is spread over '
+            'all modes, temperatures, directions, times and runs.'
+        )
 
     def run_error(self, name: str) -> float:
         """Error over noise of a run."""
@@ -88,6 +105,7 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
         },
         'patterns': [asdict(pattern) for pattern in summary.patterns],
         'findings': [asdict(finding) for finding in summary.findings],
+        'spread': '' if summary.remarks else summary.spread_sentence,
         'splits': [asdict(split) for split in summary.splits],
         'bands': {channel: [asdict(band) for band in found] for channel, found in summary.bands.items()},
         **({'characterization': characterization_data(summary.tests)} if summary.tests else {}),

@@ -158,15 +158,45 @@ function setTime(time) {
   for (const chart of page.charts.values()) if (chart.kind !== 'loop') { chart.cursor = page.time; chart.draw(); }
 }
 
-// Changes: a slider that moves is a preview; what is let go is a version.
-const preview = (name, value) => { page.values[name] = value; refresh(performance.now()); };
-const commit = (name, value) => perform('change', { values: { [name]: value }, expected: page.state.history.current });
-const change = (effects) => perform('change', { effects, expected: page.state.history.current });
+// Changes: a slider that moves is a preview; what is let go is a version. Keys let go with every press: their last one counts.
+const KEY_PAUSE = 600; // [ms] without a key after which what was moved becomes a version
+const moved = new Map(); // by name, the value that is no version yet
+let pause = 0, last = Promise.resolve();
 
-async function perform(verb, body = {}) {
-  const state = await attempt('change', () => ask(verb, body));
+const preview = (name, value) => { page.values[name] = value; refresh(performance.now()); };
+const change = (effects) => perform('change', () => ({ effects, expected: page.state.history.current }));
+
+function commit(name, value, byKey = false) {
+  moved.set(name, { value });
+  clearTimeout(pause);
+  if (byKey) pause = setTimeout(flush, KEY_PAUSE);
+  else flush();
+}
+
+const parameterActions = { preview, commit, change, moved: (name) => moved.get(name)?.value };
+const movedValues = () => Object.fromEntries([...moved].map(([name, { value }]) => [name, value]));
+const flush = () => { last = last.then(sendMoved); return last; };
+
+/** One version of all that was moved; what is moved on meanwhile stays. */
+async function sendMoved() {
+  clearTimeout(pause);
+  if (!moved.size) return;
+  const sent = new Map(moved);
+  const state = await attempt('change', () => ask('change', { values: movedValues(), expected: page.state.history.current }));
+  for (const [name, one] of sent) if (moved.get(name) === one) moved.delete(name);
   if (state) show(state);
   else await load(); // the controls go back to what holds
+}
+
+/** Ask for a change, one after the other; `body` may be a function of the state that the change before has left. */
+function perform(verb, body = {}) {
+  last = last.then(async () => {
+    await sendMoved();
+    const state = await attempt('change', () => ask(verb, typeof body === 'function' ? body() : body));
+    if (state) show(state);
+    else await load();
+  });
+  return last;
 }
 
 async function load() {
@@ -179,7 +209,7 @@ function show(state) {
   const first = page.state === null;
   if (page.state && page.state.history.current !== state.history.current) page.tried = null;
   page.state = state;
-  page.values = {};
+  page.values = movedValues();
   const { controls, history } = state;
   if (first && (state.steps.data || state.steps.recorded.length)) { setView('data'); openTab('steps'); }
   recordings.forget();
@@ -196,8 +226,8 @@ function show(state) {
   });
   part('yaml').href = `/download/parameters.yaml?version=${history.current}`;
   part('csv').href = `/download/run.csv?version=${history.current}`;
-  keepFocus(part('parameters'), () => showParameters(part('parameters'), controls.groups, preview, commit));
-  keepFocus(part('effects'), () => showEffects(part('effects'), controls, preview, commit, change));
+  keepFocus(part('parameters'), () => showParameters(part('parameters'), controls.groups, parameterActions));
+  keepFocus(part('effects'), () => showEffects(part('effects'), controls, parameterActions));
   keepFocus(part('command'), () => showCommand(part('command'), state.command, state.columns, (command) => perform('command', { command })));
   keepFocus(part('history'), () => showHistory(part('history'), history, page.beside, {
     go: (number) => perform('go_to', { number }), rename: (number, name) => perform('rename', { number, name }),
@@ -289,7 +319,7 @@ part('instant').addEventListener('input', () => setTime(Number(part('instant').v
 part('whole').addEventListener('click', handlers.whole);
 part('undo').addEventListener('click', () => perform('undo'));
 part('redo').addEventListener('click', () => perform('redo'));
-part('model').addEventListener('change', () => perform('change', { values: { model: part('model').value }, expected: page.state.history.current }));
+part('model').addEventListener('change', () => perform('change', () => ({ values: { model: part('model').value }, expected: page.state.history.current })));
 document.addEventListener('keydown', (event) => {
   if (event.key === '?' && !event.target.matches('input, select, textarea')) part('help').showModal();
   if (!(event.ctrlKey || event.metaKey) || event.target.matches('input[type="text"], input[type="number"]')) return;
@@ -326,7 +356,7 @@ function listen() {
   });
   if (page.state) load();
 }
-document.addEventListener('visibilitychange', listen);
+document.addEventListener('visibilitychange', () => { if (document.hidden) flush(); listen(); });
 
 history.replaceState(null, '', location.pathname); // the token is in the cookie now
 listen();

@@ -23,8 +23,13 @@ function brief(number) {
 
 const text = (parameter, value) => (value === null ? '' : brief(shifted(value, -parameter.power)));
 
-/** One parameter: `preview(name, value)` while its slider moves, `commit(name, value)` once it is let go. */
-export function parameterControl(parameter, preview, commit) {
+const MOVING_KEYS = ['ArrowUp', 'ArrowDown', 'ArrowLeft', 'ArrowRight', 'PageUp', 'PageDown', 'Home', 'End'];
+
+/**
+ * One parameter. `actions`: preview(name, value) while its slider moves, commit(name, value, byKey) once it is let go, which a
+ * key does with every press, and moved(name), the value to which it was moved and which is no version yet.
+ */
+export function parameterControl(parameter, { preview, commit, moved }) {
   const { name, label, low, high } = parameter;
   const slider = element('input', { type: 'range', min: '0', max: String(STEPS), step: '1' });
   const box = element('input', { type: 'number', step: 'any', placeholder: 'automatic' });
@@ -45,11 +50,16 @@ export function parameterControl(parameter, preview, commit) {
     slider.setAttribute('aria-valuetext', `${box.value} ${parameter.unit}`);
     row.classList.toggle('changed', value !== parameter.default);
   };
+  let key = '';
   slider.addEventListener('input', () => { show(chosen(), false); preview(name, chosen()); });
-  slider.addEventListener('change', () => commit(name, chosen()));
+  slider.addEventListener('change', () => commit(name, chosen(), key !== ''));
   box.addEventListener('change', () => {
-    commit(name, box.value === '' ? parameter.default : shifted(box.value, parameter.power));
+    commit(name, box.value === '' ? parameter.default : shifted(box.value, parameter.power), key !== '');
   });
+  for (const one of [slider, box]) {
+    one.addEventListener('keydown', (event) => { key = MOVING_KEYS.includes(event.key) ? event.key : ''; });
+    one.addEventListener('pointerdown', () => { key = ''; });
+  }
   reset.addEventListener('click', () => commit(name, parameter.default));
   const unit = parameter.unit === '-' ? '' : parameter.unit;
   const bounds = `allowed ${text(parameter, parameter.least)} to ${text(parameter, parameter.most)} ${unit}`
@@ -60,42 +70,42 @@ export function parameterControl(parameter, preview, commit) {
     slider, element('span', { className: 'value' }, box, ' ', element('span', { className: 'unit', textContent: unit }), reset),
     element('span', { className: 'bounds', textContent: bounds }));
   row.dataset.name = name;
-  show(parameter.value);
+  show(moved(name) ?? parameter.value);
   return row;
 }
 
 const GROUPS = { wire: 'Wire', beam: 'Beam', plate: 'Plate', environment: 'Environment', initial: 'Start', solver: 'Solver' };
 
 /** All parameters, by group. */
-export function showParameters(parent, groups, preview, commit) {
+export function showParameters(parent, groups, actions) {
   const closed = new Set([...parent.querySelectorAll('details:not([open])')].map((one) => one.dataset.group));
   const first = !parent.childElementCount;
   parent.replaceChildren(...groups.map((group, k) => {
     const heading = GROUPS[group.name] ?? group.name;
     const found = element('details', { open: first ? k < 3 : !closed.has(group.name) }, element('summary', { textContent: heading }),
-      ...group.parameters.map((parameter) => parameterControl(parameter, preview, commit)));
+      ...group.parameters.map((parameter) => parameterControl(parameter, actions)));
     found.dataset.group = group.name;
     return found;
   }));
 }
 
-/** All effects, by port: `change(names)` with the names of those that are to be active. */
-export function showEffects(parent, { effects, active }, preview, commit, change) {
+/** All effects, by port: `actions` are those of parameters, and change(names) with the names of those that are to be active. */
+export function showEffects(parent, { effects, active }, actions) {
   const open = new Set([...parent.querySelectorAll('.effect details[open]')].map((one) => one.closest('.effect').dataset.effect));
   const found = [];
   let port = '';
   for (const effect of effects) {
     if (effect.port !== port) found.push(element('h2', { textContent: port = effect.port }));
-    found.push(effectControl(effect, active, open.has(effect.name), { preview, commit, change }));
+    found.push(effectControl(effect, active, open.has(effect.name), actions));
   }
   parent.replaceChildren(...found);
 }
 
-function effectControl(effect, active, open, { preview, commit, change }) {
+function effectControl(effect, active, open, actions) {
   const on = active.includes(effect.shown);
   const others = active.filter((name) => name !== effect.shown);
   const box = element('input', { type: 'checkbox', checked: on });
-  box.addEventListener('change', () => change(box.checked ? [...active, effect.shown] : others));
+  box.addEventListener('change', () => actions.change(box.checked ? [...active, effect.shown] : others));
   const about = element('details', { open }, element('summary', { textContent: 'equation and source' }),
     element('p', {}, element('code', { textContent: effect.equation })),
     ...[effect.description, effect.source && `Source: ${effect.source}`, effect.signature && `Trace in measurements: ${effect.signature}`,
@@ -107,9 +117,9 @@ function effectControl(effect, active, open, { preview, commit, change }) {
     const where = element('select', {}, element('option', { value: effect.name, textContent: 'everywhere' }),
       ...effect.scopes.map((scope) => element('option', { value: scope.name, textContent: scope.words })));
     where.value = effect.shown;
-    where.addEventListener('change', () => change([...others, where.value]));
+    where.addEventListener('change', () => actions.change([...others, where.value]));
     row.append(element('label', { className: 'field' }, 'acts ', where));
   }
-  row.append(...effect.parameters.map((parameter) => parameterControl(parameter, preview, commit)));
+  row.append(...effect.parameters.map((parameter) => parameterControl(parameter, actions)));
   return row;
 }

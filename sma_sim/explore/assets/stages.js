@@ -3,8 +3,8 @@
 import { showColumns } from './columns.js';
 import { element } from './controls.js';
 import { keepFocus } from './focus.js';
-import { redrawFigure, showExport, showResult } from './results.js';
-import { nextStep, showSteps } from './steps.js';
+import { duration, redrawFigure, showCandidatesSoFar, showExport, showResult } from './results.js';
+import { PURPOSES, TITLES, nextStep, partDone, showSteps } from './steps.js';
 import { ask } from './wire.js';
 
 const part = (id) => document.getElementById(id);
@@ -106,20 +106,25 @@ export class Stages {
 
   async detail() {
     const stage = this.chosen, box = part('detail'), job = stage && this.jobOf(stage);
-    if (stage === 'export') return this.exported?.number === this.state.history.current ? showExport(box, this.exported) : box.replaceChildren();
-    if (!job) {
-      return box.replaceChildren(...this.unread(), ...this.columnsPart(false));
-    }
+    if (stage === 'export' && this.exported?.number === this.state.history.current) return showExport(box, this.exported);
+    if (!job || stage === 'export') return box.replaceChildren(...this.untaken(), ...this.columnsPart(false));
     const found = await this.resultOf(job);
     if (!found || this.chosen !== stage) return null;
     if (job.state === 'running') this.events = found.events;
-    keepFocus(box, () => showResult(box, job.stage, found, {
-      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => this.state.channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
-      holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
-      tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', { ...this.with(effect), expected: this.state.history.current }),
-    }));
+    keepFocus(box, () => showResult(box, job.stage, found, this.resultActions(job, found)));
     if (job.state !== 'running') box.append(...this.columnsPart(job.state === 'failed' || found.result?.notes?.some((note) => note.includes('columns not used'))));
     return null;
+  }
+
+  /** What can be done with what came out of a step, and what is known of its channels and effects. */
+  resultActions(job, found) {
+    const { controls, channels } = this.state;
+    return {
+      events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
+      holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
+      tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', () => ({ ...this.with(effect), expected: this.state.history.current })),
+      unitOf: (effect, name) => controls.effects.find((one) => one.name === effect)?.parameters.find((one) => one.label === name) ?? { power: 0, unit: '' },
+    };
   }
 
   /** Which column of the files is which, below what was read; `open` where that is likely to be asked. */
@@ -142,11 +147,15 @@ export class Stages {
     await this.begin('check', {});
   }
 
-  /** What is said before a step was taken. */
-  unread() {
-    const { data } = this.state.steps, words = (textContent) => element('p', { className: 'note', textContent });
+  /** What is said before a step was taken: what it does, and what comes first. */
+  untaken() {
+    const { data, stages } = this.state.steps, words = (textContent) => element('p', { className: 'note', textContent });
     if (!data) return [words('No recordings yet: choose the files of your robot under Steps.')];
-    if (this.chosen !== 'check') return [];
+    const { reason } = stages.find((one) => one.stage === this.chosen) ?? { reason: '' };
+    if (this.chosen !== 'check') {
+      const first = reason ? `Not yet: ${reason}.` : 'It has not been taken yet: its button is under Steps.';
+      return [element('h2', { textContent: TITLES[this.chosen] }), element('p', { textContent: PURPOSES[this.chosen] ?? '' }), words(first)];
+    }
     const names = data.data.map((path) => path.split(/[\\/]/).at(-1));
     const held = data.hold_out.length ? ` Held out: ${data.hold_out.map((path) => path.split(/[\\/]/).at(-1)).join(', ')}.` : '';
     return [element('h2', { textContent: 'Recordings' }), element('ul', {}, ...names.map((textContent) => element('li', { textContent }))),
@@ -199,11 +208,18 @@ export class Stages {
   }
 
   progress(running, { job, events }, seen) {
-    running.words = job.words;
-    for (const words of document.querySelectorAll(`[data-stage="${running.stage}"] .words${seen ? ', #detail .words' : ''}`)) words.textContent = job.words;
+    Object.assign(running, { words: job.words, seconds: job.seconds });
+    if (seen) this.events = [...this.events, ...events];
+    const known = partDone(seen ? this.events : []), left = known ? `; about ${duration(Math.max(1, Math.round(known.left)))} left` : '';
+    const say = (what, textContent) => {
+      for (const one of document.querySelectorAll(`[data-stage="${running.stage}"] .${what}${seen ? `, #detail .${what}` : ''}`)) one.textContent = textContent;
+    };
+    say('words', job.words);
+    say('elapsed', `${duration(job.seconds)}${left}`);
+    if (known) for (const bar of document.querySelectorAll(`[data-stage="${running.stage}"] progress`)) Object.assign(bar, { max: known.total, value: known.done });
     if (!seen || !events.length) return;
-    this.events = [...this.events, ...events];
     redrawFigure(part('detail'), running.stage, this.events);
+    showCandidatesSoFar(part('detail'), this.events, this.resultActions(job, null));
   }
 
   redraw() {

@@ -1,16 +1,17 @@
 // The steps from recordings to an improved model, in their order; each can be taken when what it needs is there.
 
 import { element } from './controls.js';
+import { duration } from './results.js';
 
 export const TITLES = {
   check: 'Check the recordings', compare: 'Compare', calibrate: 'Calibrate', diagnose: 'Diagnose', accept: 'Accept', export: 'Export',
   candidates: 'Switch effects on, one at a time',
 };
-const PURPOSES = {
+export const PURPOSES = {
   check: 'Reads the files: runs and channels, what is missing or was repaired, how large the noise is.',
   compare: 'Runs the model under the recorded commands and measures its error in units of the noise.',
   calibrate: 'Fits the parameters of the model as it is. It may be left out: a diagnosis calibrates too.',
-  diagnose: 'Searches for the physical effect that the model lacks, and judges it by runs that were not fitted. Takes minutes.',
+  diagnose: 'Searches for the physical effect that the model lacks, and judges it by runs that were not fitted. Takes minutes; you may close the page meanwhile.',
   accept: 'Makes the calibrated or diagnosed model the current version. Undo goes back.',
   export: 'Gives you the parameter file, the report, and the commands and Python lines that do the same.',
 };
@@ -92,8 +93,17 @@ function progress(item, job, actions) {
   const stop = element('button', { type: 'button', textContent: 'Stop, and keep what it has' });
   stop.dataset.stop = stop.dataset.key = job.stage;
   stop.addEventListener('click', actions.stop);
-  item.append(element('progress', { ariaLabel: `${TITLES[job.stage]} is running` }), element('p', { className: 'small words', role: 'status', textContent: job.words }), stop);
+  item.append(element('progress', { ariaLabel: `${TITLES[job.stage]} is running` }),
+    element('p', { className: 'small' }, element('span', { className: 'words', role: 'status', textContent: job.words }), ' ', element('span', { className: 'elapsed', textContent: duration(job.seconds) })), stop);
   return item;
+}
+
+/** How far a step is that does one thing after the other: how many are done of how many, and the time that is left [s]. */
+export function partDone(events) {
+  const each = events.filter((one) => one.total), last = each[each.length - 1];
+  if (!last) return null;
+  const begin = events.find((one) => one.n === each[0].n - 1)?.t ?? 0; // what it began with took its own time
+  return { done: last.done, total: last.total, left: (last.t - begin) / last.done * (last.total - last.done) };
 }
 
 /** The options of a step, as they were chosen last (`kept`, by stage). */

@@ -25,13 +25,14 @@ def selection_section(number: int, step: SelectionStep, review: DiagnosisReview)
     diagnosis, accepted = review.diagnosis, step.accepted
     blocks: list[Block] = [Paragraph(outcome(step), 'lead')]
     if accepted is not None and accepted.name in review.changes:
-        blocks += [change_plot(review.changes[accepted.name]), Grid(range_plots(accepted))]
+        changed = review.changes[accepted.name]
+        blocks += [change_plot(changed, review.given_run(changed.before.name)), Grid(range_plots(accepted))]
     if step.candidate_fits:
         blocks += candidate_blocks(step, diagnosis.held_out_ratio if number == 1 else {})
     if accepted is not None:
         blocks += confounding_blocks(accepted, diagnosis)
         if (change := diagnosis.change('added', accepted.name)) is not None:
-            blocks.append(channel_plot(*change))
+            blocks.append(channel_plot(*change, review.scores(bool(change[0].held_out_channel_errors))))
     if step.screened:
         blocks.append(screen_plot(step))
     return Section(f'Step {number}', blocks)

@@ -15,7 +15,7 @@ from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences
 from sma_sim.report.html.figures import new_figure, small
-from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 HYPOTHESIS_COLOURS = (BLUE, RED, GREEN, PURPLE, SKY, GREY)
@@ -23,7 +23,9 @@ BAND = 2.0  # standard deviations
 COMMAND_HEIGHT, CHANNEL_HEIGHT = 110, 125  # [px]
 
 
-def write_design_page(path: Path, plan: Plan, curves: Sequence[HypothesisCurves]) -> None:
+def write_design_page(
+    path: Path, plan: Plan, curves: Sequence[HypothesisCurves], provenance: Provenance | None = None
+) -> None:
     """The page of a design and of what its hypotheses predict. Raises UserError."""
     if plan.discriminates:
         expected = [*lead(plan), rival_table(plan), Bullets(list(indistinguishable_sentences(plan)))]
@@ -37,7 +39,7 @@ def write_design_page(path: Path, plan: Plan, curves: Sequence[HypothesisCurves]
         sections.append(Section('One sensor more', [*further_blocks(plan)]))
     sections.append(Section('Limits', [limits_table(plan)]))
     names = ' or '.join(hypothesis.name for hypothesis in plan.hypotheses)
-    write_page(path, f'Next experiment: {names}' if plan.discriminates else 'Next experiment', sections)
+    write_page(path, f'Next experiment: {names}' if plan.discriminates else 'Next experiment', sections, provenance)
 
 
 def lead(plan: Plan) -> Iterator[Block]:

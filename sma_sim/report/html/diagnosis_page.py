@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
+from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_rows, probability_lines
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
+from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
 from sma_sim.report.html.candidates import elimination_section, selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
-from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, write_page
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.palette import GREY
@@ -23,9 +26,16 @@ HELD_OUT_NOTE = (
     'From the models of the search, each refitted without the run: which of them the other runs ask for, and how that one '
     'predicts it.'
 )
+REDUCTION_CAPTION = (
+    'Error over noise (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
+    'given, of the same model calibrated, which bends its parameters towards what it lacks, and with each added effect, '
+    'calibrated too; 1 is the noise.'
+)
 
 
-def write_diagnosis_page(path: Path, review: DiagnosisReview, next_command: str = '') -> None:
+def write_diagnosis_page(
+    path: Path, review: DiagnosisReview, next_command: str = '', provenance: Provenance | None = None
+) -> None:
     """The page of a diagnosis; `next_command` designs a deciding experiment. Raises UserError."""
     diagnosis = review.diagnosis
     steps = [selection_section(number, step, review) for number, step in enumerate(diagnosis.selection_steps, start=1)]
@@ -33,22 +43,39 @@ def write_diagnosis_page(path: Path, review: DiagnosisReview, next_command: str 
     if diagnosis.proposal is not None:
         steps.append(proposed_section(diagnosis, diagnosis.proposal))
     sections = [
-        verdict_section(diagnosis, next_command), *steps, parameters_section(diagnosis.calibration, review.initial_values),
+        verdict_section(review, next_command), *steps,
+        parameters_section(diagnosis.calibration, review.given_values, review.nominal_values),
         *(Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(review.remaining)),
         data_section(review.training, review.held_out),
     ]  # fmt: skip
-    write_page(path, f'Diagnosis: {short_title(diagnosis)}', sections)
+    write_page(path, f'Diagnosis: {short_title(diagnosis)}', sections, provenance)
 
 
-def verdict_section(diagnosis: Diagnosis, next_command: str) -> Section:
-    """The verdict, and the error over noise stage by stage."""
+def verdict_section(review: DiagnosisReview, next_command: str) -> Section:
+    """The verdict, how probable it is, and the error over noise stage by stage."""
+    diagnosis = review.diagnosis
     experiment = [f'The experiment that separates them: {next_command}'] if next_command else []
     return Section('What is missing', [
-        Paragraph(headline(diagnosis), 'lead'),
-        Plot(reduction_figure(diagnosis), 'Error over noise (root mean square over channels) of the fitted and of the '
-             'held-out runs, from the nominal model through each added effect; 1 is the noise.', 360),
+        Paragraph(headline(diagnosis), 'lead'), *probability_blocks(as_data(diagnosis)),
+        Plot(reduction_figure(diagnosis, review.given_errors), REDUCTION_CAPTION, 360),
         Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]), *held_out_blocks(diagnosis),
     ])  # fmt: skip
+
+
+def probability_blocks(found: Mapping[str, Any]) -> list[Block]:
+    """How probable the models are, and each effect; nothing where a diagnosis says nothing of it."""
+    models, findings = model_rows(found), finding_rows(found)
+    if not models:
+        return []
+    rows = [(row.words, row.probability, '' if row.error is None else f'{row.error:.3f}') for row in models]
+    blocks: list[Block] = [
+        *(Paragraph(line) for line in probability_lines(found)),
+        Table(('model', 'probability', 'error over noise'), rows, 'Models, the most probable first'),
+    ]
+    if findings:
+        named = [(row.words, row.probability) for row in findings]
+        blocks.append(Table(('missing', 'probability'), named, 'How probable it is that each is missing'))
+    return blocks
 
 
 def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
@@ -65,25 +92,29 @@ def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
     ]
 
 
-def reduction_figure(diagnosis: Diagnosis) -> object:
-    """Error over noise by stage, down to the noise."""
+def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = None) -> object:
+    """Error over noise of the model as it was `given` (fitted, held-out runs) and by stage, down to the noise."""
     stages = diagnosis.stages
     before = ((), *(stage.effects for stage in stages))
     labels = [f'{stage_label(stage, had)}<br>({stage.model})' for stage, had in zip(stages, before, strict=False)]
+    fitted, held_out = [stage.train for stage in stages], [stage.held_out for stage in stages]
+    if given is not None:
+        labels, fitted, held_out = ['your model,<br>as given', *labels], [given[0], *fitted], [given[1], *held_out]
     figure = new_figure()
     for values, name, colour, position in (
-        ([stage.held_out for stage in stages], 'held out', HELD_OUT, 'top right'),
-        ([stage.train for stage in stages], 'fitted', SHOWN, 'bottom left'),
-    ):
+        (held_out, 'held out', HELD_OUT, 'top right'), (fitted, 'fitted', SHOWN, 'bottom left'),
+    ):  # fmt: skip
         if not any(math.isnan(value) for value in values):
             figure.add_scatter(
-                x=labels, y=values, name=name, mode='lines+markers+text', text=[f'{value:.2f}' for value in values],
+                x=labels, y=values, name=name, mode='lines+markers+text', text=[f'{value:.3g}' for value in values],
                 textposition=position, textfont={'color': colour}, line={'color': colour}, marker={'size': 10},
                 cliponaxis=False,
             )  # fmt: skip
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
-    largest = max(value for stage in stages for value in (stage.train, stage.held_out) if math.isfinite(value))
-    figure.update_yaxes(title_text='error over noise', **log_axis(0.76, 1.3 * max(largest, 1.5) ** 1.1))
+    known = [value for value in (*fitted, *held_out) if math.isfinite(value) and value > 0.0]
+    low, high = min(1.0, *known), max(1.5, *known)
+    room = (high / low) ** 0.1  # for the numbers beside the outermost points
+    figure.update_yaxes(title_text='error over noise', **log_axis(low / (1.3 * room), 1.3 * high * room))
     figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
 
@@ -93,7 +124,7 @@ def stage_label(stage: ModelStage, before: Sequence[str]) -> str:
     added = [name for name in stage.effects if name not in before]
     changes = [f'+ {name}' for name in (['proposed equation'] if stage.kind == 'formula' else added)]
     changes += [f'- {name}' for name in before if name not in stage.effects]
-    return '<br>'.join(changes).replace('_', '_<br>') or 'nominal model'
+    return '<br>'.join(changes).replace('_', '_<br>') or 'the same,<br>calibrated'
 
 
 def procedure(diagnosis: Diagnosis) -> Iterator[str]:

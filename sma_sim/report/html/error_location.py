@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits_of
+from sma_sim.evidence.residual_analysis.metrics import error_over_noise
 from sma_sim.evidence.residual_analysis.spectrum import Band
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import SHOWN, new_figure
@@ -11,24 +12,39 @@ from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Sect
 from sma_sim.report.palette import GREY
 
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
+MOST_SENTENCES = 5  # before the channels, each of which has all of its own
 
 
 def error_location_section(summary: Summary) -> Section:
-    """The ranked sentences, then a tab of splits per channel."""
-    words = [*(finding.text for finding in summary.patterns), *(finding.text for finding in summary.findings)]
-    nothing = Paragraph('It is spread evenly, or is no more than noise.', 'lead')
-    first: Block = Bullets(words, numbered=True) if words else nothing
+    """The most important sentences, then a tab per channel, the worst first: all that is said of it, and its splits."""
+    remarks, names = summary.remarks, by_error(summary)
+    lead: Block = Paragraph(summary.spread_sentence, 'lead')
+    if remarks:
+        lead = Bullets([remark.text for remark in remarks[:MOST_SENTENCES]], numbered=True)
     note = (
-        'Share of the squared error (blue) beside the share of the samples (grey): longer blue than grey means that the '
-        'error concentrates there. The sentences above come from a search over these classes and their combinations; '
-        'stretches of the runs are drawn again for the intervals, and the search is repeated on random halves of the data.'
+        'The sentences come from a search over the classes below and their combinations, the most important first; all of '
+        'them stand with their channel. Stretches of the runs are drawn again for the intervals, and the search is repeated '
+        'on random halves of the data. In the figures the share of the squared error (blue) is beside the share of the '
+        'samples (grey): longer blue than grey means that the error concentrates there.'
     )
     tabs: list[tuple[str, list[Block]]] = [
-        (channel, [Grid([*(split_plot(split) for split in splits_of(summary.splits, channel)),
-                         *([band_plot(channel, summary.bands[channel])] if summary.bands[channel] else [])])])
-        for channel in summary.comparison.channels
-    ]  # fmt: skip
-    return Section('Where the error is', [first, Paragraph(note, 'note'), Tabs(tabs)])
+        (f'{channel}: {error:.3g} x noise', channel_blocks(summary, channel)) for channel, error in names.items()
+    ]
+    return Section('Where the error is', [lead, Paragraph(note, 'note'), Tabs(tabs)])
+
+
+def by_error(summary: Summary) -> dict[str, float]:
+    """The error over noise of each channel in all runs, the largest first."""
+    found = {channel: error_over_noise(summary.comparison.runs, channel) for channel in summary.comparison.channels}
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def channel_blocks(summary: Summary, channel: str) -> list[Block]:
+    """What is said of a channel, and its splits."""
+    sentences = [remark.text for remark in summary.remarks if remark.channel == channel]
+    bands = [band_plot(channel, summary.bands[channel])] if summary.bands[channel] else []
+    splits = Grid([*(split_plot(split) for split in splits_of(summary.splits, channel)), *bands])
+    return [*([Bullets(sentences)] if sentences else []), splits]
 
 
 def split_plot(split: Split) -> Plot:

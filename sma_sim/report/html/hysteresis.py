@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sma_sim.evidence.data.display_units import DISPLAY_UNITS
+from sma_sim.evidence.data.display_units import DISPLAY_UNITS, ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.model.structures.structure import Structure
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
@@ -15,7 +15,10 @@ MOST_LOOP_POINTS = 1000
 # By system: what is drawn over what (a state's column, its factor, its label, the least range).
 LOOPS = {
     'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),
-    'wire': (('stress', 'strain', 100.0, 'strain [%]', 0.0), ('stress', 'T_K', 1.0, 'temperature of the model [K]', 3.0)),
+    'wire': (
+        ('stress', 'strain', 100.0, 'strain [%]', 0.0),
+        ('stress', 'T_K', 1.0, 'temperature of the model [deg C]', 3.0),
+    ),
 }
 
 
@@ -47,7 +50,7 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
     unit, factor = DISPLAY_UNITS[channel]
     known = np.flatnonzero(np.isfinite(run.measured[channel]))
     at = known[:: -(-len(known) // MOST_LOOP_POINTS)]
-    x = small(scale * run.states[column][at])
+    x = small(scale * run.states[column][at] - (ZERO_CELSIUS if column.endswith('_K') else 0.0))
     figure = new_figure()
     for name, values, colour, width in (
         ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.3),

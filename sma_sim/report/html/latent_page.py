@@ -11,7 +11,7 @@ from sma_sim.evidence.latent_input.results import InputFinding, LatentInputs
 from sma_sim.evidence.latent_input.summary import RANKING_HEADER, ranking_rows, verdict_sentences
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import SHOWN, new_figure, small
-from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table, Tabs, write_page
+from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
 
 TIME_COURSE_HEIGHT = 150  # height of one input over time [px]
@@ -24,10 +24,12 @@ COLUMN_NOTES = (
 )
 
 
-def write_latent_page(path: Path, found: LatentInputs, training: Dataset, held_out: Dataset | None) -> None:
+def write_latent_page(
+    path: Path, found: LatentInputs, training: Dataset, held_out: Dataset | None, provenance: Provenance | None = None
+) -> None:
     """The page. Raises UserError."""
     sections = [missing_section(found), inputs_section(found), data_section(training, held_out)]
-    write_page(path, f'Missing quantity: {quantity(found)}', sections)
+    write_page(path, f'Missing quantity: {quantity(found)}', sections, provenance)
 
 
 def quantity(found: LatentInputs) -> str:

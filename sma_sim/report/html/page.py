@@ -10,8 +10,11 @@ from __future__ import annotations
 
 import gzip
 import html
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -75,7 +78,22 @@ class Tabs:
     tabs: Sequence[tuple[str, Sequence[Block]]]
 
 
-Block = Paragraph | Bullets | Table | Plot | Grid | Tabs
+@dataclass(frozen=True)
+class Code:
+    """A line to be typed."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A text as it is, such as that of a file, behind its title until it is opened."""
+
+    title: str
+    text: str
+
+
+Block = Paragraph | Bullets | Table | Plot | Grid | Tabs | Code | Listing
 
 
 @dataclass(frozen=True)
@@ -86,17 +104,36 @@ class Section:
     blocks: Sequence[Block]
 
 
-def write_page(path: Path, title: str, sections: Sequence[Section]) -> None:
-    """Write one self-contained page (offline; 1.5 MB of it are plotly.js). Raises UserError.
+@dataclass(frozen=True)
+class Provenance:
+    """What made a page: the `command`, and by name the text of every parameter file that it read its model from."""
+
+    command: str
+    configurations: Mapping[str, str]
+
+
+def write_page(path: Path, title: str, sections: Sequence[Section], provenance: Provenance | None = None) -> None:
+    """Write one self-contained page (offline; 1.5 MB of it are plotly.js), which says what made it. Raises UserError.
 
     Sections without blocks are left out. All text is escaped: names from files can do no harm.
     """
-    text = page_text(title, [section for section in sections if section.blocks])
+    now, version = datetime.now().astimezone(), metadata.version('sma_sim')
+    made = f'Made on {now:%Y-%m-%d} at {now:%H:%M:%S} (UTC{now:%z}) by sma_sim {version}.'
+    shown = [section for section in sections if section.blocks]
+    text = page_text(title, [*shown, *provenance_sections(provenance)], made)
     write_whole(path, lambda file: file.write(text))
 
 
-def page_text(title: str, sections: Sequence[Section]) -> str:
-    """The text of a page."""
+def provenance_sections(provenance: Provenance | None) -> list[Section]:
+    """What makes the page again."""
+    if provenance is None:
+        return []
+    listings = [Listing(f'The model as it was given: {name}', text) for name, text in provenance.configurations.items()]
+    return [Section('How this page was made', [Paragraph(f'In {os.getcwd()}:'), Code(provenance.command), *listings])]
+
+
+def page_text(title: str, sections: Sequence[Section], made: str = '') -> str:
+    """The text of a page; `made` says when, and by what."""
     numbers = count()
     menu = ''.join(f'<a href="#part{k}">{html.escape(section.title)}</a>' for k, section in enumerate(sections))
     body = ''.join(
@@ -104,7 +141,7 @@ def page_text(title: str, sections: Sequence[Section]) -> str:
         for k, section in enumerate(sections)
     )
     parts = {
-        'title': html.escape(title), 'menu': menu, 'body': body, 'style': template('page.css'),
+        'title': html.escape(title), 'made': html.escape(made), 'menu': menu, 'body': body, 'style': template('page.css'),
         'script': template('page.js'), 'plotly': plotly_script(),
     }  # fmt: skip
     page, text = template('page.html').split('{{'), ''
@@ -140,6 +177,10 @@ def block_html(block: Block, numbers: count[int]) -> str:
         return table_html(block)
     if isinstance(block, Plot):
         return plot_html(block, next(numbers))
+    if isinstance(block, Code):
+        return f'<pre>{html.escape(block.text)}</pre>'
+    if isinstance(block, Listing):
+        return f'<details><summary>{html.escape(block.title)}</summary><pre>{html.escape(block.text)}</pre></details>'
     if isinstance(block, Grid):
         return f'<div class="grid">{blocks_html(block.plots, numbers)}</div>'
     return tabs_html(block, numbers)

@@ -15,18 +15,28 @@ from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, T
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
 MOST_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
-PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'before', 'change')
+PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'as given', 'change')
+CALIBRATED = 'calibrated without'  # heading of the values of the same model before effects were added
 
 
-def parameters_section(found: Calibration, before: Mapping[str, float]) -> Section:
-    """Table, intervals as a figure, sentences on identifiability, correlations; `before`: values that were started from."""
+def parameters_section(
+    found: Calibration, before: Mapping[str, float], calibrated: Mapping[str, float] | None = None
+) -> Section:
+    """Table, intervals as a figure, sentences on identifiability, correlations.
+
+    `before`: the values that were given; `calibrated`: those of a fit of the same model without further effects.
+    """
     uncertainty = found.uncertainty
     rows = [parameter_row(found, name, unit, before) for name, unit in fitted_names(found)]
-    blocks: list[Block] = [Table(PARAMETER_HEADER, rows)]
+    header: tuple[str, ...] = PARAMETER_HEADER
+    if calibrated is not None:
+        header = (*header, CALIBRATED)
+        rows = [(*row, f'{calibrated[row[0]]:.5g}' if row[0] in calibrated else '') for row in rows]
+    blocks: list[Block] = [Table(header, rows)]
     if uncertainty is not None and uncertainty.intervals:
         blocks.append(Plot(
-            interval_figure(uncertainty, before), 'Fitted value with its 95 % interval over the value before. Open orange '
-            'marks: the data do not see this parameter alone; the bar shows how far the fit could go.',
+            interval_figure(uncertainty, before), 'Fitted value with its 95 % interval over the value that was given. Open '
+            'orange marks: the data do not see this parameter alone; the bar shows how far the fit could go.',
             60 + 30 * len(uncertainty.intervals),
         ))  # fmt: skip
     words = remarks_on(found)
@@ -81,7 +91,7 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
         )  # fmt: skip
     figure.add_vline(x=1.0, line={'color': GREY, 'dash': 'dot'})
     reach = max((abs(np.log10(edge / before[interval.name])) for interval in shown for edge in edges(interval)), default=0.1)
-    figure.update_xaxes(title_text='over the value before', **log_axis(10.0 ** (-1.1 * reach), 10.0 ** (1.1 * reach)))
+    figure.update_xaxes(title_text='over the given value', **log_axis(10.0 ** (-1.1 * reach), 10.0 ** (1.1 * reach)))
     figure.update_yaxes(
         automargin=True, categoryorder='array', categoryarray=[interval.name for interval in shown], type='category'
     )

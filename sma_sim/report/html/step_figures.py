@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
@@ -10,31 +11,35 @@ from sma_sim.evidence.diagnosis.stage_change import StageChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
+from sma_sim.evidence.residual_analysis.metrics import ChannelScore, error_over_noise
 from sma_sim.model.parameters import Parameter
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new_figure, small
 from sma_sim.report.html.page import Plot
-from sma_sim.report.palette import BLUE, GREY, ORANGE
+from sma_sim.report.palette import BLUE, GREY, ORANGE, PURPLE
 
 MOST_SCREENED = 12
 MOST_CHANGE_POINTS = 1200
+AS_GIVEN, BEFORE, AFTER = 'as given', 'calibrated before', 'after'
+GIVEN = PURPLE
 WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logarithmic
 
 
-def change_plot(change: StageChange) -> Plot:
-    """Measured, model before and model after in the channel that changed most, with residuals over noise below."""
+def change_plot(change: StageChange, given: ComparedRun) -> Plot:
+    """Measured and models in the channel that changed most, with residuals over noise below: the model as it was `given`,
+    calibrated before the step, and after it."""  # fmt: skip
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
     unit, factor = DISPLAY_UNITS[channel]
     at = envelope(change.before.residual(channel), MOST_CHANGE_POINTS)
     time = small(change.before.time[at])
-    for name, values, colour, width in (
-        ('measured', change.before.measured[channel], MEASURED, 3.0),
-        ('before', change.before.predicted[channel], ORANGE, 1.4), ('after', change.after.predicted[channel], SHOWN, 1.4),
-    ):  # fmt: skip
+    models = ((AS_GIVEN, given, GIVEN, 1.0), (BEFORE, change.before, ORANGE, 1.4), (AFTER, change.after, SHOWN, 1.4))
+    curves = [('measured', change.before.measured[channel], MEASURED, 3.0)]
+    curves += [(name, run.predicted[channel], colour, width) for name, run, colour, width in models]
+    for name, values, colour, width in curves:
         figure.add_scatter(
             x=time, y=small(factor * values[at]), name=name, legendgroup=name, mode='lines',
             line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=1, col=1,
         )  # fmt: skip
-    for name, run, colour in (('before', change.before, ORANGE), ('after', change.after, SHOWN)):
+    for name, run, colour, _ in models:
         figure.add_scatter(
             x=time, y=over_noise(run, channel, at), name=name, legendgroup=name, showlegend=False, mode='lines',
             line={'color': colour, 'width': 1}, hovertemplate='%{y:.2f} x noise at %{x:.2f} s', row=2, col=1,
@@ -45,7 +50,8 @@ def change_plot(change: StageChange) -> Plot:
     kind = 'held out' if change.held_out else 'fitted'
     words = (
         f'{channel} in {change.before.name} ({kind}), the channel that this step changed most: error over noise '
-        f'{change.errors[0]:.2f} before, {change.errors[1]:.2f} after. Below: measured - model over the noise.'
+        f'{error_over_noise([given], channel):.2f} of your model as it was given, {change.errors[0]:.2f} of the calibrated '
+        f'one before the step, {change.errors[1]:.2f} after it. Below: measured - model over the noise.'
     )
     return Plot(figure, words, 380)
 
@@ -94,17 +100,21 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
     return Plot(figure, f'{parameter.name} = {value:.4g}{unit}{interval}{range_}', 150)
 
 
-def channel_plot(before: ModelStage, after: ModelStage) -> Plot:
-    """Errors by channel, held out where there is a held-out run; the channel that changed most first."""
+def channel_plot(before: ModelStage, after: ModelStage, given: Sequence[ChannelScore] = ()) -> Plot:
+    """Errors by channel, held out where there is a held-out run; the channel that changed most first. `given`: of the
+    model as it was given, in the same runs."""  # fmt: skip
     first = before.held_out_channel_errors or before.channel_errors
     then = after.held_out_channel_errors or after.channel_errors
     names = sorted(first, key=lambda name: then[name] / first[name])
-    figure = new_figure()
-    figure.add_bar(x=names, y=[first[name] for name in names], name='before', marker={'color': ORANGE})
-    figure.add_bar(x=names, y=[then[name] for name in names], name='after', marker={'color': SHOWN})
+    figure, errors = new_figure(), {score.channel: score.over_noise for score in given}
+    shown = [(AS_GIVEN, errors, GIVEN)] if errors else []
+    for label, values, colour in (*shown, (BEFORE, first, ORANGE), (AFTER, then, SHOWN)):
+        figure.add_bar(x=names, y=[values.get(name) for name in names], name=label, marker={'color': colour})
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
     figure.update_yaxes(title_text='error over noise')
-    return Plot(figure, 'Error over noise by channel before and after; dotted: the noise.', 280)
+    words = 'Error over noise by channel'
+    words += ', of your model as it was given, calibrated before this step, and after it' if errors else ' before and after'
+    return Plot(figure, f'{words}; dotted: the noise.', 280)
 
 
 def screen_plot(step: SelectionStep) -> Plot:

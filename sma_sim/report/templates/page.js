@@ -52,6 +52,9 @@
   }, { rootMargin: '600px' });
   targets.forEach(function (target) { watch.observe(target); });
 
+  const header = document.querySelector('header'); // what is jumped to has to stand below it
+  new ResizeObserver(function () { document.documentElement.style.setProperty('--header', `${header.offsetHeight}px`); }).observe(header);
+
   for (const tabs of document.querySelectorAll('.tabs')) {
     const buttons = Array.from(tabs.querySelector('.buttons').children);
     const panes = Array.from(tabs.children).filter(function (item) { return item.classList.contains('pane'); });

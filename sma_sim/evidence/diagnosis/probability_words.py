@@ -1,0 +1,94 @@
+"""How probable a diagnosis holds its models, in words: for the terminal, the report and the page of `explore`.
+
+All of it is read from the data of a diagnosis (`sma_sim.evidence.diagnosis.verdict.as_data`): ``probabilities``, of nothing
+missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and ``models``,
+the most probable first, with their ``effects``, a ``formula`` or none, ``probability`` and ``error`` over noise.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sma_sim.model.effects.discovery import package_effects
+from sma_sim.model.effects.scope import SEPARATOR
+
+NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
+CERTAIN, LEAST_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
+LEAST = 1e-9  # a ratio below is not told: no model is known so well
+DIGITS = 2  # of a ratio
+TIE = math.exp(-5.0)  # of the probability of the best model, from which on another explains as well
+
+
+@dataclass(frozen=True)
+class ProbabilityRow:
+    """A model or a finding and its probability, both in words; the error over noise of a model, None of a finding."""
+
+    words: str
+    probability: str
+    error: float | None = None
+
+
+def probability_words(p: float) -> str:
+    """A probability as people say it: ``more than 99.9 %``, ``87 %``, ``1 in 40,000``."""
+    if p > CERTAIN:
+        return f'more than {100.0 * CERTAIN:g} %'
+    if p >= LEAST_PERCENT:
+        return f'{100.0 * p:.1f} %' if p > 1.0 - LEAST_PERCENT else f'{100.0 * p:.0f} %'
+    if p < LEAST:
+        return f'less than 1 in {1.0 / LEAST:,.0f}'
+    ratio = 1.0 / p
+    return f'1 in {round(ratio, DIGITS - 1 - math.floor(math.log10(ratio))):,.0f}'
+
+
+def effect_words(name: str) -> str:
+    """What a sentence calls an effect, NAME or NAME@SCOPE."""
+    plain, _, scope = name.partition(SEPARATOR)
+    known = package_effects().get(plain)
+    phrase = known.effect.phrase if known else plain.replace('_', ' ')
+    place = re.sub(r'^wire_(\d+)$', r'wire \1', scope)
+    return phrase + ('' if not scope else ', shared by the wires' if scope == 'shared' else f', in {place} only')
+
+
+def model_words(model: Mapping[str, Any]) -> str:
+    """What a model adds to the nominal one."""
+    parts = [*map(effect_words, model['effects']), *([f'the equation {model["formula"]}'] if model['formula'] else [])]
+    return ' and '.join(parts) or NOTHING
+
+
+def model_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
+    """The models of a diagnosis, the most probable first; none where it says nothing of them."""
+    return [
+        ProbabilityRow(model_words(model), probability_words(model['probability']), model['error'])
+        for model in found.get('models') or ()
+    ]
+
+
+def finding_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
+    """By effect, how probable it is that it is missing, the most probable first; then nothing, and what is not listed."""
+    known = found.get('probabilities')
+    if not known:
+        return []
+    effects = sorted(known['effects'].items(), key=lambda item: -float(item[1]))
+    named = [(effect_words(name), p) for name, p in effects] + [(NOTHING, known['none']), (UNLISTED, known['unlisted'])]
+    return [ProbabilityRow(words, probability_words(p)) for words, p in named]
+
+
+def probability_lines(found: Mapping[str, Any]) -> list[str]:
+    """A diagnosis' probabilities in one or two sentences; none where it has none."""
+    models: Sequence[Mapping[str, Any]] = found.get('models') or ()
+    rows = model_rows(found)
+    if not rows:
+        return []
+    first = f'Most probable: {rows[0].words}, {rows[0].probability}.'
+    if len(rows) == 1:
+        return [first]
+    lines = [f'{first} Second: {rows[1].words}, {rows[1].probability}.']
+    best = models[0]['probability']
+    equals = [row.words for row, model in zip(rows[1:], models[1:], strict=True) if model['probability'] > TIE * best]
+    if equals:
+        lines.append(f'These data do not decide between {" or ".join([rows[0].words, *equals])}.')
+    return lines
