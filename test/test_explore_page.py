@@ -287,7 +287,7 @@ def test_keys_that_are_held_down_lose_no_step_and_make_one_version(browser, tmp_
         browser.execute_script(KEYS, 0)
         until(browser, 'return Number(document.activeElement.value) === firstStep + 30')
         browser.find_element('id', 'undo').click()  # takes back what was just moved, not what came before
-        until(browser, 'return smaExplore.state.history.current === 4')
+        until(browser, 'return smaExplore.state.history.versions.length === 5 && smaExplore.state.history.current === 4')
         assert [version.number for version in session.versions] == [1, 2, 3, 4, 5]
 
 

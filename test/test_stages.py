@@ -295,6 +295,21 @@ def test_what_every_candidate_would_do(engine, candidates):
     assert {name: score.over_noise for name, score in scores.items()} == pytest.approx(first['errors'], rel=3e-2)
 
 
+def test_candidates_that_are_stopped_keep_those_so_far(engine, candidates):
+    """They can be looked at, and beside a part of a residual too."""
+    job = engine.start('candidates')
+    end = time.monotonic() + PATIENCE
+    while not any(event['kind'] == 'candidate' for event in job.events()):
+        assert time.monotonic() < end and job.state == 'running', job.words
+        time.sleep(0.02)
+    job.stop()
+    assert engine.wait(job, PATIENCE).state == 'stopped', job.words
+    told = [event for event in job.events() if event['kind'] == 'candidate']
+    assert 0 < len(told) < told[0]['total'] and len(job.result()['effects']) == len(told)
+    assert engine.part_of_residual(('run1', 'alpha'), (0.0, 12.0))['effects']
+    engine.wait(engine.start('candidates', effects=['gravity', 'sensor_gain', 'power_gain_mismatch']), PATIENCE)
+
+
 def test_candidates_stay_within_what_is_realistic(engine, candidates, case):
     """Beside data that ask for far more, every value is within the realistic range, and can be switched on as it is."""
     known = {found.effect.name: found.effect for found in package_effects().values()}

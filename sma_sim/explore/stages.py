@@ -176,7 +176,8 @@ class Engine:
         compared, candidates = self.latest('compare'), self.latest('candidates')
         if compared is None or self.reason('candidates'):
             raise UserError(f'residual: compare version {self.session.current.number} with the recordings first')
-        usable = candidates if candidates is not None and candidates.state == 'done' else None
+        known = candidates is not None and candidates.state in USABLE and 'curves' in candidates.files
+        usable = candidates if known else None
         return part_of_residual(compared, self.session.config(compared.version), usable, where, times)
 
     def close(self) -> None:

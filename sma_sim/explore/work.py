@@ -184,9 +184,10 @@ def diagnosis_request(
 def switch_candidates_on(order: WorkOrder) -> bool:
     """Every listed effect by itself, and its trace in the residuals."""
     config, fitted, _ = order.read(is_fitted=False)
-    with executor_or_threads(None) as executor:
-        callbacks = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
-        found = candidate_effects(fitted, config, order.effect_folders(), executor, callbacks, order.option('effects', None))
+    callbacks = (order.log.progress, lambda effect: order.log.write('candidate', **effect))
+    with stoppable() as stop, executor_or_threads(None) as executor:
+        names = order.option('effects', None)
+        found = candidate_effects(fitted, config, order.effect_folders(), executor, callbacks, names, stop)
     write_json(order.output(RESULT), found.as_data())
     curves: dict[str, Any] = {f'{run}|time': times for run, times in found.times.items()}
     for effect in found.effects:
@@ -194,7 +195,7 @@ def switch_candidates_on(order: WorkOrder) -> bool:
             names = [f'{run}|trace.{effect.name}.{channel}' for channel in found.channels[run]]
             curves |= dict(zip(names, traces, strict=True))
     write_curves(order.output(CURVES), curves)
-    return False
+    return stop.is_set()
 
 
 def curves_of(comparison: Comparison) -> dict[str, Any]:

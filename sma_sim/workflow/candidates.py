@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_para
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, cost_at, quadratic_model, secant_minimum
 from sma_sim.evidence.estimation.problem import DEFAULT_STEP, DELAY, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import fit_data
-from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import Projection, ScreeningResult, screen
@@ -150,12 +150,12 @@ class LinearModel:
 
 def candidate_effects(
     fitted: Dataset, config: Config, folders: Sequence[Path], executor: Executor,
-    callbacks: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None,
+    callbacks: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None, stop: Stop | None = None,
 ) -> CandidateEffects:  # fmt: skip
     """Switch listed effects on, one at a time, and see what becomes of the errors: `names` of effects, or all.
 
     `callbacks`: the first gets what is being done, the second every effect as it is known, with how many are `done` of how
-    many in `total`. Raises UserError.
+    many in `total`. Once `stop` is set, those so far are returned. Raises UserError.
     """
     (on_progress, on_candidate), rtol = callbacks, config.parameters['solver.rtol']
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
@@ -165,6 +165,8 @@ def candidate_effects(
     screened = screen(base.problem, base.z, candidates, executor)
     effects = []
     for done, result in enumerate(screened, 1):
+        if stop is not None and stop.is_set():
+            break
         on_progress(f'switching {result.candidate.name} on ({done} of {len(screened)})')
         try:
             effect = switched_on(fitted, base, result, rtol, executor)

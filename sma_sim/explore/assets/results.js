@@ -23,11 +23,11 @@ export function errorCell(value) {
   return cell;
 }
 
-/** A time that something took, such as 3 min 20 s. */
-export function duration(seconds) {
+/** A time that something took, such as 3 min 20 s; a short one with so many digits behind the point. */
+export function duration(seconds, behind = 1) {
   if (seconds === null || seconds === undefined) return '';
   const whole = Math.round(seconds), hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
-  if (seconds < 9.95) return `${seconds.toFixed(1)} s`;
+  if (seconds < 9.95) return `${seconds.toFixed(behind)} s`;
   return [hours ? `${hours} h` : '', hours || minutes ? `${minutes} min` : '', hours ? '' : `${whole % 60} s`].filter(Boolean).join(' ');
 }
 

@@ -210,7 +210,7 @@ export class Stages {
   progress(running, { job, events }, seen) {
     Object.assign(running, { words: job.words, seconds: job.seconds });
     if (seen) this.events = [...this.events, ...events];
-    const known = partDone(seen ? this.events : []), left = known ? `; about ${duration(Math.max(1, Math.round(known.left)))} left` : '';
+    const known = partDone(seen ? this.events : []), left = known ? `; about ${duration(Math.max(1, Math.round(known.left)), 0)} left` : '';
     const say = (what, textContent) => {
       for (const one of document.querySelectorAll(`[data-stage="${running.stage}"] .${what}${seen ? `, #detail .${what}` : ''}`)) one.textContent = textContent;
     };

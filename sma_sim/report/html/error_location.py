@@ -13,6 +13,15 @@ from sma_sim.report.palette import GREY
 
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 MOST_SENTENCES = 5  # before the channels, each of which has all of its own
+SEARCH_NOTE = (
+    'The sentences come from a search over the classes below and their combinations, the most important first; all of them '
+    'stand with their channel. Stretches of the runs are drawn again for the intervals, and the search is repeated on '
+    'random halves of the data. '
+)
+SPLIT_NOTE = (
+    'In the figures the share of the squared error (blue) is beside the share of the samples (grey): longer blue than grey '
+    'means that the error concentrates there.'
+)
 
 
 def error_location_section(summary: Summary) -> Section:
@@ -21,12 +30,7 @@ def error_location_section(summary: Summary) -> Section:
     lead: Block = Paragraph(summary.spread_sentence, 'lead')
     if remarks:
         lead = Bullets([remark.text for remark in remarks[:MOST_SENTENCES]], numbered=True)
-    note = (
-        'The sentences come from a search over the classes below and their combinations, the most important first; all of '
-        'them stand with their channel. Stretches of the runs are drawn again for the intervals, and the search is repeated '
-        'on random halves of the data. In the figures the share of the squared error (blue) is beside the share of the '
-        'samples (grey): longer blue than grey means that the error concentrates there.'
-    )
+    note = (SEARCH_NOTE if remarks else '') + SPLIT_NOTE
     tabs: list[tuple[str, list[Block]]] = [
         (f'{channel}: {error:.3g} x noise', channel_blocks(summary, channel)) for channel, error in names.items()
     ]
