@@ -1,0 +1,114 @@
+"""What a model may be made of beside its nominal equations, all alike: each component has a name, a prior, and a start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
+from sma_sim.evidence.model_selection.differing_recordings import with_difference
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import with_candidate
+from sma_sim.evidence.model_selection.variants import variants_of
+from sma_sim.evidence.search.score import SPARSITY
+from sma_sim.evidence.symbolic_regression.term_fits import TermFit
+from sma_sim.model.effects.scope import SEPARATOR
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Component:
+    """An addition to a model: an effect, an effect in a scope, a term of an equation, or what differs between recordings.
+
+    `start`: the effect with the values at which a fit begins, or the difference; `log_prior`: of this one among all;
+    `term`: of an equation.
+    """
+
+    name: str
+    log_prior: float
+    start: ScreeningResult | RecordingDifference
+    term: TermFit | None = None
+
+    @property
+    def plain_name(self) -> str:
+        """The name without the scope: no effect acts in two scopes at once."""
+        return self.name.partition(SEPARATOR)[0]
+
+    @property
+    def effect(self) -> str:
+        """The name of its effect in a configuration; empty for a difference."""
+        return '' if isinstance(self.start, RecordingDifference) else self.start.candidate.name
+
+    @property
+    def is_formula(self) -> bool:
+        """Whether it is a term of an equation, not a listed effect."""
+        return self.term is not None
+
+    @property
+    def is_difference(self) -> bool:
+        """Whether it is of the recordings, not of the robot."""
+        return isinstance(self.start, RecordingDifference)
+
+    def added_to(self, fit: FitResult) -> tuple[Problem, Vector]:
+        """The problem with it, and where to start: the fit without it, and its own start."""
+        if isinstance(self.start, RecordingDifference):
+            return with_difference(fit.problem, fit.z, self.start)
+        return with_candidate(fit, self.start)
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The listed effects of a structure and their scopes, and what each costs: the prior is the same for all effects, and
+    what an effect has is shared by itself and its scopes."""  # fmt: skip
+
+    effects: tuple[Candidate, ...]
+    variants: tuple[Candidate, ...]
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """All of them."""
+        return (*self.effects, *self.variants)
+
+    def log_prior(self, candidate: Candidate) -> float:
+        """Of one effect, or of it in one of its scopes."""
+        plain = candidate.found.effect.plain_name
+        scopes = sum(other.found.effect.plain_name == plain for other in self.variants)
+        share = log(max(1, scopes)) if candidate.found.effect.scope.name else 0.0
+        return -SPARSITY - log(len(self.effects)) - share
+
+    def component(self, screened: ScreeningResult) -> Component:
+        """A candidate with the values that a score test has found."""
+        return Component(screened.candidate.name, self.log_prior(screened.candidate), screened)
+
+
+def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
+    """The effects that may be missing from a model, and their scopes where these are asked for."""
+    effects = candidates_for(nominal.problem.config, context.folders)
+    channels = {name for run in nominal.problem.runs for name in run.channels}
+    return Catalogue(effects, variants_of(effects, channels) if context.variants else ())
+
+
+def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
+    """What differs between recordings, among all kinds of it: zeros of channels, ambient temperature, power of a side."""
+    kinds = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS) + 3
+    return Component(difference.words, -SPARSITY - log(kinds), difference)
+
+
+def formula_log_prior(terms: int, locations: int) -> float:
+    """Of one term of an equation, among those of its place and all places."""
+    return -SPARSITY - log(max(1, terms)) - log(max(1, locations))
+
+
+def log_prior_of(components: Sequence[Component]) -> float:
+    """Of a set of components."""
+    return sum(component.log_prior for component in components)

@@ -1,0 +1,108 @@
+"""Proposals: which components a model may lack, by what they promise to first order at a finite step.
+
+A score test (`score_tests`) says by how much the squares S would fall. Of the score that is S/2 less, plus the log prior:
+what promises less than nothing is not tried. What has no slope at neutral (friction, slack, dead bands) is stepped to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.overdispersion import overdispersion
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import Candidate
+from sma_sim.evidence.model_selection.differing_recordings import promises
+from sma_sim.evidence.model_selection.refit import at_finite_step
+from sma_sim.evidence.model_selection.score_tests import screen
+from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior
+from sma_sim.evidence.symbolic_regression.augmented_fit import as_candidate
+from sma_sim.evidence.symbolic_regression.formula import Formula
+from sma_sim.evidence.symbolic_regression.search import terms_at
+from sma_sim.solver.simulate import SimulationError
+
+TERMS_BY_PLACE = 2  # of an equation that are tried at one place
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A component for a model, and by how much it promises to raise its score."""
+
+    component: Component
+    promise: float
+
+
+def listed(
+    base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext
+) -> list[Proposal]:
+    """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out."""
+    candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
+    screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
+    return promising(
+        Proposal(component, 0.5 * result.gain + component.log_prior)
+        for result in screened for component in (catalogue.component(result),)
+    )  # fmt: skip
+
+
+def stepped(
+    catalogue: Catalogue, tried: Collection[str], taken: Collection[str], candidates: Iterable[Candidate]
+) -> list[Component]:
+    """Components a finite step away from neutral, of those that a score test has passed over."""
+    return [
+        catalogue.component(at_finite_step(one, None)) for one in candidates
+        if one.name not in tried and one.found.effect.plain_name not in taken
+    ]  # fmt: skip
+
+
+def differing(base: FitResult, taken: Collection[str], context: SearchContext) -> list[Proposal]:
+    """What may differ between the recordings, where there are several in the order of time."""
+    problem = base.problem
+    if len(problem.runs) < 2 or any(problem.wires(run) == 0 for run in problem.runs):
+        return []
+    found = [(one.gain, difference_component(one.difference, problem)) for one in promises(problem, base.z, context)]
+    return promising(
+        Proposal(component, 0.5 * gain + component.log_prior) for gain, component in found if component.name not in taken
+    )
+
+
+def terms(
+    base: FitResult, context: SearchContext, beside: Component | None = None, same_port: bool = False
+) -> list[Proposal]:
+    """Terms of an equation at every place, the best of each; none where the model cannot be linearised.
+
+    With a term `beside`: second ones at its place; `same_port`: others in its stead at its port.
+    """
+    structure = base.problem.config.structure
+    known = None if beside is None else beside.term
+    try:
+        k = overdispersion(base.problem, base.z, context.pool)
+        fits = terms_at(base, k, context, (known.location.hook,) if known else ())
+    except SimulationError:
+        return []
+    copy = int(known is not None and not same_port)
+    if copy and known is not None:
+        fits = [fit for fit in fits if fit.location == known.location and fit.term != known.term]
+    places, proposals = len({fit.location.name for fit in fits}), list[Proposal]()
+    for fit in fits:
+        count = sum(other.location.name == fit.location.name for other in fits)
+        log_prior = formula_log_prior(count, places)
+        component = Component(Formula((fit,), structure.structure).name, log_prior, as_candidate(fit, structure, copy), fit)
+        proposals.append(Proposal(component, 0.5 * k**2 * fit.error_reduction + log_prior))
+    return best_by_place(promising(proposals))
+
+
+def best_by_place(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """The best terms, not too many of one place: neighbours of the right one, which a linear test may misorder."""
+    chosen = list[Proposal]()
+    for one in proposals:
+        at = one.component.term.location.name if one.component.term else ''
+        same = sum(other.component.term is not None and other.component.term.location.name == at for other in chosen)
+        if same < TERMS_BY_PLACE:
+            chosen.append(one)
+    return chosen
+
+
+def promising(proposals: Iterable[Proposal]) -> list[Proposal]:
+    """Those that promise more than they cost, the best first."""
+    return sorted((one for one in proposals if one.promise > 0.0), key=lambda one: -one.promise)

@@ -1,0 +1,147 @@
+"""Fits of proposed models: sketched side by side, then fitted from several starts with several dampings.
+
+The cost of a wrong start is a wrong verdict: it has valleys, and where a model that lacks an effect ends is often in none of
+the true ones. Each model is fitted from where the model without the new component lies; from the middle of all priors with
+what the score test found; and from the middle with every effect at its default, as a plain fit does, damped little and much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.executors import run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED
+from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
+from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.restricted import without_effect
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
+from sma_sim.evidence.search.components import Component, log_prior_of
+from sma_sim.evidence.search.score import Evidence, evidence_of
+from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
+SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
+SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
+Start = tuple[Component, Problem, Vector]
+WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A set of components, fitted: with what its score needs, and how many of its starts led to the same optimum."""
+
+    components: tuple[Component, ...]
+    fit: FitResult
+    evidence: Evidence
+    starts: int = 1
+    agreeing: int = 1
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of its components."""
+        return frozenset(component.name for component in self.components)
+
+    @property
+    def key(self) -> tuple[frozenset[str], str]:
+        """Components and kinetics."""
+        return self.names, self.fit.problem.config.model
+
+    @property
+    def leaves_nothing(self) -> bool:
+        """Whether white noise explains what it leaves better than any smooth function does: no valley lies deeper."""
+        return self.evidence.unlisted <= 0.0
+
+    def score(self, k: float) -> float:
+        """The log posterior under an overdispersion k."""
+        return self.evidence.score(k)
+
+
+def model_of(
+    components: Sequence[Component], fits: Sequence[FitResult | None], context: SearchContext
+) -> Model | None:
+    """The best of several fits of one set of components; None where none could be made."""
+    known = sorted((fit for fit in fits if fit is not None and np.isfinite(fit.cost)), key=lambda fit: fit.cost)
+    for fit in known:
+        try:
+            evidence = evidence_of(fit, log_prior_of(components), context)
+        except SimulationError:
+            continue
+        agreeing = sum(other.cost < fit.cost + SAME_VALLEY for other in known)
+        return Model(tuple(components), fit, evidence, len(known), agreeing)
+    return None
+
+
+def better(model: Model, other: Model | None) -> Model:
+    """Of two fits of one model the one of less cost, with the starts of both."""
+    if other is None:
+        return model
+    first, second = sorted((model, other), key=lambda one: one.fit.cost)
+    near = second.agreeing if second.fit.cost < first.fit.cost + SAME_VALLEY else 0
+    return replace(first, starts=first.starts + second.starts, agreeing=first.agreeing + near)
+
+
+def extended(
+    parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True
+) -> list[Model]:
+    """The models with one component more, each fitted: those that sketches rank first; the best (`restarts`) from further
+    starts, which are given up where they cannot come near what was reached."""  # fmt: skip
+    leading = best_by_sketch(parent.fit, components, context)
+    fits = run_in_threads([partial(refit, problem, z, context) for _, problem, z in leading], context.stop)
+    first = [
+        model for (component, _, _), fit in zip(leading, fits, strict=True)
+        if (model := model_of((*parent.components, component), [fit], context)) is not None
+    ]  # fmt: skip
+    first.sort(key=lambda model: model.fit.cost - model.evidence.log_prior)
+    found = list[Model]()
+    for rank, model in enumerate(first):
+        limit = min([one.fit.cost for one in found], default=inf) + WINDOW
+        if restarts and rank < RESTARTED and not model.leaves_nothing and not context.stop.is_set():
+            model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
+        found.append(model)
+    return found
+
+
+def best_by_sketch(base: FitResult, components: Sequence[Component], context: SearchContext) -> list[Start]:
+    """The components whose sketches end lowest, each with the problem and the point to start from."""
+    effects = [one for one in components if isinstance(one.start, ScreeningResult)]
+    sketches = sketched(base, [one.start for one in effects if isinstance(one.start, ScreeningResult)], context)
+    pairs = [(one, fits[0]) for one, fits in zip(effects, sketches, strict=True) if fits]
+    pairs.sort(key=lambda pair: pair[1].cost - pair[0].log_prior)
+    chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in pairs[:REFITTED]]
+    return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
+
+
+def restarted(base: FitResult, model: Model, target: float, context: SearchContext) -> list[FitResult | None]:
+    """Fits of a model from the other starts, given up where they fall too slowly to come down to the cost `target`."""
+    component = model.components[-1]
+    problem, z = component.added_to(at_prior_means(base))
+    starts = [(z, WEAKLY_DAMPED)]
+    if not component.is_difference:
+        defaults = at_defaults(problem)
+        starts += [(defaults, ADDED_EFFECT), (defaults, FROM_PRIORS)]
+    return run_in_threads([partial(refit, problem, at, context, one, target) for at, one in starts], context.stop)
+
+
+def in_other_kinetics(model: Model, context: SearchContext) -> Model | None:
+    """The same components with the other kinetics."""
+    problem, z = with_other_kinetics(model.fit)
+    jobs = [partial(refit, problem, z, context, criteria) for criteria in (ADDED_EFFECT, FROM_PRIORS)]
+    return model_of(model.components, run_in_threads(jobs, context.stop), context)
+
+
+def without(model: Model, component: Component, context: SearchContext) -> tuple[Model | None, FitResult]:
+    """The model without one of its effects, fitted again; and that model where the parameters of the whole one lie."""
+    problem, z = without_effect(model.fit, component.effect)
+    rest = tuple(one for one in model.components if one.name != component.name)
+    there = FitResult(problem, z, inf)
+    return model_of(rest, [refit(problem, z, context)], context), there
