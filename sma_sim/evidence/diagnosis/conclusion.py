@@ -1,118 +1,116 @@
-"""What is made of the models that a search has found: formulas beside them, the held-out runs, and the verdict."""
+"""What is made of the models that a search has found: the held-out runs are read, and the verdict is given."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import sqrt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isnan, sqrt
 
-from sma_sim.evidence.diagnosis.judgement import (
-    helps_little,
-    is_contradicted,
-    predicts_best,
-    reaches_beyond_fitted,
-    verdict_after_removal,
-    verdict_of,
-)
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind, final_stage, provisional_stage
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.candidate_fit import is_bent
-from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import leaves_something
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
-from sma_sim.evidence.symbolic_regression.propose import FormulaSearch, Proposal, propose
+from sma_sim.evidence.search.beam import Book
+from sma_sim.evidence.search.equations import has_terms
+from sma_sim.evidence.search.posterior import Posterior, unlisted_probability
+from sma_sim.evidence.search.refine import Model
 
-ModelPath = list[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
+ModelPath = Sequence[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
+EVEN = 0.5  # probability above which something is said
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What is made of the models that were found: the verdict, the last of them without a formula, and the rest of a
-    `Diagnosis` that follows from both."""  # fmt: skip
+    """The verdict, the last model, and what the held-out runs have said of it."""
 
     verdict: str
     last: FitResult
     stages: tuple[ModelStage, ...]
     pooled_errors: PooledErrors | None
-    proposal: Proposal | None
+
+
+@dataclass(frozen=True)
+class HeldOutVerdict:
+    """What a diagnosis with this run held out would say, and the error over noise with which it is predicted."""
+
+    verdict: str
+    effects: tuple[str, ...]
+    error: float = field(default=float('nan'))
 
 
 def conclusion(
-    path: ModelPath, data: StageData, request: DiagnosisRequest, formulas: FormulaSearch | None, context: SearchContext
+    path: ModelPath, posterior: Posterior, data: StageData, options: FitOptions, context: SearchContext
 ) -> Conclusion:
-    """Let formulas compete with the effects where these leave more than noise, and read the held-out runs."""
+    """Read the held-out runs once: they confirm the last model, or speak for an earlier one."""
     stages = [provisional_stage(data, kind, fit, context) for kind, fit in path]
-    fits, proposal = [fit for _, fit in path], None
-    if formulas is not None and not context.stop.is_set():
-        fits[-1] = replace(fits[-1], is_bent=is_bent(fits[-1], context))
-        proposal = propose(fits, formulas) if leaves_room(fits, data.limit) else None
-    if proposal is not None:
-        last = next(fit for _, fit in path if fit.effects == proposal.fit.effects[:-1])
-        stage = final_stage(data, 'formula', proposal.fit, context)
-        if not helps_little([*stages, stage], data.limit):
-            return Conclusion('unknown_effect', last, (*stages, stage), None, proposal)
-        context.on_progress('the held-out runs are predicted as well without the formula')
-    if is_contradicted(stages, data.limit):
-        return taken_back(path, stages, data, context)
     stages[-1] = final_stage(data, *path[-1], context)
-    last, pooled = explained_together(path, stages, data, request.options, context)
-    if is_contradicted(stages, data.limit, pooled):
-        return taken_back(path, stages, data, context)
-    if last.effects != path[-1][1].effects:
-        stages.append(final_stage(data, 'taken_back', last, context))
-    return Conclusion(verdict_of(stages[-1], pooled, data.limit), last, tuple(stages), pooled, None)
-
-
-def taken_back(path: ModelPath, stages: Sequence[ModelStage], data: StageData, context: SearchContext) -> Conclusion:
-    """The model that predicts the held-out runs best, without the effects that were added after it."""
-    context.on_progress('the held-out runs are predicted better with fewer effects')
-    fewer = path[predicts_best(stages)][1]
-    stage = final_stage(data, 'taken_back', fewer, context)
-    return Conclusion(verdict_after_removal(stage, data.limit), fewer, (*stages, stage), None, None)
-
-
-def explained_together(
-    path: ModelPath, stages: Sequence[ModelStage], data: StageData, options: FitOptions, context: SearchContext
-) -> tuple[FitResult, PooledErrors | None]:
-    """The last model and its errors when it is fitted to the held-out runs too; None where it does not miss these.
-
-    Where ambient temperatures had to differ for that, it is a model with fewer effects if one explains all runs so too.
-    """
-    last = path[-1][1]
+    last, pooled = path[-1][1], None
     known = data.under(last, context)
-    if not (known.held_out and reaches_beyond_fitted(stages[-1], data.limit)):
-        return last, None
-    datasets = known.training, known.held_out
-    pooled = pooled_refit(datasets, last, stages[-1].predicted, options, context, data.limit)
-    for (_, fit), stage in zip(path[:-1], stages, strict=False) if pooled is not None and pooled.ambient else ():
-        if len(fit.effects) < len(last.effects):
-            fewer = pooled_refit(datasets, fit, stage.predicted, options, context, data.limit)
-            if fewer is not None and fewer.explained(data.limit):
-                context.on_progress('ambient temperatures that differ explain all runs with fewer effects')
-                return fit, fewer
-    return last, pooled
+    if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
+        pooled = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
+    explained = pooled is not None and pooled.explained(data.limit)
+    best = predicts_best(stages)
+    if best < len(stages) - 1 and stages[-1].held_out > data.limit and not explained:
+        context.on_progress('the held-out runs are predicted better with fewer components')
+        last = path[best][1]
+        stages.append(final_stage(data, 'taken_back', last, context))
+        return Conclusion('unknown_effect', last, tuple(stages), None)
+    return Conclusion(verdict_of(stages[-1], pooled, posterior, data.limit), last, tuple(stages), pooled)
 
 
-def leaves_room(path: Sequence[FitResult], limit: float) -> bool:
-    """Whether a formula could explain better than the effects of the last model of a path: it leaves much in the fitted
-    runs, or is bent.
+def predicts_best(stages: Sequence[ModelStage]) -> int:
+    """The stage that predicts the held-out runs best; the last one without any."""
+    if isnan(stages[-1].held_out):
+        return len(stages) - 1
+    return min(range(len(stages)), key=lambda k: (stages[k].held_out, -k))
 
-    A formula that stands alone has to explain a part of the error that only more than noise can have, in fitted runs too:
-    where these do not determine the parameters, it predicts better by chance. One effect that leaves only noise there, or
-    nearly nothing of what the bare model leaves, stands, however it predicts and however far other parameters are from the
-    nominal ones: nothing fits better by odds that are no chance. Several may imitate one formula: also where they leave
-    only noise, if the last of them adds little to the others.
+
+def reaches_beyond_fitted(last: ModelStage, limit: float) -> bool:
+    """Whether the fitted runs are explained, and those held out are not."""
+    return last.train <= max(CRITERIA.noise_only, fits_all(limit)) and last.held_out > limit
+
+
+def verdict_of(last: ModelStage, pooled: PooledErrors | None, posterior: Posterior, limit: float) -> str:
+    """`none`, `missing_effect`, or `unknown_effect` where much is left, or where no listed effect is what is missing.
+
+    Without a held-out run the error of the fitted ones counts. A held-out run that the model explains when it is fitted to
+    all runs (`pooled`) only goes further than the fitted ones.
     """
-    bare, last = path[0], path[-1]
-    if limit > CRITERIA.unexplained and last.error <= limit:
-        return False
-    if len(last.effects) > 1:
-        before = [fit.error for fit in path if len(fit.effects) < len(last.effects)][-1]
-        return last.is_bent or leaves_something(last) or before <= CRITERIA.unexplained
+    error = last.train if isnan(last.held_out) else last.held_out
+    explained = error <= limit or (pooled is not None and pooled.explained(limit))
+    if has_terms(posterior.best) or not explained:
+        return 'unknown_effect'
     if last.effects:
-        beyond_noise = sqrt(max(0.0, last.error**2 - 1.0))
-        return last.error > CRITERIA.other_kinetics_above and beyond_noise > CRITERIA.min_error_reduction * bare.error
-    return last.is_bent or (last.error > CRITERIA.pooled_noise_only and last.prediction_error > CRITERIA.noise_only)
+        return 'missing_effect'
+    return 'unknown_effect' if limit <= CRITERIA.unexplained and posterior.unlisted > EVEN else 'none'
+
+
+def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Conclusion) -> Mapping[str, HeldOutVerdict]:
+    """By recording, the verdict if it were held out: the best model by the evidence of the others, which then predicts it.
+
+    Evidence and prediction follow from the derivatives of each fit, to second order; no search is repeated. With a run that
+    no fit has seen the verdict is as it is. Empty for a single fitted run.
+    """
+    problem, k = book.best.fit.problem, posterior.overdispersion
+    if len(problem.runs) < 2:
+        return {}
+    found = {}
+    for number, run in enumerate(problem.runs):
+        best = max(book.models.values(), key=lambda model: model.evidence.score(k, number))
+        error = sqrt(best.evidence.squares_without(k, number) / max(1, run.samples))
+        effects = tuple(one.name for one in best.components if not (one.is_difference or one.is_formula))
+        found[run.name] = HeldOutVerdict(verdict_without(best, error, effects, data.limit), effects, error)
+    for fit in last.stages[-1].predicted:
+        found[fit.name] = HeldOutVerdict(last.verdict, last.last.effects, fit.error)
+    return found
+
+
+def verdict_without(best: Model, error: float, effects: Sequence[str], limit: float) -> str:
+    """The verdict on the model that is best without one run."""
+    if has_terms(best) or error > limit:
+        return 'unknown_effect'
+    if effects:
+        return 'missing_effect'
+    return 'unknown_effect' if unlisted_probability(best) > EVEN else 'none'

@@ -1,10 +1,8 @@
 """Diagnosis: which physical effect a model lacks, judged on runs that it was not fitted to.
 
-a. The nominal model is fitted with the kinetics that were given, else with the more probable of both. b. Score tests screen
-all effects. c. The best are refitted and cross-validated on the training runs. d. The best is accepted if it explains
-enough, by more than chance, with a realistic value; then the search returns to b. e. Where the effects leave more than
-noise, formulas compete with them (`sma_sim.evidence.symbolic_regression`). f. The held-out runs are read once, and the
-verdict is given; partial explanations that hardly help there are taken back.
+The nominal model is fitted with the kinetics that were given, else with both; a search (`sma_sim.evidence.search`) finds the
+sets of components that explain the recordings, and their probabilities; the held-out runs are read once, and the verdict is
+given.
 """
 
 from __future__ import annotations
@@ -16,8 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.diagnosis.conclusion import Conclusion, ModelPath, conclusion
-from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, judged_model, rivals_of, verdicts_by_run
+from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, conclusion, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind
 from sma_sim.evidence.estimation.calibrate import Calibration, check, kinetics_to_try, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, pooled_error
@@ -28,14 +25,15 @@ from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
-from sma_sim.evidence.model_selection.backward_elimination import EliminationStep, eliminate_backward
-from sma_sim.evidence.model_selection.candidate_fit import SelectionStep, is_bent
-from sma_sim.evidence.model_selection.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.forward_selection import select_forward, tempered_again
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit, on_uneven_specimen
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
-from sma_sim.evidence.symbolic_regression.propose import FormulaSearch, Proposal
+from sma_sim.evidence.search.beam import search
+from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
+from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
+from sma_sim.evidence.search.posterior import Posterior, posterior_of
+from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
+from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
 from sma_sim.model.config import Config
 
 
@@ -52,8 +50,10 @@ class Diagnosis:
     stages : tuple of ModelStage
         The models from the nominal one to the last; with a `proposal` the last one has the proposed effect, which `effects`
         does not name.
-    selection_steps, elimination_steps : tuple
+    selection_steps : tuple of SelectionStep
         The candidates that were compared in each step, in order.
+    posterior : Posterior
+        The models that have weight, and with which probability each effect is there.
     held_out_ratio : mapping
         By effect of the first selection step, held-out error with over without.
     confounding : mapping
@@ -82,15 +82,13 @@ class Diagnosis:
         By recording, the verdict and effects if it were held out; empty where a single one was fitted.
     limit : float
         Error over noise above which something counts as missing that no accepted effect explains.
-    together : Diagnosis or None
-        The search with the held-out runs among the fitted ones, where these did not say what is missing.
     """
 
     verdict: str
     effects: tuple[str, ...]
     stages: tuple[ModelStage, ...]
     selection_steps: tuple[SelectionStep, ...]
-    elimination_steps: tuple[EliminationStep, ...]
+    posterior: Posterior
     held_out_ratio: Mapping[str, float]
     confounding: Mapping[str, tuple[Confounding, ...]]
     training: tuple[str, ...]
@@ -106,7 +104,6 @@ class Diagnosis:
     similar: SimilarEffect | None = None
     differences: tuple[RecordingDifference, ...] = ()
     limit: float = CRITERIA.unexplained
-    together: Diagnosis | None = None
 
     @property
     def calibration(self) -> Calibration:
@@ -138,8 +135,7 @@ class Diagnosis:
     @property
     def deciding_steps(self) -> tuple[SelectionStep, ...]:
         """By effect of the last model, in their order, the step in which it was last compared with its rivals."""
-        steps = (*self.selection_steps, *self.elimination_steps)
-        last = {step.accepted.name: step for step in steps if step.accepted is not None}
+        last = {step.accepted.name: step for step in self.selection_steps if step.accepted is not None}
         return tuple(last[name] for name in self.effects if name in last)
 
     @property
@@ -150,9 +146,7 @@ class Diagnosis:
     @property
     def search_ended(self) -> bool:
         """Whether the search came to its end, rather than being stopped on the way."""
-        if not self.selection_steps or self.selection_steps[-1].stopped:
-            return False
-        return self.selection_steps[-1].accepted is None or len(self.selection_steps) == CRITERIA.max_effects
+        return not self.interrupted
 
 
 def diagnose(
@@ -216,91 +210,52 @@ def diagnose(
             kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
         )  # fmt: skip
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
-        if training.floor and held_out is not None:
-            found = searched_together(found, training, held_out, config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
 
 
-def searched_together(
-    found: Diagnosis, training: Dataset, held_out: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
-) -> Diagnosis:  # fmt: skip
-    """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools."""
-    if found.verdict != 'unknown_effect' or context.stop.is_set():
-        return found
-    context.on_progress('the held-out runs are not explained: searching all runs together, each predicted in turn')
-    everything = replace(training, recordings=(*training.recordings, *held_out.recordings))
-    joint = search_effects(StageData(everything, None, request.options), config, replace(request, equation=False), context)
-    return found if context.stop.is_set() else replace(found, together=joint)
-
-
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open."""
-    nominal = nominal_fit(data.training, config, request, context)
-    implausible = () if context.stop.is_set() else implausible_in(nominal, context)
-    nominal = replace(nominal, is_bent=bool(implausible) and is_bent(nominal, context))
-    base = on_uneven_specimen(nominal, data.training, config, request, context)
-    formulas = FormulaSearch(context) if request.equation else None
-    steps = select_forward(
-        tempered_again(base, context), context, formulas.explains if formulas else None, bool(data.training.floor)
-    )
-    if steps and (steps[0].base.problem.differences or steps[0].accepted is None):
-        nominal = steps[0].base
-    path, eliminations = model_path(nominal, steps, context)
-    end = conclusion(path, data, request, formulas, context)
-    ratios = held_out_ratios(steps[0], end.stages[0], data, context) if steps else {}
-    confounding = {
-        step.accepted.name: confoundings(step, context.pool)
-        for step in (*steps, *eliminations) if step.accepted is not None
-    }  # fmt: skip
+    nominal = nominal_fits(data.training, config, request, context)
+    book = search([on_run_subset(fit) for fit in nominal], context, request.equation)
+    posterior = posterior_of(book)
+    models = path_to(posterior.best, book, context)
+    steps = steps_along(models, book, posterior, context)
+    path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]
+    implausible = () if context.stop.is_set() else implausible_in(path[0], context)
+    proposal = None
+    if has_terms(posterior.best):
+        before = max((k for k, model in enumerate(models) if not has_terms(model)))
+        proposal = proposal_of(posterior.best, path[before], book, posterior, context)
+        path = [*path[: before + 1], with_all_runs(replace(posterior.best, fit=proposal.fit), nominal, 1.0, context)]
+    kinds: list[StageKind] = ['added'] * len(path)
+    kinds[0], kinds[-1] = 'nominal', 'nominal' if len(path) == 1 else 'formula' if proposal is not None else 'added'
+    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, request.options, context)
+    proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
     similar = None
-    if end.proposal is not None and steps and not context.stop.is_set():
-        similar = most_similar(end.proposal.fit, steps[0], context.pool)
+    if proposal is not None and not context.stop.is_set():
+        similar = most_similar(proposal.fit, steps[0], context.pool)
     return Diagnosis(
-        verdict=end.verdict, effects=end.last.effects, stages=end.stages, selection_steps=steps,
-        elimination_steps=eliminations, held_out_ratio=ratios, confounding=confounding,
+        verdict=end.verdict,
+        effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
+        stages=end.stages, selection_steps=steps, posterior=posterior,
+        held_out_ratio=held_out_ratios(steps[0], end.stages[0], nominal, data, context),
+        confounding={step.accepted.name: confoundings(step, context.pool) for step in steps if step.accepted is not None},
         training=tuple(recording.name for recording in data.training.recordings),
         held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
-        noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0, proposal=end.proposal,
-        pooled_errors=end.pooled_errors,
-        taken_back=tuple(name for name in path[-1][1].effects if name not in end.last.effects),
+        noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0,
+        proposal=proposed, pooled_errors=end.pooled_errors,
+        taken_back=tuple(name for name in path[-1].effects if name not in end.last.effects),
         similar=similar, implausible=implausible, differences=data.differences(end.last, context),
-        by_held_out_run={} if context.stop.is_set() else verdicts_of(path, end, (*steps, *eliminations), data.limit),
+        by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
     )  # fmt: skip
 
 
-def model_path(
-    nominal: FitResult, steps: Sequence[SelectionStep], context: SearchContext
-) -> tuple[ModelPath, tuple[EliminationStep, ...]]:
-    """The models from the nominal one to the last, whose effects were compared again beside each other."""
-    path: ModelPath = [('nominal', nominal), *(('added', step.after) for step in steps if step.after is not None)]
-    kind, before = path[-1]
-    last, eliminations = eliminate_backward(before, steps, context)
-    if last.effects == before.effects:
-        path[-1] = (kind, last)
-    else:
-        path.append(('dropped' if len(last.effects) < len(before.effects) else 'replaced', last))
-    return path, eliminations
-
-
-def verdicts_of(path: ModelPath, end: Conclusion, steps: Sequence[SelectionStep], limit: float) -> dict[str, HeldOutVerdict]:
-    """By recording, the verdict if it were held out, among the models up to the last one and its formula."""
-    fits = [fit for _, fit in path]
-    fits = fits[: next(k for k, fit in enumerate(fits) if fit is end.last) + 1]
-    models = [judged_model(fit, stage, rivals_of(fit, steps)) for fit, stage in zip(fits, end.stages, strict=False)]
-    if end.proposal is not None:
-        models.append(judged_model(end.proposal.fit, end.stages[-1], formula=True))
-    if end.pooled_errors is not None:
-        together = {run.name: end.pooled_errors.held_out for run in end.stages[-1].predicted}
-        models[-1] = replace(models[-1], fitted={**models[-1].fitted, **together})
-    return verdicts_by_run(models, limit, {run.name: run.level for run in fits[0].problem.runs})
-
-
-def held_out_ratios(first: SelectionStep, nominal: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:
+def held_out_ratios(
+    first: SelectionStep, before: ModelStage, nominal: Sequence[FitResult], data: StageData, context: SearchContext
+) -> dict[str, float]:
     """By effect of the first step, the held-out error with it over that without; empty where no run is held out."""
-    if data.held_out is None:
+    if data.held_out is None or context.stop.is_set():
         return {}
-    errors = {
-        candidate.name: pooled_error(data.predicted_by(candidate.fit, context))[0] for candidate in first.candidate_fits
-    }
-    return {name: error / nominal.held_out for name, error in errors.items()}
+    errors = {one.name: pooled_error(data.predicted_by(one.fit, context))[0] for one in first.candidate_fits}
+    return {name: error / before.held_out for name, error in errors.items()}

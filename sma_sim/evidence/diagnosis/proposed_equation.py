@@ -10,7 +10,7 @@ from typing import Any
 from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.symbolic_regression.propose import FormulaFit, Proposal
+from sma_sim.evidence.search.equations import FormulaFit, Proposal
 
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:
         'file': str(file) if file else None,
         'source': formula.with_values(effect_values(diagnosis)).text(),
         'held_out': {'before': finite(before.held_out), 'after': finite(after.held_out)},
-        'cross_validated': {'before': finite(proposal.error_before), 'after': finite(proposal.fit.cross_validated_error)},
+        'fitted': {'before': finite(proposal.error_before), 'after': finite(proposal.fit.error)},
         'alike': list(proposal.indistinguishable),
         'ranking': [ranked(fit) for fit in proposal.ranking],
         'similar': similar_data(diagnosis),
@@ -88,10 +88,10 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 
 def ranked(fit: FormulaFit) -> dict[str, Any]:
     """A formula that was refitted."""
-    fitted = fit.candidate.fit.values_of(fit.formula.name)
     return {
         'effect': fit.formula.name, 'port': fit.formula.location.hook, 'formula': fit.formula.equation,
-        'cross_validated_error': finite(fit.error), 'parameters': fitted,
+        'error': finite(fit.error), 'log_odds': finite(fit.log_odds),
+        'parameters': {p.name: p.default for p in fit.formula.parameters},
         'variables': list(fit.formula.variables), 'stability': finite(fit.stability),
     }  # fmt: skip
 

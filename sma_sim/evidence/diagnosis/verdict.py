@@ -16,8 +16,10 @@ from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.run_estimates import by_run_data
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.evidence.model_selection.candidates import other_form
+from sma_sim.evidence.search.equations import formula_of, has_terms
+from sma_sim.evidence.search.posterior import Posterior
+from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR
 
@@ -34,6 +36,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'effects': plain_names(diagnosis.effects),
         'variants': variants(diagnosis),
         'taken_back': plain_names(diagnosis.taken_back),
+        'probabilities': probabilities(diagnosis.posterior),
+        'models': models(diagnosis.posterior),
         'ranking': ranking(first, diagnosis) if first else (),
         'error': [error_of(stage) for stage in diagnosis.stages],
         'noise_std': diagnosis.noise_std,
@@ -55,9 +59,26 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         **({'fitted_together': asdict(diagnosis.pooled_errors)} if diagnosis.pooled_errors else {}),
         **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
-    if diagnosis.together is not None:
-        found['together'] = as_data(diagnosis.together)
     return found
+
+
+def probabilities(posterior: Posterior) -> dict[str, Any]:
+    """That nothing is missing, that something is which has no name, and of every effect (in a scope) that it is there."""
+    return {'none': posterior.none, 'unlisted': posterior.unlisted, 'effects': dict(posterior.effects)}
+
+
+def models(posterior: Posterior) -> list[dict[str, Any]]:
+    """The models that have weight, the heaviest first."""
+    return [
+        {
+            'effects': [one.name for one in model.components if not (one.is_formula or one.is_difference)],
+            'differences': [one.name for one in model.components if one.is_difference],
+            'formula': formula_of(model).equation if has_terms(model) else None,
+            'kinetics': model.fit.problem.config.simulated_kinetics, 'probability': weight, 'error': model.fit.error,
+            'starts': {'agreeing': model.agreeing, 'all': model.starts},
+        }
+        for model, weight in zip(posterior.models, posterior.weights, strict=True)
+    ]  # fmt: skip
 
 
 def plain_names(names: Sequence[str]) -> tuple[str, ...]:
@@ -97,37 +118,26 @@ def variants(diagnosis: Diagnosis) -> dict[str, str]:
 
 
 def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Candidates of the first step: what the model has in the end, what was accepted, then by cross-validated error.
-
-    What explains as well as the accepted one is that of the last comparison, beside the other effects.
-    """
-    accepted = first.accepted.name if first.accepted else ''
-    again = [step for step in diagnosis.elimination_steps if step.effect == accepted]
-    indistinguishable = {
-        candidate.name: candidate.indistinguishable for step in (first, *again) for candidate in step.candidate_fits
-    }
-    kept = diagnosis.effects[:1]
-    ordered = sorted(first.candidate_fits, key=lambda c: (c.name not in kept, c.name != accepted, c.error_ratio))
-    return [rank_of(candidate, diagnosis.held_out_ratio, indistinguishable[candidate.name]) for candidate in ordered]
+    """Candidates of the first step: what was taken, then by their odds."""
+    return [rank_of(candidate, diagnosis.held_out_ratio) for candidate in first.candidate_fits]
 
 
-def rank_of(candidate: CandidateFit, ratios: Mapping[str, float], indistinguishable: tuple[str, ...]) -> dict[str, Any]:
+def rank_of(candidate: CandidateFit, ratios: Mapping[str, float]) -> dict[str, Any]:
     """The entry of a candidate."""
     units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
     std = {name.rpartition('.')[2]: s for name, s in candidate.std.items() if name.startswith(f'effects.{candidate.name}.')}
     return {
         'effect': candidate.found.effect.plain_name,
         'scope': candidate.found.effect.scope.words,
+        'log_odds': candidate.log_odds,
         'delta_bic': candidate.delta_bic,
         'held_out_error_ratio': ratios.get(candidate.name, candidate.error_ratio),
-        'cross_validated_error_ratio': None if candidate.not_cross_validated else candidate.error_ratio,
-        'family_p': candidate.family_p,
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}
             for name, value in candidate.fit.values_of(candidate.name).items()
         },
         'plausible': candidate.plausible,
-        'confounded_with': tuple(dict.fromkeys(plain_names(indistinguishable))),
+        'confounded_with': tuple(dict.fromkeys(plain_names(candidate.indistinguishable))),
         'same_as': candidate.found.effect.same_as,
     }  # fmt: skip
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.held_out_verdicts import HeldOutVerdict, differing
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
 from sma_sim.evidence.diagnosis.verdict import amounts
@@ -15,13 +15,13 @@ from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
 from sma_sim.evidence.estimation.uncertainty import Interval
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit
 from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
+from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.model.parameters import Parameter
 
-NOTHING_MISSING = 'Nothing is missing that these data could show.'
+NOTHING_MISSING = 'These data show no sign of a missing effect.'
 NOTHING_MISSING_BUT = 'Nothing is missing in the model. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
@@ -42,7 +42,7 @@ ROOMS_DIFFER = (
     'noise {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
 )
 REMOVED = (
-    'Removed again: {effects}. The held-out runs are predicted hardly better with it, or worse '
+    'Retracted: {effects}. It does not improve the held-out prediction '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
 )
 UNREALISTIC = (
@@ -54,13 +54,8 @@ TAKEN_UNREALISTIC = (
     'robot can have it.'
 )
 REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
-TOGETHER = (
-    'With the held-out runs fitted too, each judged by those left out in turn: {verdict} '
-    'Error over noise {first:.2f} without, {last:.2f} with.'
-)
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
-DROPPED = 'Dropped: {effect}, which explains nothing more beside the other effects.'
 ONE_RUN = (
     'Only one run was fitted: no effect could be tested by predicting a run that was left out, which favours every effect.'
 )
@@ -166,7 +161,6 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield from left_lines(diagnosis)
     elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit):
         yield together_sentence(diagnosis.pooled_errors)
-    yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:
         yield ONE_RUN
     elif not diagnosis.held_out:
@@ -194,23 +188,13 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
 
 
-def together_lines(diagnosis: Diagnosis) -> Iterator[str]:
-    """What all recordings say together, where the fitted ones did not say what is missing."""
-    joint = diagnosis.together
-    if joint is None:
-        return
-    first, last = joint.nominal.train, joint.stages[-1].train
-    yield TOGETHER.format(verdict=headline(joint), first=first, last=last)
-    for candidate in accepted_fits(joint):
-        yield from (f'  {line}' for line in parameter_lines(candidate, joint))
-
-
 def firmness_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """Whether the verdict depends on the run that is held out."""
     verdicts = diagnosis.by_held_out_run
     if not verdicts or not diagnosis.search_ended:
         return
-    others = differing(verdicts, diagnosis.verdict, diagnosis.effects)
+    known = diagnosis.verdict, set(diagnosis.effects)
+    others = {name: found for name, found in verdicts.items() if (found.verdict, set(found.effects)) != known}
     if not others:
         yield SAME_VERDICT.format(count=len(verdicts))
         return
@@ -251,11 +235,6 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
     elif diagnosis.taken_back:
         yield REPLACED.format(effects=joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back]))
-    replaced = {step.effect for step in diagnosis.elimination_steps}
-    for step in diagnosis.selection_steps:
-        name = step.accepted.name if step.accepted else ''
-        if name and name not in (*diagnosis.effects, *diagnosis.taken_back, *replaced) and diagnosis.search_ended:
-            yield DROPPED.format(effect=phrase_of(name, diagnosis))
 
 
 def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
@@ -279,7 +258,7 @@ def unrealistic_lines(diagnosis: Diagnosis) -> Iterator[str]:
     most = (1.0 + CRITERIA.same_error) * diagnosis.stages[-1].train
     fits = [
         candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits
-        if not candidate.plausible and candidate.leaves_only_noise and candidate.fit.error <= most
+        if not candidate.plausible and candidate.fit.error <= most
     ]  # fmt: skip
     if not fits:
         return
@@ -362,8 +341,8 @@ def accepted_fits(diagnosis: Diagnosis) -> list[CandidateFit]:
 
 def phrase_of(name: str, diagnosis: Diagnosis) -> str:
     """What a sentence calls an effect."""
-    steps = (*diagnosis.selection_steps, *diagnosis.elimination_steps)
-    effects = {candidate.name: candidate.found.effect for step in steps for candidate in step.candidate_fits}
+    fits = [candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits]
+    effects = {candidate.name: candidate.found.effect for candidate in fits}
     return effects[name].phrase if name in effects else name.replace('_', ' ')
 
 

@@ -32,12 +32,13 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.forward_selection import most_promising
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
-from sma_sim.evidence.model_selection.refit import best_refits, refit
-from sma_sim.evidence.model_selection.restricted import is_plausible_fit
+from sma_sim.evidence.model_selection.refit import at_finite_step, refit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import variants_of
+from sma_sim.evidence.search.beam import search
+from sma_sim.evidence.search.components import catalogue_for
+from sma_sim.evidence.search.refine import extended, model_of
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
@@ -141,55 +142,43 @@ def candidates_by_name(fitted: FitResult, context: SearchContext) -> dict[str, C
 
 def fit_with_effects(base: FitResult, effects: Sequence[str], context: SearchContext) -> FitResult:
     """The fit with further effects, one after the other. Raises SimulationError where the model cannot be run."""
-    fitted = base
+    found = model_of((), [base], context)
     for name in effects:
-        candidates = candidates_by_name(fitted, context)
+        if found is None:
+            break
+        candidates = candidates_by_name(found.fit, context)
         if name not in candidates:
             raise UserError(f'--between: {name} twice in one explanation')
-        screened = screen_candidate(fitted, candidates[name], context)
-        (refitted,) = best_refits(fitted, [screened], context)
-        if refitted is None:
-            raise SimulationError(f'the model cannot be fitted with {name}')
-        fitted = refitted
-    return fitted
+        catalogue = catalogue_for(found.fit, context)
+        component = catalogue.component(screen_candidate(found.fit, candidates[name], context))
+        found = next(iter(extended(found, [component], context)), None)
+    if found is None:
+        raise SimulationError(f'the model cannot be fitted with {" + ".join(effects)}')
+    return found.fit
 
 
 def screen_candidate(fitted: FitResult, candidate: Candidate, context: SearchContext) -> ScreeningResult:
     """The score test of one effect; its first probe where the recordings do not see it."""
     screened = screen(fitted.problem, fitted.z, [candidate], context.pool, context.seed)
-    if screened:
-        return screened[0]
-    probe = candidate.families[0][0]
-    return ScreeningResult(candidate, 0.0, {**probe.shape, probe.parameter: probe.neutral + probe.step}, 1.0)
+    return screened[0] if screened else at_finite_step(candidate, None)
 
 
 def leading_rivals(base: FitResult, context: SearchContext) -> list[NamedFit]:
-    """The explanations by one further effect that come close to the best, and the base model if it does."""
-    candidates = candidates_for(base.problem.config, context.folders)
-    context.on_progress(f'screening {len(candidates)} effects')
-    screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
-    promising = most_promising(screened)
-    if not promising:
-        return [NamedFit(NO_EFFECT, base)]
-    context.on_progress(f'fitting {", ".join(test.candidate.name for test in promising)}')
-    refitted = best_refits(base, promising, context)
-    fits = [
-        NamedFit(test.candidate.name, fit) for test, fit in zip(promising, refitted, strict=True)
-        if fit is not None and is_plausible_fit(fit, test.candidate.found)
+    """The explanations by one further effect, or none, that have weight beside the best (`search`)."""
+    book = search([base], context, equations=False, most=1)
+    k, ranked = book.overdispersion, [model for model in book.ranked() if not any(c.is_difference for c in model.components)]
+    limit = ranked[0].score(k) - DESIGN_CRITERIA.rival_log_evidence
+    return [
+        NamedFit(next((one.name for one in model.components), NO_EFFECT), model.fit)
+        for model in ranked if model.score(k) >= limit
     ]  # fmt: skip
-    rivals = [NamedFit(NO_EFFECT, base), *fits]
-    limit = min(half_bic(rival.fitted) for rival in rivals) + DESIGN_CRITERIA.rival_log_evidence
-    return [rival for rival in rivals if half_bic(rival.fitted) <= limit]
-
-
-def half_bic(fit: FitResult) -> float:
-    """Half the Bayesian information criterion on the noise that the fit leaves: smaller is better."""
-    return fit.cost + 0.5 * len(fit.problem.free) * float(np.log(fit.problem.samples))
 
 
 def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> list[NamedFit]:
-    """The same with the other kinetics, if these make the best explanation more probable: kinetics are no rival."""
+    """The same with the other kinetics, if the best explanation is more probable with them: kinetics are no rival."""
     best = min(rivals, key=lambda rival: rival.fitted.cost)
+    if len(context.kinetics) == 1:
+        return list(rivals)
     other = refit(*with_other_kinetics(best.fitted), context, FROM_PRIORS)
     raise_if_stopped(context)
     if other is None or more_probable([best.fitted, other], context.pool) is best.fitted:

@@ -8,16 +8,15 @@ from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FitOptions, kinetics_to_try, multistart_search
-from sma_sim.evidence.estimation.cross_validation import cross_validated
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects, with_temperature_gradient
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
-from sma_sim.evidence.model_selection.candidate_fit import is_bent
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.renamed import renamed
+
+NOMINAL_STARTS = 2  # one may end in a valley that the other one avoids
 
 
 @renamed(model='kinetics')
@@ -32,48 +31,48 @@ class DiagnosisRequest:
     kinetics: str | None = None
     folders: tuple[Path, ...] = ()
     seed: int = 0
-    options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
+    options: FitOptions = field(default_factory=lambda: FitOptions(starts=NOMINAL_STARTS))
     equation: bool = True
     variants: bool = True
     on_model: OnModel = silent_model
 
 
-def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
-    """The fit without further effects, with the more probable of the kinetics."""
+def nominal_fits(
+    training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
+) -> list[FitResult]:
+    """The fits without further effects, with each of the kinetics to try; those that were complete before a stop.
+
+    Isobaric tests are fitted with a difference of temperature along the specimen: without one the model transforms from one
+    sample to the next, where a fit sees no way, and gradual transformation would be found in every specimen.
+    """
     fits, config = list[FitResult](), with_nuisance_effects(config, training)
     tried = kinetics_to_try(request.kinetics, config)
     context.on_progress(f'kinetics: {tried[0]}, as given' if len(tried) == 1 else 'kinetics: not given, both are fitted')
-    for model in tried:
-        context.on_progress(f'fitting the {model} model')
-        known = config.variant(kinetics=model)
-        best = multistart_search(training, known, request.options, context, NOMINAL_MODEL)
-        given = tuple(active.found.effect.name for active in config.effects)
-        if not (fits and context.stop.is_set()):  # after a stop, the last one is not complete
-            fits.append(replace(best, problem=replace(best.problem, nominal_effects=given)))
+    for kinetics in tried:
+        context.on_progress(f'fitting the {kinetics} model')
+        best = nominal_fit_of(training, config.variant(kinetics=kinetics), request, context)
+        if not isnan(best.problem.span) and not context.stop.is_set():
+            context.on_progress('with a difference of temperature along the specimen')
+            best = nominal_fit_of(training, with_temperature_gradient(config.variant(kinetics=kinetics)), request, context)
+        if not (fits and context.stop.is_set()):
+            fits.append(best)
         if context.stop.is_set():
             break
-    chosen = more_probable(fits, context.pool)
-    found = cross_validated(chosen, context)
-    context.on_progress(f'{found.problem.config.simulated_kinetics}: error over noise {found.prediction_error:.2f}')
     for fit in fits:
-        report_model('nominal', found if fit is chosen else fit, context)
-    return found
+        report_model('nominal', fit, context)
+    return fits
 
 
-def on_uneven_specimen(
-    nominal: FitResult, training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
-) -> FitResult:  # fmt: skip
-    """The base of a search in isobaric tests: fitted with a difference of temperature along the specimen; else `nominal`.
+def nominal_fit_of(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
+    """One of them; what is active from the start is no finding."""
+    best = multistart_search(training, config, request.options, context, NOMINAL_MODEL)
+    given = tuple(active.found.effect.name for active in config.effects)
+    return replace(best, problem=replace(best.problem, nominal_effects=given))
 
-    Without one the model transforms from one sample to the next, where a fit sees no way, and gradual transformation within
-    these kelvins, or what imitates it, would be found in every specimen.
-    """
-    if isnan(nominal.problem.span) or context.stop.is_set():
-        return nominal
-    context.on_progress('with a difference of temperature along the specimen')
-    request = replace(request, kinetics=nominal.problem.config.simulated_kinetics)
-    found = nominal_fit(training, with_temperature_gradient(config), request, context)
-    return replace(found, is_bent=is_bent(found, context))
+
+def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
+    """The fit without further effects, with the more probable of the kinetics."""
+    return more_probable(nominal_fits(training, config, request, context), context.pool)
 
 
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:

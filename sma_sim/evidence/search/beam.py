@@ -44,6 +44,10 @@ class Book:
         """The best of all models."""
         return self.ranked()[0]
 
+    def find(self, names: frozenset[str]) -> Model | None:
+        """The better of the models with these components."""
+        return next((model for model in self.ranked(len(names)) if model.names == names), None)
+
     def leaves_nothing(self, size: int) -> bool:
         """Whether the best model of a number of components leaves nothing."""
         return any(model.leaves_nothing for model in self.ranked(size)[:1])
@@ -55,14 +59,15 @@ class Book:
         return sorted(chosen, key=lambda model: -model.score(k))
 
 
-def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool = True) -> Book:
+def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool = True, most: int = MAX_COMPONENTS) -> Book:
     """The models that explain the recordings, from the nominal one with each of the kinetics to try.
 
-    Listed effects and differences between recordings first; then, where these leave something, terms of equations.
+    Listed effects and differences between recordings first; then, where these leave something, terms of equations. `most`:
+    components of a model.
     """
     book = Book(catalogue_for(nominal[0], context), len(nominal) > 1)
     book.add(model_of((), [fit], context) for fit in nominal)
-    for size in range(1, MAX_COMPONENTS + 1):
+    for size in range(1, most + 1):
         before = book.best
         for parent in parents(book, size - 1):
             expand(parent, book, context)
@@ -88,7 +93,7 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     leads = add_extended(base, components_of(propose.terms(base.fit, context)), book, context)
     if leads:
         names = min(leads, key=lambda model: model.fit.cost).names
-        add_equation_neighbours(next(model for model in book.ranked() if model.names == names), book, context)
+        add_equation_neighbours(book.find(names) or leads[0], book, context)
 
 
 def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> None:
@@ -100,7 +105,8 @@ def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> 
         context.on_progress(f'{term.name}: error over noise {lead.fit.error:.2f}; fitting other terms in its place')
         fewer, there = without(lead, term, context)
         others = components_of(propose.terms(there, context, term, same_port=True)) if fewer else []
-        found = add_extended(replace(lead, components=lead.components[:-1], fit=there), others, book, context, restarts=False)
+        start = replace(lead, components=lead.components[:-1], fit=there)
+        found = add_extended(start, others, book, context, restarts=False)
         best = min([lead, *found], key=lambda model: model.fit.cost)
         if best.names == lead.names:
             break

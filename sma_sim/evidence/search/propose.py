@@ -17,9 +17,9 @@ from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.refit import at_finite_step
 from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior
-from sma_sim.evidence.symbolic_regression.augmented_fit import as_candidate
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.search import terms_at
+from sma_sim.evidence.symbolic_regression.term_candidates import as_candidate
+from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
 TERMS_BY_PLACE = 2  # of an equation that are tried at one place
@@ -33,9 +33,7 @@ class Proposal:
     promise: float
 
 
-def listed(
-    base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext
-) -> list[Proposal]:
+def listed(base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext) -> list[Proposal]:
     """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out."""
     candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
     screened = screen(base.problem, base.z, candidates, context.pool, context.seed)

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
@@ -54,7 +57,7 @@ class Model:
     @property
     def key(self) -> tuple[frozenset[str], str]:
         """Components and kinetics."""
-        return self.names, self.fit.problem.config.model
+        return self.names, self.fit.problem.config.simulated_kinetics
 
     @property
     def leaves_nothing(self) -> bool:
@@ -66,9 +69,7 @@ class Model:
         return self.evidence.score(k)
 
 
-def model_of(
-    components: Sequence[Component], fits: Sequence[FitResult | None], context: SearchContext
-) -> Model | None:
+def model_of(components: Sequence[Component], fits: Sequence[FitResult | None], context: SearchContext) -> Model | None:
     """The best of several fits of one set of components; None where none could be made."""
     known = sorted((fit for fit in fits if fit is not None and np.isfinite(fit.cost)), key=lambda fit: fit.cost)
     for fit in known:
@@ -90,9 +91,7 @@ def better(model: Model, other: Model | None) -> Model:
     return replace(first, starts=first.starts + second.starts, agreeing=first.agreeing + near)
 
 
-def extended(
-    parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True
-) -> list[Model]:
+def extended(parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True) -> list[Model]:
     """The models with one component more, each fitted: those that sketches rank first; the best (`restarts`) from further
     starts, which are given up where they cannot come near what was reached."""  # fmt: skip
     leading = best_by_sketch(parent.fit, components, context)
@@ -145,3 +144,45 @@ def without(model: Model, component: Component, context: SearchContext) -> tuple
     rest = tuple(one for one in model.components if one.name != component.name)
     there = FitResult(problem, z, inf)
     return model_of(rest, [refit(problem, z, context)], context), there
+
+
+def on_run_subset(fit: FitResult) -> FitResult:
+    """A fit on a part of many runs, on which a search is made."""
+    subset = run_subset(fit.problem)
+    if len(subset.runs) == len(fit.problem.runs):
+        return fit
+    return replace(fit, problem=subset, z=to_subset(fit.problem, fit.z))
+
+
+def with_all_runs(model: Model, nominal: Sequence[FitResult], k: float, context: SearchContext) -> FitResult:
+    """The fit of a model on all runs, with priors that count as an overdispersion k asks."""
+    fit = model.fit
+    start = next((one for one in nominal if one.problem.config.simulated_kinetics == model.key[1]), nominal[0])
+    problem, z = fit.problem, fit.z
+    if len(start.problem.runs) > len(problem.runs):
+        problem, z = joined(fit, start)
+    problem = replace(problem, tempering=k)
+    if problem.runs is fit.problem.runs and k <= 1.0:
+        return fit
+    found = refit(problem, z, context)
+    return fit if found is None or context.stop.is_set() else found
+
+
+def joined(fit: FitResult, nominal: FitResult) -> tuple[Problem, Vector]:
+    """The problem of a fit on all runs of a nominal one, and its start: what is of other runs is as it is there."""
+    runs = tuple(with_differences_in(run, fit.problem.differences) for run in nominal.problem.runs)
+    problem, shared = replace(fit.problem, runs=runs), len(fit.problem.shared)
+    known = {run.name: fit.z[at][shared:] for run, at in zip(fit.problem.runs, fit.problem.indices(), strict=True)}
+    others = len(nominal.problem.shared)
+    parts = [fit.z[:shared]]
+    for run, at in zip(runs, nominal.problem.indices(), strict=True):
+        own = known.get(run.name, nominal.z[at][others:])
+        parts.append(np.concatenate([own, np.zeros(len(problem.own(run)) - len(own))]))
+    return problem, np.concatenate(parts)
+
+
+def with_differences_in(run: FitData, differences: Sequence[RecordingDifference]) -> FitData:
+    """A run with what differs between recordings."""
+    for difference in differences:
+        run = difference.in_run(run)
+    return run

@@ -13,17 +13,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import log, log1p, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, normal_equations
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
+from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.uncertainty import autocorrelation_time
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -34,6 +36,7 @@ lacks nothing that shows with a probability of about 95 %. It is the one constan
 rich one; benchmarks/calibration.py shows what it does."""
 UNLISTED = 2.0
 """Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
+TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
 
@@ -104,9 +107,26 @@ def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evi
     for part in parts:
         slope[part.indices] += part.gradient
     return Evidence(
-        z, off_bounds(problem, z, slope), parts, profiled_information(problem), log_prior,
+        z, off_bounds(problem, z, slope), parts, profiled_information(problem), log_prior + realism(fit),
         overdispersion_of(problem, linear), unlisted_evidence(linear),
     )  # fmt: skip
+
+
+def realism(fit: FitResult) -> float:
+    """What the values of effects add to the log prior, beside the normal prior of a fit: this is even within what literature
+    calls realistic, and has heavy tails, so that values beyond cost nats and are not forbidden.
+
+    With W the width of the range in z, d the distance beyond it and w = TAIL W: density (1 + d/w)^-2/(W (1 + 2 TAIL)).
+    """
+    declared, total = declared_parameters(fit.problem.config), 0.0
+    for free, z in zip(fit.problem.free, fit.z.tolist(), strict=False):
+        between = realistic_range(declared[free.name])
+        if between is None or not free.name.startswith('effects.'):
+            continue
+        low, high = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
+        beyond = max(low - z, z - high, 0.0) / (TAIL * (high - low))
+        total += 0.5 * z**2 + 0.5 * log(2.0 * pi) - log((high - low) * (1.0 + 2.0 * TAIL)) - 2.0 * log1p(beyond)
+    return total
 
 
 def off_bounds(problem: Problem, z: Vector, slope: Vector) -> NDArray[np.bool_]:
@@ -144,9 +164,7 @@ def unlisted_evidence(linear: Sequence[LinearizedRun]) -> float:
         rows = [run.residuals[channel] for run in linear if channel < len(run.residuals)]
         spectra = [dct(row, norm='ortho') ** 2 for row in rows if np.any(row)]
         if spectra:
-            by_prior = [
-                sum(log_factor(power, a, period) for power in spectra) for a in AMPLITUDES for period in PERIODS
-            ]
+            by_prior = [sum(log_factor(power, a, period) for power in spectra) for a in AMPLITUDES for period in PERIODS]
             factors.append(log_mean(by_prior))
     return log_mean(factors) if factors else 0.0
 

@@ -13,7 +13,7 @@ from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_row
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
-from sma_sim.report.html.candidates import elimination_section, selection_section
+from sma_sim.report.html.candidates import selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
@@ -39,7 +39,6 @@ def write_diagnosis_page(
     """The page of a diagnosis; `next_command` designs a deciding experiment. Raises UserError."""
     diagnosis = review.diagnosis
     steps = [selection_section(number, step, review) for number, step in enumerate(diagnosis.selection_steps, start=1)]
-    steps += [elimination_section(step, diagnosis) for step in diagnosis.elimination_steps]
     if diagnosis.proposal is not None:
         steps.append(proposed_section(diagnosis, diagnosis.proposal))
     sections = [
@@ -132,7 +131,7 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     held_out = ', '.join(diagnosis.held_out) or 'none'
     yield f'Fitted: {", ".join(diagnosis.training)}. Held out, evaluated only at the end: {held_out}.'
     if diagnosis.verdict == 'none' and not diagnosis.effects:
-        yield 'No effect of the library lowers the cross-validated error by more than chance would.'
+        yield 'No effect of the library explains the recordings better by more than its prior probability costs.'
     rule = f'An error over noise above {diagnosis.limit:.3g} at the end counts as unexplained'
     explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit)
     yield rule + (', except in runs that one model explains together.' if explained else '.')

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, formula_change, ranked, stability_words
+from sma_sim.evidence.search.equations import Proposal
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
-from sma_sim.evidence.symbolic_regression.propose import Proposal
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.html.step_figures import channel_plot
@@ -34,9 +34,9 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         for name, coefficient in coefficients(found).items()
     ]  # fmt: skip
     others = [
-        (formula['formula'], f'{formula["cross_validated_error"]:.3f}', f'{100 * formula["stability"]:.0f} %',
+        (formula['formula'], f'{formula["error"]:.3f}', f'{100 * formula["stability"]:.0f} %',
          values_line(formula['parameters']))
-        for formula in map(ranked, proposal.ranking) if formula['cross_validated_error'] is not None
+        for formula in map(ranked, proposal.ranking) if formula['error'] is not None
     ]  # fmt: skip
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
@@ -45,7 +45,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(residual_figure(proposal.plot), PORTRAIT_CAPTION, 380),
         channel_plot(before, after),
-        Table(('formula', 'cross-validated error', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
+        Table(('formula', 'error over noise', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
     ]  # fmt: skip
     return Section('Proposed equation', blocks)
 

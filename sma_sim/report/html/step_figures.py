@@ -9,15 +9,14 @@ from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.stage_change import StageChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
-from sma_sim.evidence.model_selection.candidate_fit import CandidateFit, SelectionStep
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, error_over_noise
+from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.model.parameters import Parameter
 from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new_figure, small
 from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, PURPLE
 
-MOST_SCREENED = 12
 MOST_CHANGE_POINTS = 1200
 AS_GIVEN, BEFORE, AFTER = 'as given', 'calibrated before', 'after'
 GIVEN = PURPLE
@@ -116,22 +115,3 @@ def channel_plot(before: ModelStage, after: ModelStage, given: Sequence[ChannelS
     words += ', of your model as it was given, calibrated before this step, and after it' if errors else ' before and after'
     return Plot(figure, f'{words}; dotted: the noise.', 280)
 
-
-def screen_plot(step: SelectionStep) -> Plot:
-    """Screened effects by what they could explain."""
-    best = list(reversed(step.screened[:MOST_SCREENED]))
-    accepted = step.accepted.name if step.accepted else ''
-    figure = new_figure()
-    figure.add_bar(
-        x=[100.0 * screened.gain / max(step.base.squares, 1e-300) for screened in best],
-        y=[screened.candidate.name for screened in best], orientation='h', showlegend=False,
-        marker={'color': [ORANGE if screened.candidate.name == accepted else BLUE for screened in best]},
-    )  # fmt: skip
-    figure.update_xaxes(title_text='part of the squares [%]', rangemode='tozero')
-    figure.update_yaxes(automargin=True, showgrid=False)
-    figure.update_layout(margin={'l': 10, 't': 10})
-    words = (
-        'Score test: part of the remaining squares that each effect could explain to first order, beyond what the fitted '
-        'parameters absorb.' + (' Orange: accepted.' if accepted else '')
-    )
-    return Plot(figure, words, 70 + 22 * len(best))

@@ -1,33 +1,16 @@
-"""A model with terms of an equation added, their coefficients and shapes fitted together with its own parameters."""
+"""A term of an equation as an effect that a model may lack, and with the values that a fit of that model has found."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import sketches_from
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.model.structures.discovery import FoundStructure
-
-
-@dataclass(frozen=True)
-class AugmentedFit:
-    """A fit with a formula of some terms at one location, their values as fitted."""
-
-    fitted: FitResult
-    terms: tuple[TermFit, ...]
-
-    @property
-    def name(self) -> str:
-        """Location and terms."""
-        return f'{self.terms[0].location.name}: {" + ".join(fit.term.name for fit in self.terms)}'
 
 
 def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningResult:
@@ -46,21 +29,8 @@ def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningRe
     return ScreeningResult(Candidate(found, ()), fit.error_reduction, {name: values[name] for name in declared}, 1.0)
 
 
-def sketched_formulas(
-    start: FitResult, terms: Sequence[TermFit], context: SearchContext, before: tuple[TermFit, ...] = ()
-) -> list[AugmentedFit]:
-    """Sketches of the fits with each of some terms, beside those `before` which the start has; those that can be run."""
-    candidates = [as_candidate(term, start.problem.config.structure, len(before)) for term in terms]
-    sketches = sketches_from(start, ADDED_EFFECT.damping, candidates, context)
-    return [
-        AugmentedFit(fitted, tuple(as_fitted(term, copy, fitted) for copy, term in enumerate((*before, term))))
-        for term, fitted in zip(terms, sketches, strict=True) if fitted is not None
-    ]  # fmt: skip
-
-
-def as_fitted(fit: TermFit, copy: int, fitted: FitResult) -> TermFit:
-    """A term with the values that a fit has found."""
-    universal = universal_term(fit.location.hook, bool(fit.term.rate), fitted.problem.config.structure, copy)
-    values = fitted.values_of(universal.found.effect.name)
+def as_fitted(fit: TermFit, effect: str, fitted: FitResult) -> TermFit:
+    """A term with the values that a fit has found, in which `effect` is the term."""
+    values = fitted.values_of(effect)
     shapes = tuple(values[f'q_{k}'] for k in range(len(fit.shapes)))
     return replace(fit, coefficient=values['c'], shapes=shapes)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import residuals_at
-from sma_sim.evidence.model_selection.candidate_fit import SelectionStep
+from sma_sim.evidence.search.steps import SelectionStep
 from sma_sim.model.effects.effect import Effect
 
 Vector = NDArray[np.float64]
