@@ -14,7 +14,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
-from sma_sim.evidence.search.posterior import Posterior, unlisted_probability
+from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.refine import Model
 
 ModelPath = Sequence[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
@@ -103,7 +103,8 @@ def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Con
         effects = tuple(one.name for one in best.components if not (one.is_difference or one.is_formula))
         found[run.name] = HeldOutVerdict(verdict_without(best, error, effects, data.limit), effects, error)
     for fit in last.stages[-1].predicted:
-        found[fit.name] = HeldOutVerdict(last.verdict, last.last.effects, fit.error)
+        effects = tuple(name for name in last.last.effects if name in posterior.effects)
+        found[fit.name] = HeldOutVerdict(last.verdict, effects, fit.error)
     return found
 
 
@@ -113,4 +114,4 @@ def verdict_without(best: Model, error: float, effects: Sequence[str], limit: fl
         return 'unknown_effect'
     if effects:
         return 'missing_effect'
-    return 'unknown_effect' if unlisted_probability(best) > EVEN else 'none'
+    return 'unknown_effect' if best.lacks_unlisted else 'none'

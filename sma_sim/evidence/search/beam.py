@@ -9,11 +9,12 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
-from sma_sim.evidence.search.refine import SKETCHED, Model, better, extended, in_other_kinetics, model_of, without
+from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, better, extended, in_other_kinetics, model_of, without
 
 MAX_COMPONENTS = 4  # of a model: it bounds the time of a search
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: what one or two listed ones explain needs no equation
+EXCHANGED = 6  # components that are tried in place of one
 ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
 
 
@@ -74,14 +75,15 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
             if book.leaves_nothing(size):
                 break  # no other parent can lead lower
         improve(size, book, context)
-        if equations and size == EQUATIONS_AFTER and not book.best.leaves_nothing:
+        if equations and size == EQUATIONS_AFTER and book.best.lacks_unlisted:
             add_equations(book.ranked(0)[0], book, context)
         if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break
         if book.best.leaves_nothing and len(book.best.components) < size:
             break
-    if equations and book.best.components and not book.best.leaves_nothing:
-        add_equations(book.best, book, context)
+    best = book.best
+    if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
+        add_equations(best, book, context)
     return book
 
 
@@ -121,10 +123,12 @@ def components_of(proposals: Sequence[propose.Proposal]) -> list[Component]:
 
 
 def parents(book: Book, size: int) -> list[Model]:
-    """The models of a level to extend: the best few, whatever their kinetics."""
+    """The models of a level to extend: the best few that have weight beside the best of them, whatever their kinetics."""
     chosen: list[Model] = []
-    for model in book.ranked(size):
-        if len(chosen) < PARENTS and model.names not in [other.names for other in chosen]:
+    ranked, k = book.ranked(size), book.overdispersion
+    for model in ranked:
+        near = model.score(k) >= ranked[0].score(k) - WINDOW
+        if near and len(chosen) < PARENTS and model.names not in [other.names for other in chosen]:
             chosen.append(model)
     return chosen
 
@@ -190,7 +194,7 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
     ]  # fmt: skip
     if chosen and fewer is not None:
         start = Model(rest, there, fewer.evidence)
-        add_extended(start, chosen[:SKETCHED], book, context, restarts=False)
+        add_extended(start, chosen[:EXCHANGED], book, context, restarts=False)
 
 
 def words(model: Model) -> str:

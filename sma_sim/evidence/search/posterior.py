@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import exp
 
 import numpy as np
 
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.refine import WINDOW, Model
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED, log_sum
+from sma_sim.evidence.search.score import log_sum
 
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
-MAX_LOG_ODDS = 700.0  # of which exp is still a number
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,10 @@ def posterior_of(book: Book) -> Posterior:
     none = unlisted = 0.0
     for model, weight in zip(models, weights.tolist(), strict=True):
         found = [one for one in model.components if not one.is_difference]
-        beside = 1.0 if any(one.is_formula for one in found) else unlisted_probability(model)
+        beside = 1.0 if any(one.is_formula for one in found) else model.unlisted
         unlisted += weight * beside
         none += 0.0 if found else weight * (1.0 - beside)
         for name in {one.name for one in found if not one.is_formula}:
             effects[name] = effects.get(name, 0.0) + weight
     ordered = dict(sorted(effects.items(), key=lambda item: -item[1]))
     return Posterior(tuple(models), tuple(weights.tolist()), none, unlisted, ordered, k)
-
-
-def unlisted_probability(model: Model) -> float:
-    """That a function of time which no list has is left beside a model."""
-    odds = model.evidence.unlisted - SPARSITY - UNLISTED
-    return 1.0 / (1.0 + exp(float(np.clip(-odds, -MAX_LOG_ODDS, MAX_LOG_ODDS))))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf
+from math import exp, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +29,14 @@ from sma_sim.evidence.model_selection.restricted import without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of
-from sma_sim.evidence.search.score import Evidence, evidence_of
+from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector]
+MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
 
 
@@ -63,6 +64,17 @@ class Model:
     def leaves_nothing(self) -> bool:
         """Whether white noise explains what it leaves better than any smooth function does: no valley lies deeper."""
         return self.evidence.unlisted <= 0.0
+
+    @property
+    def unlisted(self) -> float:
+        """The probability that something which no list has is left beside it."""
+        odds = self.evidence.unlisted - SPARSITY - UNLISTED
+        return 1.0 / (1.0 + exp(float(np.clip(-odds, -MAX_LOG_ODDS, MAX_LOG_ODDS))))
+
+    @property
+    def lacks_unlisted(self) -> bool:
+        """Whether that is more probable than not, so that an equation for it is worth its search."""
+        return self.unlisted > 0.5
 
     def score(self, k: float) -> float:
         """The log posterior under an overdispersion k."""
@@ -100,11 +112,13 @@ def extended(parent: Model, components: Sequence[Component], context: SearchCont
         model for (component, _, _), fit in zip(leading, fits, strict=True)
         if (model := model_of((*parent.components, component), [fit], context)) is not None
     ]  # fmt: skip
-    first.sort(key=lambda model: model.fit.cost - model.evidence.log_prior)
+    k = min((model.evidence.overdispersion for model in first), default=1.0)
+    first.sort(key=lambda model: -model.score(k))
     found = list[Model]()
     for rank, model in enumerate(first):
         limit = min([one.fit.cost for one in found], default=inf) + WINDOW
-        if restarts and rank < RESTARTED and not model.leaves_nothing and not context.stop.is_set():
+        near = rank < RESTARTED and model.score(k) >= first[0].score(k) - WINDOW
+        if restarts and near and not model.leaves_nothing and not context.stop.is_set():
             model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
         found.append(model)
     return found
