@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
@@ -87,8 +87,10 @@ class Catalogue:
         return -SPARSITY - log(len(self.effects)) - share
 
     def component(self, screened: ScreeningResult) -> Component:
-        """A candidate with the values that a score test has found."""
-        return Component(screened.candidate.name, self.log_prior(screened.candidate), screened)
+        """A candidate with the values that a score test has found; all its parameters are fitted, whatever that has seen."""
+        parameters = screened.candidate.found.effect.parameters
+        values = {p.name: p.default if p.neutral is None else float(p.neutral) for p in parameters} | dict(screened.values)
+        return Component(screened.candidate.name, self.log_prior(screened.candidate), replace(screened, values=values))
 
 
 def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
