@@ -82,9 +82,10 @@ class Evidence:
         squares, gradient, hessian = self._sums([left_out])
         inner = own[self.free]
         step[inner] = 0.0
-        pull = gradient + hessian @ step
+        pull = weight * (gradient + hessian @ step) + z
         if inner.any():
-            step[inner] = -np.linalg.solve(hessian[np.ix_(inner, inner)] + np.eye(int(inner.sum())), pull[inner])
+            precision = np.eye(int(inner.sum())) + weight * hessian[np.ix_(inner, inner)]
+            step[inner] = -np.linalg.solve(precision, pull[inner])
         return max(0.0, squares + 2.0 * float(gradient @ step) + float(step @ hessian @ step))
 
     def _sums(self, runs: Sequence[int]) -> tuple[float, Vector, Matrix]:

@@ -1,0 +1,328 @@
+"""The score of models: exact where a model is linear, the same in all units and orders, and the probabilities made of it."""
+
+from dataclasses import replace
+from itertools import permutations
+from math import exp, inf, log
+from threading import Event
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+from simulated_data import NOISE, command, config, recording
+
+from sma_sim import Dataset, FitOptions, find_effects
+from sma_sim.challenge.files import recording_columns
+from sma_sim.evidence.data.recordings import read_dataset
+from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.estimation import overdispersion as dispersion
+from sma_sim.evidence.estimation.calibrate import problem_for
+from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, start_point
+from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.search.beam import Book
+from sma_sim.evidence.search.components import Catalogue, Component, log_prior_of
+from sma_sim.evidence.search.posterior import posterior_of, unlisted_probability
+from sma_sim.evidence.search.refine import WINDOW, Model
+from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of, realism, unlisted_evidence
+
+SHARED, OWN, CHANNELS, SAMPLES = 2, 1, 2, 8  # of a linear problem: unknowns of all runs, and of each
+
+
+class LinearProblem:
+    """Runs whose residuals over noise are a + J z, with one unknown of their own each; z has the prior N(0, 1)."""
+
+    def __init__(self, runs=3, seed=0, shared=SHARED):
+        random = np.random.default_rng(seed)
+        self.size = shared + OWN * runs
+        self.at_zero = random.normal(size=(runs, CHANNELS, SAMPLES))
+        self.jacobians = random.normal(size=(runs, shared + OWN, CHANNELS, SAMPLES))
+        self.indices = [np.array([*range(shared), shared + run]) for run in range(runs)]
+
+    def linear(self, z):
+        """The runs linearised at z."""
+        return [
+            LinearizedRun(at, a + np.tensordot(z[at], J, 1), J)
+            for at, a, J in zip(self.indices, self.at_zero, self.jacobians, strict=True)
+        ]
+
+    def evidence(self, z, split=lambda run: run):
+        """The evidence of a fit that has ended at z."""
+        parts = tuple(normal_equations(split(run), False) for run in self.linear(z))
+        return Evidence(z, np.ones(self.size, dtype=bool), parts, (np.zeros(0),) * len(parts), 0.0, 1.0, 0.0)
+
+    def stacked(self, runs):
+        """a (N,) and J (N, n) of some runs."""
+        a = np.concatenate([self.at_zero[run].ravel() for run in runs])
+        J = np.zeros((len(a), self.size))
+        for row, run in enumerate(runs):
+            count = CHANNELS * SAMPLES
+            J[row * count : (row + 1) * count, self.indices[run]] = self.jacobians[run].reshape(-1, count).T
+        return a, J
+
+    def exact_log_evidence(self, k, runs):
+        """log N(a; 0, k^2 I + J J'), without the constant of white noise of size k."""
+        a, J = self.stacked(runs)
+        covariance = k**2 * np.eye(len(a)) + J @ J.T
+        return multivariate_normal(np.zeros(len(a)), covariance).logpdf(a) + 0.5 * len(a) * log(2.0 * np.pi * k**2)
+
+    def best(self, k, runs):
+        """The most probable z of some runs."""
+        a, J = self.stacked(runs)
+        return -np.linalg.solve(J.T @ J + k**2 * np.eye(self.size), J.T @ a)
+
+
+@pytest.mark.parametrize('k', [1.0, 3.0])
+@pytest.mark.parametrize('left_out', [None, 1])
+def test_the_score_of_a_linear_model_is_its_log_evidence(k, left_out):
+    """Wherever its fit has ended, under every overdispersion, with all runs or without one."""
+    problem = LinearProblem()
+    kept = [run for run in range(3) if run != left_out]
+    for z in (np.zeros(problem.size), problem.best(1.0, range(3)), np.linspace(-1.0, 1.0, problem.size)):
+        assert problem.evidence(z).score(k, left_out) == pytest.approx(problem.exact_log_evidence(k, kept), rel=1e-10)
+
+
+@pytest.mark.parametrize('k', [1.0, 3.0])
+def test_a_run_left_out_is_predicted_as_by_a_fit_without_it(k):
+    """What runs share from the others, what is its own from itself."""
+    problem, left_out = LinearProblem(seed=1), 1
+    z = problem.best(k, [0, 2])
+    a, J = problem.stacked([left_out])
+    own = SHARED + left_out
+    z[own] = 0.0
+    z[own] = -J[:, own] @ (a + J @ z) / (J[:, own] @ J[:, own] + k**2)
+    expected = np.sum((a + J @ z) ** 2)
+    for at in (problem.best(1.0, range(3)), np.linspace(-1.0, 1.0, problem.size)):
+        assert problem.evidence(at).squares_without(k, left_out) == pytest.approx(expected, rel=1e-10)
+
+
+def test_an_unknown_at_its_bound_does_not_count():
+    """Held at a bound, it is a constant of the model: the evidence is that of the other unknowns."""
+    problem = LinearProblem()
+    z = problem.best(1.0, range(3))
+    z[0] = -0.3
+    free = np.arange(problem.size) != 0
+    a, J = problem.stacked(range(3))
+    a, J = a + J[:, 0] * z[0], J[:, 1:]
+    expected = multivariate_normal(np.zeros(len(a)), np.eye(len(a)) + J @ J.T).logpdf(a) + 0.5 * len(a) * log(2.0 * np.pi)
+    assert replace(problem.evidence(z), free=free).score(1.0) == pytest.approx(expected - 0.5 * z[0] ** 2, rel=1e-10)
+
+
+def test_a_channel_that_is_there_twice_with_half_the_weight_says_the_same():
+    def twice(run):
+        half = np.sqrt(0.5)
+        channels = [0, *range(CHANNELS)]
+        weight = np.array([half, half, *[1.0] * (CHANNELS - 1)])[:, None]
+        return LinearizedRun(run.indices, run.residuals[channels] * weight, run.jacobian[:, channels] * weight)
+
+    problem = LinearProblem()
+    z = problem.best(1.0, range(3))
+    once, doubled = problem.evidence(z), problem.evidence(z, twice)
+    for k in (1.0, 2.0):
+        assert doubled.score(k) == pytest.approx(once.score(k), rel=1e-12)
+        assert doubled.squares_without(k, 0) == pytest.approx(once.squares_without(k, 0), rel=1e-12)
+
+
+def log_odds(truth, runs):
+    """Of a model with one unknown c, data c = `truth` and unit slopes, against the model without it."""
+    slope = np.ones((1, 1, 50))
+    residuals = -truth * slope[0]
+    part = normal_equations(LinearizedRun(np.array([0]), residuals, slope), False)
+    bare = normal_equations(LinearizedRun(np.zeros(0, dtype=int), residuals, slope[:0]), False)
+    with_it = Evidence(np.zeros(1), np.array([True]), (part,) * runs, (np.zeros(0),) * runs, -SPARSITY, 1.0, 0.0)
+    without = Evidence(np.zeros(0), np.zeros(0, dtype=bool), (bare,) * runs, (np.zeros(0),) * runs, 0.0, 1.0, 0.0)
+    return with_it.score(1.0) - without.score(1.0)
+
+
+def test_more_data_say_more():
+    """For what is there, and (more slowly) against what is not."""
+    present, absent = ([log_odds(truth, runs) for runs in (1, 2, 4, 8)] for truth in (1.0, 0.0))
+    assert all(np.diff(present) > 10.0) and all(np.diff(absent) < -0.3) and max(absent) < -SPARSITY
+
+
+@pytest.fixture(scope='module')
+def robot():
+    """Two short runs of a robot that lacks gravity."""
+    truth = with_effect(config('mas'), find_effects()['gravity'], {'g_y': -9.81, 'g_x': 0.0})
+    channels = ('alpha', 'U_y', 'F_1')
+    runs = [recording(truth, command(seed, 8.0), 4.0, 1.0, seed=seed, channels=channels) for seed in (1, 2)]
+    return Dataset(tuple(runs), {name: NOISE[name] for name in channels})
+
+
+def evidence_for(dataset, effects=()):
+    """The evidence of the model with some effects at their defaults, and a stiffer beam."""
+    given = config('mas')
+    for name in effects:
+        found = find_effects()[name]
+        given = with_effect(given, found, {p.name: p.default for p in found.effect.parameters})
+    problem = problem_for(dataset, given, FitOptions(free=('beam.E',)), 1)
+    z = start_point(problem)
+    z[0] += 0.1
+    with executor_or_threads(None) as pool:
+        return evidence_of(FitResult(problem, z, 0.0), 0.0, SearchContext(pool, Event()))
+
+
+def difference(dataset, k=1.0):
+    """Log odds of a model with gravity against one without."""
+    return evidence_for(dataset, ['gravity']).score(k) - evidence_for(dataset).score(k)
+
+
+def test_order_of_channels_and_runs_and_units_change_nothing(robot, tmp_path):
+    expected = difference(robot)
+    assert expected > 100.0
+    reversed_runs = replace(robot, recordings=robot.recordings[::-1])
+    reversed_channels = tuple(replace(run, channels=dict(reversed(list(run.channels.items())))) for run in robot.recordings)
+    assert difference(reversed_runs) == pytest.approx(expected, rel=1e-9)
+    assert difference(replace(robot, recordings=reversed_channels)) == pytest.approx(expected, rel=1e-9)
+    lines = ['alpha_rad: {column: "a [deg]", scale: 0.017453292519943295}', 'U_y_m: {column: "y [um]", scale: 1e-6}']
+    for run in robot.recordings:
+        columns = recording_columns(run)
+        columns['a [deg]'] = np.rad2deg(columns.pop('alpha_rad'))
+        columns['y [um]'] = 1e6 * columns.pop('U_y_m')
+        write_columns(tmp_path / f'{run.name}.csv', columns)
+    (tmp_path / 'map.yaml').write_text('\n'.join(lines))
+    files = [tmp_path / f'{run.name}.csv' for run in robot.recordings]
+    other_units = read_dataset(files, 'module', 298.0, tmp_path / 'map.yaml', robot.noise_std)
+    assert difference(other_units) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(('rho', 'size'), [(0.0, 1.0), (0.9, 2.0)])
+def test_overdispersion_of_correlated_residuals(monkeypatch, rho, size):
+    """e sqrt((1 + rho)/(1 - rho)) of an autoregressive series of standard deviation e."""
+    random, series = np.random.default_rng(1), np.zeros((1, 20_000))
+    for k in range(1, series.size):
+        series[0, k] = rho * series[0, k - 1] + np.sqrt(1.0 - rho**2) * random.normal()
+    monkeypatch.setattr(dispersion, 'residuals_at', lambda problem, z, pool: [size * series])
+    problem = SimpleNamespace(runs=[None], samples=series.size)
+    expected = size * np.sqrt((1.0 + rho) / (1.0 - rho))
+    assert dispersion.overdispersion(problem, None, None) == pytest.approx(expected, rel=0.1)
+    monkeypatch.setattr(dispersion, 'residuals_at', lambda problem, z, pool: [None])
+    assert dispersion.overdispersion(problem, None, None) == inf
+
+
+def residual_runs(seed, disturbance=0.0):
+    """White noise in three channels of two runs, and something smooth in the last channel."""
+    random = np.random.default_rng(seed)
+    found = []
+    for count in (200, 300):
+        residuals = random.normal(size=(3, count))
+        residuals[2] += disturbance * np.sin(np.linspace(0.0, 9.0, count) ** 1.2)
+        found.append(LinearizedRun(np.zeros(0, dtype=int), residuals, np.zeros((0, 3, count))))
+    return found
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_white_noise_is_no_function_of_time_and_what_is_smooth_is(seed):
+    assert unlisted_evidence(residual_runs(seed)) < 0.0
+    assert 20.0 < unlisted_evidence(residual_runs(seed, 1.0)) < unlisted_evidence(residual_runs(seed, 2.0))
+
+
+def test_values_beyond_what_is_realistic_cost_nats(robot):
+    """The prior of a value is a density: even in the realistic range, less the further beyond."""
+    found = find_effects()['radiation']
+    given = with_effect(config('mas'), found, {'emissivity': 0.5})
+    name = 'effects.radiation.emissivity'
+    problem = problem_for(robot, given, FitOptions(free=('beam.E', name)), 1)
+    number = [p.name for p in problem.free].index(name)
+    (declared,) = (p for p in found.effect.parameters if p.name == 'emissivity')
+    low, high = (problem.free[number].coordinate(value) for value in declared.realistic)
+
+    def density(at):
+        z = np.zeros(len(problem.unknowns))
+        z[number] = at
+        return exp(realism(FitResult(problem, z, 0.0)) + norm.logpdf(at))
+
+    width = high - low
+    inside = [density(low + part * width) for part in (0.0, 0.3, 1.0)]
+    assert inside == pytest.approx([inside[0]] * 3) and inside[0] > 1.5 * density(high + 0.1 * width) > 0.0
+    beyond = [density(high + part * width) for part in (0.1, 0.5, 1.0, 2.0)]
+    assert all(np.diff(beyond) < 0.0) and log(inside[0] / beyond[-1]) > 5.0
+    tails = quad(density, high, high + 30.0 * width)[0] + quad(density, low - 30.0 * width, low)[0]
+    assert quad(density, low, high)[0] + tails == pytest.approx(1.0, abs=0.01)
+    z = np.zeros(len(problem.unknowns))
+    z[1 - number] = 3.0  # of the nominal model: not an effect
+    assert realism(FitResult(problem, z, 0.0)) == pytest.approx(realism(FitResult(problem, 0.0 * z, 0.0)))
+
+
+CATALOGUE = Catalogue(candidates_for(config()), ())
+BY_NAME = {candidate.name: candidate for candidate in CATALOGUE.effects}
+
+
+def component(name):
+    """An effect, or a difference between recordings."""
+    if name in BY_NAME:
+        return CATALOGUE.component(ScreeningResult(BY_NAME[name], 1.0, {}, 1.0))
+    return Component(name, -SPARSITY, RecordingDifference(name, channel='U_y', std=1e-5))
+
+
+def model(names, squares, kinetics='mas', unlisted=-inf):
+    """A model that leaves so many squares."""
+    components = tuple(component(name) for name in names)
+    part = normal_equations(LinearizedRun(np.zeros(0, dtype=int), np.full((1, 1), squares**0.5), np.zeros((0, 1, 1))), False)
+    evidence = Evidence(
+        np.zeros(0), np.zeros(0, dtype=bool), (part,), (np.zeros(0),), log_prior_of(components), 1.0, unlisted
+    )
+    problem = SimpleNamespace(config=SimpleNamespace(simulated_kinetics=kinetics))
+    return Model(components, SimpleNamespace(cost=0.5 * squares, problem=problem), evidence)
+
+
+def posterior(*models):
+    book = Book(CATALOGUE, True)
+    book.add(models)
+    return posterior_of(book)
+
+
+MODELS = (
+    model((), 30.0), model((), 26.0, 'hybrid'), model(('gravity',), 4.0), model(('gravity',), 14.0),
+    model(('radiation',), 6.0), model(('gravity', 'radiation'), 1.0), model(('the zero of U_y',), 12.0),
+    model(('driver_lag',), 90.0),
+)  # fmt: skip
+
+
+def test_weights_and_probabilities_are_those_of_the_scores():
+    found = posterior(*MODELS)
+    assert sum(found.weights) == pytest.approx(1.0) and list(found.weights) == sorted(found.weights, reverse=True)
+    scores = [one.score(1.0) for one in found.models]
+    assert found.weights == pytest.approx(np.exp(np.array(scores) - scores[0]) * found.weights[0])
+    assert all(scores[0] - score <= WINDOW for score in scores)
+    assert 'driver_lag' not in found.effects and found.unlisted < 1e-300
+    by_names = {(tuple(sorted(one.names)), one.key[1]): w for one, w in zip(found.models, found.weights, strict=True)}
+    both = by_names.get((('gravity', 'radiation'), 'mas'), 0.0)
+    assert found.effects['gravity'] == pytest.approx(by_names[('gravity',), 'mas'] + both)
+    # a model lacks nothing, or one of the two, or both; what differs between recordings is nothing that it lacks
+    assert found.none + found.effects['gravity'] + found.effects['radiation'] - both == pytest.approx(1.0)
+    assert found.none >= by_names[('the zero of U_y',), 'mas'] > 0.0
+
+
+def test_the_order_in_which_models_were_found_decides_nothing():
+    """Of two fits of one model the better one stays, whichever came first."""
+    expected = posterior(*MODELS)
+    for order in list(permutations(MODELS[:5]))[::7]:
+        found = posterior(*order, *MODELS[5:])
+        assert found.effects == pytest.approx(expected.effects) and found.none == pytest.approx(expected.none)
+        assert [one.key for one in found.models] == [one.key for one in expected.models]
+        assert found.weights == pytest.approx(expected.weights) and found.overdispersion == expected.overdispersion
+        assert min(one.fit.cost for one in found.models if one.names == {'gravity'}) == 2.0
+
+
+@pytest.mark.parametrize('evidence', [-2.0, SPARSITY + UNLISTED, 40.0, 1e6])
+def test_what_is_left_beside_the_nominal_model_is_not_listed(evidence):
+    """Even odds where the data say as much for it as it costs."""
+    found = posterior(model((), 10.0, unlisted=evidence))
+    assert found.weights == (1.0,) and found.none + found.unlisted == pytest.approx(1.0)
+    assert found.unlisted == pytest.approx(1.0 / (1.0 + exp(min(700.0, SPARSITY + UNLISTED - evidence))))
+    beside = posterior(model(('gravity',), 10.0, unlisted=evidence))
+    assert beside.effects == {'gravity': 1.0} and beside.none == 0.0
+    assert beside.unlisted == unlisted_probability(beside.best)
+
+
+def test_all_effects_cost_the_same_and_share_it_with_their_scopes():
+    costs = {CATALOGUE.log_prior(candidate) for candidate in CATALOGUE.effects}
+    assert costs == {-SPARSITY - log(len(CATALOGUE.effects))}
+    assert sum(exp(CATALOGUE.log_prior(one)) for one in CATALOGUE.effects) == pytest.approx(exp(-SPARSITY))
