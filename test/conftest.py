@@ -32,7 +32,7 @@ FIRST = (
     'test_examples', 'test_inseparable', 'test_explore_robot', 'test_diagnose_stop', 'test_report_html', 'test_stack',
     'test_explore_focus', 'test_explore_files', 'test_beyond_the_module', 'test_trajectory', 'test_calibrate',
     'test_optional_packages',
-    'test_diagnose_data', 'test_live_feed', 'test_fit_command', 'test_install', 'test_two_effects', 'test_launch',
+    'test_diagnose_data', 'test_live_feed', 'test_fit_command', 'test_install', 'test_launch',
     'test_untrusted_data', 'test_stamped', 'test_plot', 'test_bags_of_structures', 'test_plausibility',
 )  # fmt: skip
 

@@ -14,12 +14,11 @@ from sma_sim import FitOptions, calibrate
 from sma_sim.cli.common.data import limits_from
 from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.evidence.estimation.fit_remarks import remarks_on, starts_sentences
-from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
+from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.limits import limits_reached, within_limits
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.uncertainty import RULED_OUT, interval, uncertainty, with_other_minima
-from sma_sim.evidence.model_selection.candidate_fit import delta_bic
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 
@@ -82,12 +81,6 @@ def test_other_minima_are_part_of_an_interval_or_said():
     found = SimpleNamespace(other_starts=(near, far, ruled_out), values={'a': a.value, 'b': b.value})
     said = starts_sentences(found)[1:]
     assert len(said) == 2 and 'the intervals hold these values too' in said[0] and 'intervals' not in said[1]
-
-
-def test_bic_counts_what_a_wrong_model_leaves_as_no_evidence():
-    problem = module_problem()
-    base, fit = (FitResult(problem, np.zeros(11), cost) for cost in (600_000.0, 9_000.0))
-    assert delta_bic(base, fit, 30.0) == pytest.approx(delta_bic(base, fit) / 900.0)
 
 
 def test_a_zero_with_a_prior_is_the_only_one_of_its_gauge():

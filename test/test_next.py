@@ -306,7 +306,7 @@ def diagnosis(*rounds, effects, given=(), system='module'):
         Some(base=Some(effects=(*given, *before)), accepted=Some(name=name, indistinguishable=indistinguishable))
         for before, name, indistinguishable in rounds
     ]
-    found = Some(calibration=Some(config=Config(system=system)), selection_steps=made, elimination_steps=(), effects=effects)
+    found = Some(calibration=Some(config=Config(system=system)), selection_steps=made, effects=effects)
     return Some(**vars(found), deciding_steps=Diagnosis.deciding_steps.fget(found))
 
 

@@ -213,7 +213,7 @@ def started(engine, words):
     return again
 
 
-@pytest.mark.parametrize('moment', ['fitting the mas', pytest.param('screening', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('moment', ['fitting the mas', pytest.param('may lack', marks=pytest.mark.slow)])
 def test_a_diagnosis_that_is_stopped_keeps_what_it_has(engine, moment):
     job = started(engine, moment)
     with pytest.raises(UserError, match='diagnose is running'):

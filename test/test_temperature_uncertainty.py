@@ -1,14 +1,9 @@
 """What isobaric tests show beyond the uncertainty of the specimen's temperature."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from test_variants import candidate
 
 from sma_sim.evidence.estimation.temperature_uncertainty import distance
-from sma_sim.evidence.model_selection import candidate_fit
 
 T = np.concatenate([np.linspace(300.0, 340.0, 161), np.linspace(340.0, 300.0, 161)[1:]])
 HEATING = np.arange(len(T)) < 161
@@ -38,19 +33,3 @@ def test_beyond_it_the_distance_is_that_of_the_tails():
 def test_an_offset_of_strain_is_no_temperature():
     flat = np.full(len(T), 0.01)
     assert distance(flat + 1e-3, flat, T, 2.0) == pytest.approx(1e-3)
-
-
-@pytest.mark.parametrize(('beyond', 'taken'), [(float('nan'), True), (0.3, True), (0.08, False)])
-def test_what_an_uncertain_temperature_explains_is_no_finding(beyond, taken):
-    one = replace(candidate('polycrystal', 1.5), beyond_temperature=beyond)
-    assert one.predicts_better and one.acceptable == taken
-    only_noise = replace(one, error_reduction=0.0)
-    assert only_noise.leaves_only_noise and not only_noise.predicts_better and only_noise.acceptable == taken
-
-
-@pytest.mark.parametrize(('left', 'expected'), [(0.7, (0.7 - 0.2) / 3.4), (4.0, float('nan'))])
-def test_it_is_asked_only_where_a_homogeneous_wire_may_leave_as_much(monkeypatch, left, expected):
-    monkeypatch.setattr(candidate_fit, 'error_beyond_temperature', lambda one: one.beyond)
-    base = SimpleNamespace(beyond=left, error=3.4, problem=SimpleNamespace(span=60.0))  # 5 % of it: 3
-    found = candidate_fit.gain_beyond_temperature(base, SimpleNamespace(beyond=0.2))
-    assert found == pytest.approx(expected, nan_ok=True)
