@@ -30,8 +30,7 @@ from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.calibrate import FitOptions
-from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.model.config import read_config
 
 CASES: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -51,9 +50,7 @@ Asked = tuple[Dataset, DiagnosisRequest]
 
 def plain_request(seed: int = 0) -> DiagnosisRequest:
     """A request without intervals and equations, which no verdict needs."""
-    return DiagnosisRequest(
-        seed=seed, equation=False, options=FitOptions(starts=CRITERIA.nominal_starts, seed=seed, intervals=False)
-    )
+    return DiagnosisRequest(seed=seed, equation=False, options=FitOptions(starts=NOMINAL_STARTS, seed=seed, intervals=False))
 
 
 def read(folder: Path, mapping: Path | None = None) -> Dataset:

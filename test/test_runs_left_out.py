@@ -17,10 +17,6 @@ from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.cross_validation import (
     INITIAL_GUESSES,
     RunFit,
-    cross_validated,
-    folds,
-    interpolated,
-    left_out_errors,
     pooled_error,
     predict_runs,
     with_starts,
@@ -30,7 +26,6 @@ from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset,
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starting_points import StartingPoint
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
-from sma_sim.solver.simulate import SimulationError
 
 
 def test_a_subset_is_spread_over_the_runs_from_the_first_to_the_last():
@@ -91,57 +86,6 @@ def test_data_take_over_from_the_priors_gradually(monkeypatch):
     assert found.problem is problem and found.iterations == 12 and (found.z == 4.0).all()
 
 
-def test_every_run_is_left_out_once():
-    for count in (2, 5, 13):
-        groups = folds(count)
-        assert len(groups) == min(count, 5) and sorted(k for group in groups for k in group) == list(range(count))
-        assert max(map(len, groups)) - min(map(len, groups)) <= 1
-    assert folds(7, 7) == [[k] for k in range(7)]
-
-
-def test_levels_between_others_judge():
-    nan = float('nan')
-    assert interpolated({'a': 1.0, 'b': 2.0, 'c': 3.0, 'd': nan}) == ['b', 'd']
-    assert interpolated({'a': 1.0, 'b': 1.0, 'c': 3.0}) == ['a', 'b']
-    assert interpolated({'a': 1.0, 'b': 2.0}) == ['a', 'b'] == interpolated({'a': nan, 'b': nan})
-
-
-def test_runs_left_out_are_predicted_by_what_the_others_say(monkeypatch):
-    problem = problem_of(3)
-    z = np.arange(float(len(problem.unknowns)))
-    seen = []
-
-    def minimize(fewer, start, _, __):
-        seen.append(([run.name for run in fewer.runs], start.tolist()))
-        return SimpleNamespace(config=Config(), delay=0.5, error=2.0)
-
-    def predict(_, out, delay, __, error, own):
-        assert (delay, error) == (0.5, 2.0)
-        for run, known in zip(out, own, strict=True):  # what the fit to all runs says of it
-            assert known.tolist() == z[problem.indices()[int(run.name[-1])]][3:].tolist()
-        return tuple(SimpleNamespace(name=run.name, error=float(run.name[-1])) for run in out)
-
-    monkeypatch.setattr(cross_validation, 'minimize', minimize)
-    monkeypatch.setattr(cross_validation, 'predict_runs', predict)
-    context = SearchContext(None, Event())
-    assert left_out_errors(problem, z, context) == {'run0': 0.0, 'run1': 1.0, 'run2': 2.0}
-    for names, start in seen:
-        kept = [k for k, run in enumerate(problem.runs) if run.name in names]
-        own = [x for k in kept for x in problem.indices()[k][3:]]
-        assert len(kept) == 2 and start == [0.0, 1.0, 2.0, *own]
-    fit = FitResult(problem, z, 1.0)
-    assert cross_validated(fit, context).cross_validated_error == pytest.approx(np.sqrt(5.0 / 3.0))
-    assert np.isnan(cross_validated(replace(fit, problem=problem_of(1)), context).cross_validated_error)
-    monkeypatch.setattr(cross_validation, 'minimize', raising)
-    assert cross_validated(fit, context).cross_validated_error == np.inf
-    context.stop.set()
-    assert np.isnan(cross_validated(fit, context).cross_validated_error)
-
-
-def raising(*_):
-    raise SimulationError('no run')
-
-
 @pytest.mark.parametrize(
     ('errors', 'expected'), [((1.05, 0.1, 0.2), 1.05), ((3.0, 1.5, 2.0), 1.5), ((3.0, 1.05, 0.2), 1.05)]
 )
@@ -177,11 +121,11 @@ def test_errors_of_runs_are_pooled_by_channel():
     assert (started['initial.x_M_1'], started['initial.x_M_2']) == pytest.approx((0.3, 0.5))
 
 
-def fit_of(problem, error, cost=1.0, left_out=float('nan'), model='hybrid'):
-    """A fit with this error over noise, at z = 0, and what it makes of runs that are left out."""
+def fit_of(problem, error, cost=1.0, model='hybrid'):
+    """A fit with this error over noise, at z = 0."""
     problem = replace(problem, config=replace(problem.config, kinetics=model))
     z = np.zeros(len(problem.unknowns))
-    return FitResult(problem, z, 0.5 * problem.samples * error**2 if cost is None else cost, 3, True, left_out)
+    return FitResult(problem, z, 0.5 * problem.samples * error**2 if cost is None else cost, 3)
 
 
 def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch):

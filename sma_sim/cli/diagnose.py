@@ -34,8 +34,7 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.model.config import Config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
@@ -70,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     (config,) = from_curves(training, given)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
-    options = FitOptions(starts=CRITERIA.nominal_starts, limits=limits_from(arguments.limits))
+    options = FitOptions(starts=NOMINAL_STARTS, limits=limits_from(arguments.limits))
     request = DiagnosisRequest(
         arguments.model, folders, arguments.seed, options, not arguments.no_equation, not arguments.no_variants
     )

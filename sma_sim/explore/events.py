@@ -40,6 +40,6 @@ class EventLog:
         """A step of a minimisation."""
         self.write('iteration', label=label, iteration=iteration, cost=cost)
 
-    def model(self, role: str, effects: tuple[str, ...], kinetics: str, error: float, left_out: float) -> None:
+    def model(self, role: str, effects: tuple[str, ...], kinetics: str, error: float) -> None:
         """A model that a diagnosis has fitted: a point of the figure in which the error falls."""
-        self.write('model', role=role, effects=effects, model=kinetics, error=error, left_out=left_out)
+        self.write('model', role=role, effects=effects, model=kinetics, error=error)

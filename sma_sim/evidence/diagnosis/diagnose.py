@@ -26,7 +26,7 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, impla
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -222,6 +222,8 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     models = path_to(posterior.best, book, context)
     steps = steps_along(models, book, posterior, context)
     path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]
+    for fit in path[1:]:
+        report_model('accepted', fit, context)
     implausible = () if context.stop.is_set() else implausible_in(path[0], context)
     proposal = None
     if has_terms(posterior.best):

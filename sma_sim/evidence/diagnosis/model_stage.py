@@ -24,16 +24,15 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_abov
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 
-StageKind = Literal['nominal', 'added', 'replaced', 'dropped', 'taken_back', 'formula']
+StageKind = Literal['nominal', 'added', 'taken_back', 'formula']
 
 
 @dataclass(frozen=True)
 class ModelStage:
     """A model of a diagnosis: its fit, and the held-out runs as it predicts them (none where no run is held out).
 
-    `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, `replaced` by another beside those
-    that came later, `dropped` because these made it superfluous, `taken_back` because it hardly helps to predict the
-    held-out runs; a `formula` was added for what no known effect explains.
+    `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, or `taken_back` because held-out
+    runs are predicted better without it; a `formula` was added for what no known effect explains.
     """
 
     kind: StageKind

@@ -131,8 +131,6 @@ class Calibration:
     converged, interrupted : bool
     at_bound : tuple of str
         Names of the estimates that ended at a limit.
-    cross_validation : mapping
-        Of a diagnosis, the error on runs left out in turn, by model (``'hybrid'``, ``'mas'``).
     other_starts : tuple of OtherStart
         Where the other starting points ended.
     uncertainty : Uncertainty or None
@@ -164,7 +162,6 @@ class Calibration:
     converged: bool
     interrupted: bool
     at_bound: tuple[str, ...]
-    cross_validation: Mapping[str, float]
     other_starts: tuple[OtherStart, ...]
     uncertainty: Uncertainty | None
     seconds: float
@@ -228,9 +225,7 @@ def calibrate(
         best, probabilities = fit_with_kinetics(dataset, config, options, context)
         found = final_calibration(dataset, best, options, context)
     runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
-    return replace(
-        found, config=runs_as_asked, cross_validation={}, kinetics=probabilities, seconds=time.perf_counter() - t_start
-    )
+    return replace(found, config=runs_as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
 
 
 def fit_with_kinetics(
@@ -348,10 +343,7 @@ def continued_fit(
     """A fit continued from z on another problem with the same parameters; iterations of both."""
     job = partial(minimize, problem, z, criteria, context, f'{problem.config.simulated_kinetics}, {label}')
     (found,) = run_in_threads([job], context.stop)
-    return replace(
-        found, iterations=fit.iterations + found.iterations, cross_validated_error=fit.cross_validated_error,
-        left_out_errors=fit.left_out_errors, other_starts=fit.other_starts,
-    )  # fmt: skip
+    return replace(found, iterations=fit.iterations + found.iterations, other_starts=fit.other_starts)
 
 
 def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> FitResult:
@@ -404,8 +396,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
         channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
         interrupted=context.stop.is_set(), at_bound=tuple(limit.name for limit in reached),
-        cross_validation={fit.config.simulated_kinetics: fit.cross_validated_error}, other_starts=fit.other_starts,
-        uncertainty=None, seconds=0.0, limits=reached,
+        other_starts=fit.other_starts, uncertainty=None, seconds=0.0, limits=reached,
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
     )  # fmt: skip
 

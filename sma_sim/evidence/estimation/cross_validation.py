@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from math import inf, isfinite, isnan, nan
+from dataclasses import dataclass, field
 from threading import Event
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
-from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import (
@@ -28,12 +26,11 @@ from sma_sim.evidence.estimation.residuals import (
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starts import with_start
-from sma_sim.evidence.estimation.stop_criteria import KNOWN_RUN_UNKNOWNS, RUN_UNKNOWNS, RUNS_LEFT_OUT
+from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
-MAX_FOLDS = 5
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
 GOOD_FIT = 1.1  # error over that of the fitted runs, or over noise, with which no further guess is tried
 
@@ -118,36 +115,32 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
 
 
 def predict_runs(
-    config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext, fitted_error: float = 1.0,
-    own: Sequence[Vector | None] | None = None,
-) -> tuple[RunFit, ...]:  # fmt: skip
+    config: Config, runs: tuple[FitData, ...], delay: float, context: SearchContext, fitted_error: float = 1.0
+) -> tuple[RunFit, ...]:
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
     From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
     errors of a run that cannot be made are infinite. `fitted_error`: of the runs to which the model was fitted; one that is
-    predicted as well needs no other start, nor does one whose unknowns are known from a fit to it (`own`, by run).
+    predicted as well needs no other start.
     """
 
-    def predicted(run: FitData, known: Vector | None) -> RunFit:
+    def predicted(run: FitData) -> RunFit:
         problem = Problem(config, (run,), (), delay=delay)
         if not problem.unknowns:
             return run_fits(problem, start_point(problem), context.pool)[0]
-        starts = [(start_point(problem, known), KNOWN_RUN_UNKNOWNS)] if known is not None else []
+        found: list[RunFit] = []
         for guess in INITIAL_GUESSES:
             z = start_point(problem)
             z[: problem.wires(run)] = guess
-            starts.append((z, RUN_UNKNOWNS))
-        found: list[RunFit] = []
-        for z, criteria in starts:
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
-                z = minimize(problem, z, criteria, context).z
+                z = minimize(problem, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])
-            if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0) or (known is not None and isfinite(found[-1].error)):
+            if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0):
                 break
         return min(found, key=lambda fit: fit.error)
 
     with ThreadPoolExecutor(len(runs)) as threads:
-        return tuple(threads.map(predicted, runs, own or [None] * len(runs)))
+        return tuple(threads.map(predicted, runs))
 
 
 def evaluate_held_out(
@@ -192,64 +185,6 @@ def evaluate_held_out(
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with executor_or_threads(executor) as pool:
         return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
-
-
-def folds(count: int, most: int = MAX_FOLDS) -> list[list[int]]:
-    """Indices of the runs that are left out in turn: each run once, in so many groups at the most."""
-    groups = min(count, most)
-    return [list(range(k, count, groups)) for k in range(groups)]
-
-
-def cross_validated(fit: FitResult, context: SearchContext) -> FitResult:
-    """With its error on runs left out in turn; NaN for a single run and after a stop, inf where a run cannot be made."""
-    errors: dict[str, float] = {}
-    try:
-        if not context.stop.is_set():
-            errors = left_out_errors(fit.problem, fit.z, context)
-    except SimulationError:
-        errors = dict.fromkeys((run.name for run in fit.problem.runs), inf)
-    if context.stop.is_set() or not errors:
-        return replace(fit, cross_validated_error=nan, left_out_errors={})
-    judges = interpolated({run.name: run.level for run in fit.problem.runs})
-    return replace(fit, cross_validated_error=mean_error({name: errors[name] for name in judges}), left_out_errors=errors)
-
-
-def interpolated(levels: Mapping[str, float]) -> list[str]:
-    """By the level of runs (NaN where they have none), those whose errors judge a model when they are left out in turn.
-
-    Of isobaric tests these are the levels between the others: beyond all others a model extrapolates, and two or three
-    levels that do not determine how strain goes on with stress would decide by what the priors say. All where none is.
-    """
-    found = []
-    for name, level in levels.items():
-        others = [other for key, other in levels.items() if key != name and not isnan(other)]
-        if isnan(level) or (others and min(others) <= level <= max(others)):
-            found.append(name)
-    return found or list(levels)
-
-
-def left_out_errors(problem: Problem, z: Vector, context: SearchContext) -> dict[str, float]:
-    """Error over noise by run that is left out in turn (refitted from z without it); empty for a single run.
-
-    Isobaric tests are left out one by one: without two levels the others may leave open how strain grows with stress.
-    """
-    if len(problem.runs) < 2:
-        return {}
-    indices, shared = problem.indices(), len(problem.shared)
-    isobaric, count = not isnan(problem.span), len(problem.runs)
-
-    def errors_of(left_out: list[int]) -> list[tuple[str, float]]:
-        kept = [k for k in range(count) if k not in left_out]
-        fewer = replace(problem, runs=tuple(problem.runs[k] for k in kept))
-        start = np.concatenate([z[:shared], *(z[indices[k][shared:]] for k in kept)])
-        refitted = minimize(fewer, start, RUNS_LEFT_OUT, context)
-        out = tuple(problem.runs[k] for k in left_out)
-        own = [z[indices[k]][shared:] for k in left_out]
-        fits = predict_runs(refitted.config, out, refitted.delay, context, refitted.error, own)
-        return [(run.name, run.error) for run in fits]
-
-    with ThreadPoolExecutor(MAX_FOLDS) as threads:
-        return dict(pair for part in threads.map(errors_of, folds(count, count if isobaric else MAX_FOLDS)) for pair in part)
 
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:

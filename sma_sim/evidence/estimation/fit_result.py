@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import isnan, nan, sqrt
+from dataclasses import dataclass
+from math import nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,7 @@ class OtherStart:
 class FitResult:
     """A problem at its optimum z (n,), as `minimize` leaves it.
 
-    `cost`: half the sum of the squared residuals over noise, prior included. `cross_validated_error`: error over noise on
-    runs left out in turn, NaN where that is not known; `left_out_errors`: by run. `other_starts`: of a search from several.
-    `is_bent`: whether parameters are known to have left their plausible range, which is all that tells of something missing.
+    `cost`: half the sum of the squared residuals over noise, prior included. `other_starts`: of a search from several.
     """
 
     problem: Problem
@@ -42,10 +40,7 @@ class FitResult:
     cost: float
     iterations: int = 0
     converged: bool = True
-    cross_validated_error: float = nan
-    left_out_errors: Mapping[str, float] = field(default_factory=dict)
     other_starts: tuple[OtherStart, ...] = ()
-    is_bent: bool = False
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -62,11 +57,6 @@ class FitResult:
     def error(self) -> float:
         """Root mean square of the residuals over noise."""
         return sqrt(self.squares / self.problem.samples)
-
-    @property
-    def prediction_error(self) -> float:
-        """The cross-validated error; the fitted one where there is none (a single run)."""
-        return self.error if isnan(self.cross_validated_error) else self.cross_validated_error
 
     @property
     def config(self) -> Config:

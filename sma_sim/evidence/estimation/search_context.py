@@ -11,9 +11,8 @@ from typing import Protocol
 from sma_sim.model.config import MODELS
 
 OnProgress = Callable[[str], None]  # what is being done, in words
-OnModel = Callable[[str, tuple[str, ...], str, float, float], None]
-"""A model that a diagnosis has fitted: `nominal`, `candidate` or `accepted`; its effects; its kinetics; its error over noise
-in the fitted runs, and in runs left out in turn."""
+OnModel = Callable[[str, tuple[str, ...], str, float], None]
+"""A model of a diagnosis: `nominal`, `candidate` or `accepted`; its effects, its kinetics, its error over noise."""
 OnIteration = Callable[[str, int, float], None]  # which minimisation, its iteration, its cost
 
 
@@ -35,7 +34,7 @@ def silent_iteration(label: str, iteration: int, cost: float) -> None:
     """Report no iteration."""
 
 
-def silent_model(kind: str, effects: tuple[str, ...], kinetics: str, error: float, left_out: float) -> None:
+def silent_model(kind: str, effects: tuple[str, ...], kinetics: str, error: float) -> None:
     """Report no model."""
 
 

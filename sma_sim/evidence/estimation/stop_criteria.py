@@ -32,10 +32,6 @@ WEAKLY_DAMPED = replace(FROM_PRIORS, damping=1e2)
 NOMINAL_MODEL = replace(FROM_PRIORS, max_iterations=12, relative_decrease=1e-3)
 # With a new effect, from the fit without it.
 ADDED_EFFECT = StopCriteria(max_iterations=12, damping=10.0, min_decrease=0.3, relative_decrease=1e-3, central=False)
-# Without some of the runs, from the fit to all of them.
-RUNS_LEFT_OUT = StopCriteria(
-    max_iterations=3, damping=1.0, min_decrease=0.3, relative_decrease=3e-4, central=True, secant=True
-)
 # A tempered likelihood, whose weights change from stage to stage.
 TEMPERED = StopCriteria(max_iterations=15, damping=1.0, min_decrease=0.01, relative_decrease=3e-3, central=False)
 # The reported fit, on all samples.
@@ -44,6 +40,4 @@ ALL_SAMPLES = StopCriteria(
 )
 # The unknowns of a run under fixed parameters: few of them, found from far away, to the end.
 RUN_UNKNOWNS = replace(FROM_PRIORS, min_decrease=ALL_SAMPLES.min_decrease, relative_decrease=0.0)
-# The same from near their optimum.
-KNOWN_RUN_UNKNOWNS = replace(RUN_UNKNOWNS, damping=1.0, secant=True)
 SKETCH_DECREASE = 1e-3  # predicted decrease at which a sketch of a fit ends, as a fraction of the cost or of the samples

@@ -46,9 +46,8 @@ from sma_sim.evidence.latent_input.ranking import (
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.model.config import MODELS, Config
@@ -83,7 +82,7 @@ class LatentRequest:
     kinetics: str | None = None
     fit: bool = True
     seed: int = 0
-    options: FitOptions = field(default_factory=lambda: FitOptions(starts=CRITERIA.nominal_starts))
+    options: FitOptions = field(default_factory=lambda: FitOptions(starts=NOMINAL_STARTS))
 
 
 def estimate_latent_inputs(

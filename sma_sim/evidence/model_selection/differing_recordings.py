@@ -1,77 +1,35 @@
-"""What differs between the recordings of a campaign, tried where effects leave more than noise.
+"""What may differ between the recordings of a campaign: a zero of a sensor, the ambient temperature, a wire without power.
 
-A zero of a sensor, the ambient temperature, or a wire without power: each recording has its own. It is taken only where it
-leaves no more than noise, which no effect of the robot does.
+Each recording has its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.estimation.cross_validation import cross_validated
-from sma_sim.evidence.estimation.executors import run_in_threads
-from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, WEAKLY_DAMPED
-from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.refit import cost_with, refit
 from sma_sim.evidence.model_selection.score_tests import Projection
-from sma_sim.evidence.model_selection.sketches import at_prior_means
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
+WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 
 
 @dataclass(frozen=True)
 class Promise:
-    """A difference, by how much it would lower the squares at some point of the model without it, and which part that is."""
+    """A difference, and by how much it would lower the squares at some point of the model without it."""
 
     difference: RecordingDifference
     gain: float
-    part: float
-
-
-def differing_fit(base: FitResult, rival: FitResult, context: SearchContext) -> FitResult | None:
-    """The base with what differs between its recordings; None where a rival with an effect more leaves no more.
-
-    It must leave only noise, explain what the base leaves, and fit better than the rival by odds that are no chance. One
-    that promises far less to first order is not tried.
-    """
-    problem = base.problem
-    quasi_static = any(problem.wires(run) == 0 for run in problem.runs)
-    if len(problem.runs) < 2 or quasi_static or rival.prediction_error <= CRITERIA.noise_only or context.stop.is_set():
-        return None
-    context.on_progress('what may differ between the recordings')
-    starts = ((base.z, ADDED_EFFECT), (at_prior_means(base).z, WEAKLY_DAMPED))
-    found = promises(problem, base.z, context)
-    found += [one for one in promises(problem, starts[1][0], context) if one.difference.lost_side]
-    least = CRITERIA.min_relative_gain * max(0.0, 1.0 - (CRITERIA.noise_only / base.error) ** 2)
-    found = [one for one in found if one.gain >= 2.0 * CRITERIA.decisive_log_odds and one.part >= least]
-    tried = [one.difference for one in sorted(found, key=lambda one: -one.part)][: CRITERIA.first_refits]
-    target = min(cost_with(CRITERIA.noise_only, problem, base.z), rival.cost)
-    jobs = [
-        partial(refit, *with_difference(problem, z, one), context, criteria, target)
-        for one in tried for z, criteria in starts
-    ]  # fmt: skip
-    fits = [fit for fit in run_in_threads(jobs, context.stop) if fit is not None]
-    best = min(fits, key=lambda fit: fit.cost, default=None)
-    if best is None or best.error > CRITERIA.noise_only or best.cost > rival.cost - CRITERIA.decisive_log_odds:
-        return None
-    best = cross_validated(best, context)
-    if context.stop.is_set() or best.prediction_error > (1.0 - CRITERIA.min_error_reduction) * rival.prediction_error:
-        return None
-    context.on_progress(f'{best.problem.differences[-1].words} differs: error over noise {best.error:.2f}')
-    return best
 
 
 def with_difference(problem: Problem, z: Vector, difference: RecordingDifference) -> tuple[Problem, Vector]:
@@ -90,11 +48,10 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
         linear = linearize(problem, z, context.pool)
     except SimulationError:
         return []
-    squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linear)
     project = Projection(linear, len(z), problem.tempering)
     known = {difference.words for difference in problem.differences}
     found = [
-        Promise(difference, gained := gain(responses, linear, project), gained / squares)
+        Promise(difference, gain(responses, linear, project))
         for difference, responses in responses_at(problem, z, linear, context) if difference.words not in known
     ]  # fmt: skip
     for side in (1, -1):
@@ -148,11 +105,10 @@ def lost_side(
     after = [np.inf if residuals is None else float(np.vdot(residuals, residuals)) for residuals in shown]
     gains = {
         run.name: a - b for run, a, b in zip(problem.runs, before, after, strict=True)
-        if not run.lost_side and b < (1.0 - CRITERIA.strong_error_reduction) * a
+        if not run.lost_side and b < WITHOUT_POWER * a
     }  # fmt: skip
     if not 0 < len(gains) < len(problem.runs):
         return None
     words = f'the power of the wires that {"positive" if side > 0 else "negative"} commands heat'
     lost = RecordingDifference(words, lost_side=side, recordings=tuple(gains))
-    gained = sum(gains.values())
-    return Promise(lost, gained, gained / sum(before))
+    return Promise(lost, sum(gains.values()))

@@ -37,9 +37,7 @@ class DiagnosisRequest:
     on_model: OnModel = silent_model
 
 
-def nominal_fits(
-    training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
-) -> list[FitResult]:
+def nominal_fits(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> list[FitResult]:
     """The fits without further effects, with each of the kinetics to try; those that were complete before a stop.
 
     Isobaric tests are fitted with a difference of temperature along the specimen: without one the model transforms from one
@@ -77,4 +75,4 @@ def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, co
 
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
     """Tell of a model that was fitted."""
-    context.on_model(kind, fit.effects, fit.problem.config.simulated_kinetics, fit.error, fit.prediction_error)
+    context.on_model(kind, fit.effects, fit.problem.config.simulated_kinetics, fit.error)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import replace
-from math import inf, isnan
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,12 @@ from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, TEMPERED
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.estimation.stop_criteria import TEMPERED
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
+STAGES = 3  # most fits: they bound the time where the weights do not settle
+SETTLED = 0.7  # part of the overdispersion above which another fit would change little
 
 
 def tempered_minimum(problem: Problem, z: Vector, k: float, context: SearchContext) -> FitResult:
@@ -31,10 +32,10 @@ def tempered_minimum(problem: Problem, z: Vector, k: float, context: SearchConte
 
     `cost` is that without tempering. Raises SimulationError where the model cannot be run.
     """
-    for _ in range(CRITERIA.tempering_stages):
+    for _ in range(STAGES):
         z = minimize(problem.weighted(1.0 / k), z, TEMPERED, context).z
         now = overdispersion(problem, z, context.pool)
-        if now > CRITERIA.tempering_ratio * k or context.stop.is_set():
+        if now > SETTLED * k or context.stop.is_set():
             break
         k = now
     return FitResult(problem, z, square_cost(problem, z, context.pool))
@@ -62,19 +63,3 @@ def tempered_fit(biased: FitResult, context: SearchContext) -> tuple[FitResult, 
     prior = 0.5 * (biased.problem.tempering**2 - 1.0) * float(unbiased.z @ unbiased.z)
     unbiased = replace(biased, z=unbiased.z, cost=unbiased.cost + prior)
     return unbiased, overdispersion(problem, unbiased.z, context.pool)
-
-
-def tempered(fit: FitResult, context: SearchContext) -> FitResult:
-    """A fit of isobaric tests whose priors count as its overdispersion asks; itself for other runs.
-
-    Few levels leave open how strain grows with stress, and no model of one homogeneous wire follows them within the noise.
-    As if what is left were white, it would drive parameters through what the levels leave open, against all priors.
-    """
-    if isnan(fit.problem.span) or context.stop.is_set():
-        return fit
-    problem = replace(fit.problem, tempering=overdispersion(fit.problem, fit.z, context.pool))
-    try:
-        found = minimize(problem, fit.z, ADDED_EFFECT, context)
-    except SimulationError:
-        return fit
-    return replace(fit, problem=problem, z=found.z, cost=found.cost)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, better, extended, in_other_kinetics, model_of, without
@@ -154,6 +155,8 @@ def add_extended(
         return []
     context.on_progress(f'fitting {", ".join(component.name for component in components)}')
     found = book.add(extended(parent, components, context, restarts))
+    for model in found:
+        report_model('candidate', model.fit, context)
     try_kinetics(book, context)
     return found
 

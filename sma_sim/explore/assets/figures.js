@@ -68,7 +68,7 @@ function axes({ context, em, area }, [low, high], label, below) {
 }
 
 /**
- * The error over noise of the models that a diagnosis has fitted, in their order: `{role, effects, error, left_out}`.
+ * The error over noise of the models that a diagnosis has fitted, in their order: `{role, effects, error}`.
  * Candidates are dots, those that were accepted are joined by a line.
  */
 export function drawErrors(canvas, models) {
@@ -77,7 +77,7 @@ export function drawErrors(canvas, models) {
   const space = prepared(canvas, `Error over noise by model: ${words.join(', ')}`);
   if (!space || !known.length) return;
   const { context, em, area } = space;
-  const errors = known.flatMap((one) => [one.error, one.left_out].filter((error) => error > 0));
+  const errors = known.map((one) => one.error);
   const range = [Math.min(0.8, ...errors) * 0.9, Math.max(1.5, ...errors) * 1.6];
   const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted');
   const px = (k) => area.left + area.width * (k + 0.7) / (known.length + 0.8);
@@ -108,8 +108,7 @@ export function errorAt(models, part) {
   const known = models.filter((one) => one.error > 0);
   const one = known[Math.min(Math.max(Math.round(part * (known.length + 0.8) - 0.7), 0), known.length - 1)];
   if (!one) return '';
-  const left = one.left_out > 0 ? `, in runs left out in turn ${one.left_out.toPrecision(3)}` : '';
-  return `${one.role === 'candidate' ? 'candidate ' : ''}${one.effects.join(' + ') || 'model as it is'} (${one.model}): ${one.error.toPrecision(3)} in the fitted runs${left}`;
+  return `${one.role === 'candidate' ? 'candidate ' : ''}${one.effects.join(' + ') || 'model as it is'} (${one.model}): ${one.error.toPrecision(3)} in the fitted runs`;
 }
 
 function mark({ context, em, area }, one, x, py) {
@@ -118,13 +117,6 @@ function mark({ context, em, area }, one, x, py) {
   context.beginPath();
   context.arc(x, y, (candidate ? 0.22 : 0.4) * em, 0, 7);
   context.fill();
-  if (one.left_out > 0) {
-    context.strokeStyle = context.fillStyle;
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.rect(x - 0.25 * em, py(one.left_out) - 0.25 * em, 0.5 * em, 0.5 * em);
-    context.stroke();
-  }
   if (candidate) return;
   const words = one.effects.length ? `+ ${one.effects[one.effects.length - 1]}` : one.model;
   context.fillStyle = styleOf('--ink');

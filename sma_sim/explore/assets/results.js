@@ -78,7 +78,7 @@ export function redrawFigure(parent, stage, events) {
 
 const CAPTIONS = {
   calibrate: 'The cost falls while parameters are fitted; a line for each starting point.',
-  diagnose: 'Line: the model so far. Dots: candidates. Squares: the same in runs left out in turn. Dashed: as good as the sensors can tell. Point at one to read which it is.',
+  diagnose: 'Line: the model so far. Dots: candidates. Dashed: as good as the sensors can tell. Point at one to read which it is.',
 };
 
 const HEADINGS = {
