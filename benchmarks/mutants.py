@@ -68,7 +68,7 @@ TESTS = {
         'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
         'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
         'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
-        'differing_recordings', 'temperature_uncertainty', 'latent', 'next', 'variants',
+        'differing_recordings', 'latent', 'next', 'variants',
         'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data', 'minimization', 'fit_statistics',
         'curve_features', 'recordings_in_fits', 'runs_left_out',
     ),

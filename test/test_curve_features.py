@@ -22,7 +22,6 @@ from sma_sim.evidence.estimation.starting_values import (
     median_slope,
     starting_values,
 )
-from sma_sim.evidence.estimation.temperature_uncertainty import distance
 from sma_sim.evidence.estimation.transformation_temperatures import (
     IsobaricTest,
     Tangents,
@@ -242,20 +241,3 @@ def test_loops_of_the_papers_calibration_side_by_side():
     first = found.loops[0]
     assert isinstance(first, Loop) and (first.T_E, first.sigma_MW, first.dsigma, first.rmse) == (300.0, 1e8, 1e7, 1.0)
     assert np.isnan(first.sigma_MW_std) and temperature(runs[1]) == 300.5
-
-
-def test_distance_from_what_is_shown_within_the_uncertainty():
-    """Against all samples around, up to the first that is further off in temperature; each way has its own."""
-    random = np.random.default_rng(1)
-    T = np.concatenate([np.linspace(300.0, 320.0, 41), np.linspace(319.5, 300.0, 40)])
-    measured, shown = random.normal(size=(2, len(T)))
-    for uncertainty in (0.7, 2.0, 100.0):
-        found = distance(measured, shown, T, uncertainty)
-        for i in range(len(T)):
-            first = last = i
-            while first > 0 and abs(T[first - 1] - T[i]) <= uncertainty:
-                first -= 1
-            while last + 1 < len(T) and abs(T[last + 1] - T[i]) <= uncertainty:
-                last += 1
-            near = shown[first : last + 1]
-            assert found[i] == pytest.approx(max(near.min() - measured[i], measured[i] - near.max(), 0.0))
