@@ -24,6 +24,7 @@ from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.model.effects.scope import SEPARATOR
 
 Vector = NDArray[np.float64]
+NO_ZEROS = 3  # kinds of differences beside zeros: the ambient temperature, and the power of either side
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
     """What differs between recordings, among all kinds of it: zeros of channels, ambient temperature, power of a side."""
-    kinds = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS) + 3
+    kinds = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS) + NO_ZEROS
     return Component(difference.words, -SPARSITY - log(kinds), difference)
 
 
