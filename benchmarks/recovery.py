@@ -5,8 +5,8 @@
 
 A robot (sma_sim/challenge) hides one effect, whose strength is scaled until the best fit without it leaves about the error
 over noise that is asked for: what it leaves over the noise, sqrt(error^2 - 1), is nearly in proportion to the strength of a
-weak effect. The probability of the truth is its share of exp(-BIC/2) among the candidates of the first step and the model
-without any. Three runs, the last of them held out. Finished cases are kept in --file, so that a run can be continued.
+weak effect. The probability of the truth is the one that the diagnosis gives to the effect, in whatever scope. Three runs,
+the last of them held out. Finished cases are kept in --file, so that a run can be continued.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.model.effects.scope import SEPARATOR
 
 # By effect of the library, the parameter of its truth that is its strength: nothing where that is 0.
 STRENGTHS = {
     'natural_convection': 'h_50', 'thermal_crosstalk': 'k', 'beam_creep': 'c', 'polycrystal': 'H', 'driver_deadband': 'P_q',
-    'gravity': 'share',
+    'gravity': 'share', 'guide_friction': 'mu', 'driver_lag': 't_r', 'beam_nonlinearity': 'c',
+    'clausius_clapeyron_mismatch': 'excess', 'pretension_mismatch': 'd', 'latent_heat_scale': 'f',
 }  # fmt: skip
 ERRORS = (1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0)
 EDGES = (1.0, 1.035, 1.075, 1.15, 1.3, 1.7, 2.5, math.inf)  # of the errors by which cases are counted
@@ -49,28 +51,36 @@ def scaled(truth: Truth, values: Mapping[str, float], strength: str, factor: flo
     return replace(truth, parameters=fixed, signed=())
 
 
-def solve(effect: str, error: float, seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
-    """A robot with the effect that leaves about this error, diagnosed."""
-    truth, strength = named_truth(effect), STRENGTHS[effect]
-    full = challenge_with((truth,), seed, forces, PLAN)
+def at_strength(
+    effect: str, error: float, seed: int, forces: bool, plan: RecordingPlan, pool: Executor
+) -> tuple[Truth, float]:
+    """The truth of an effect so strong that the best fit without it leaves about this error, and over what is drawn."""
+    truth = named_truth(effect)
+    full = challenge_with((truth,), seed, forces, plan)
     values = {name: value for name, (value, _) in full.answer.effects[0].parameters.items()}
     training, _ = hold_out_last(full.dataset, None)
     left = nominal_fit(training, full.nominal, DiagnosisRequest('mas'), SearchContext(pool, Event())).error
     factor = math.sqrt((error**2 - 1.0) / max(left**2 - 1.0, 1e-4))
-    made = challenge_with((scaled(truth, values, strength, factor),), seed, forces, PLAN)
+    return scaled(truth, values, STRENGTHS[effect], factor), factor
+
+
+def solve(effect: str, error: float, seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
+    """A robot with the effect that leaves about this error, diagnosed."""
+    truth, factor = at_strength(effect, error, seed, forces, PLAN, pool)
+    made = challenge_with((truth,), seed, forces, PLAN)
     data = as_data(diagnose(made.dataset, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
     return {
         'factor': factor, 'bare': data['error'][0]['train'], 'last': data['error'][-1]['train'],
-        'verdict': data['verdict'], 'effects': data['effects'], 'probability': probability(effect, data['ranking']),
+        'verdict': data['verdict'], 'effects': data['effects'], 'probability': probability(effect, data),
     }  # fmt: skip
 
 
-def probability(effect: str, ranking: list[dict[str, Any]]) -> float:
-    """The share of the effect, in whatever scope, of exp(-BIC/2) of the candidates and of no effect."""
-    bic = np.array([0.0, *(one['delta_bic'] for one in ranking)])
-    weights = np.exp(-0.5 * (bic - bic.min()))
-    own = np.array([False, *(one['effect'] == effect for one in ranking)])
-    return float(weights[own].sum() / weights.sum())
+def probability(effect: str, data: Mapping[str, Any]) -> float:
+    """That the effect is there, in whatever scope: the weight of all models that have it."""
+    return float(sum(
+        model['probability'] for model in data['models']
+        if any(name.partition(SEPARATOR)[0] == effect for name in model['effects'])
+    ))  # fmt: skip
 
 
 def table(results: list[dict[str, Any]]) -> Iterator[str]:
