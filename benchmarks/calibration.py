@@ -59,7 +59,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nomin
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import with_candidate
-from sma_sim.evidence.search.posterior import Posterior, unlisted_probability
+from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.scope import SEPARATOR
@@ -159,7 +159,7 @@ def answers(posterior: Posterior) -> dict[str, float]:
     found: dict[str, float] = {}
     for model, weight in zip(posterior.models, posterior.weights, strict=True):
         names = sorted(one.name for one in model.components if not (one.is_formula or one.is_difference))
-        unlisted = 1.0 if any(one.is_formula for one in model.components) else unlisted_probability(model)
+        unlisted = 1.0 if any(one.is_formula for one in model.components) else model.unlisted
         for answer, share in ((UNLISTED, unlisted), ('+'.join(names) or NONE, 1.0 - unlisted)):
             found[answer] = found.get(answer, 0.0) + weight * share
     return dict(sorted(found.items(), key=lambda item: -item[1]))

@@ -28,7 +28,8 @@ QUESTIONS = {
     'evidence/experiment_design': 'Which experiment decides?',
     'evidence/symbolic_regression': 'Which equation describes the missing part?',
     'evidence/latent_input': 'Which force, heat or strain over time is missing?',
-    'evidence/model_selection': 'Which candidates explain the error, and do they predict better?',
+    'evidence/search': 'Which sets of components explain the recordings, and how probable are they?',
+    'evidence/model_selection': 'What could a candidate explain, and where do fits with it begin?',
     'evidence/residual_analysis': 'Where is the error?',
     'evidence/monitoring': 'Does a running robot still follow the model?',
     'evidence/estimation': 'Which parameters fit, and how certain are they?',
@@ -46,8 +47,8 @@ COLOURS = {
     'challenge': '#f3e3c3',
 }
 COLUMNS = {  # where the boxes stand, so that no arrow crosses one
-    'challenge': -3.4, 'cli/common': -2.4, 'evidence/experiment_design': -1.3, 'evidence/diagnosis': 1.3, 'ros': 3.4,
-    'explore': 1.0, 'workflow': 1.0,
+    'challenge': -3.4, 'cli/common': -2.4, 'evidence/latent_input': -1.4, 'evidence/experiment_design': 0.9, 'ros': 3.4,
+    'explore': 1.0, 'workflow': 1.0, 'evidence/diagnosis': 2.2,
     'evidence/symbolic_regression': 1.3, 'evidence/residual_analysis': 2.4, 'evidence/monitoring': 3.4,
 }  # fmt: skip
 
