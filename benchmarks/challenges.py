@@ -21,7 +21,7 @@ from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import fits_all
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
@@ -60,7 +60,7 @@ def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Exe
     return {
         'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,
         'alike': data['ranking'][0]['confounded_with'] if ranked else [],
-        'p': data['ranking'][0]['family_p'] if ranked else None,
+        'probabilities': data['probabilities'],
         'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
         'together': data.get('fitted_together'),
     }  # fmt: skip
@@ -77,7 +77,7 @@ def is_detectable(one: dict[str, Any]) -> bool:
     """Whether the best fit without effects misses the held-out run, and does so even when it is fitted to that run too."""
     together = one.get('together')
     left = max(together['train'], together['held_out']) if together else DETECTABLE
-    reconciled = not one['effects'] and left <= CRITERIA.pooled_noise_only
+    reconciled = not one['effects'] and left <= fits_all(DETECTABLE)
     return one['bare'] > DETECTABLE and not reconciled
 
 
@@ -102,6 +102,8 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     yield f'undetectable, nothing or the right one: {fine} of {len(unseen)}'
     nothing = part_of('nothing')
     yield f'nothing missing, false alarms: {sum(one["verdict"] != "none" for one in nothing)} of {len(nothing)}'
+    if nothing:
+        yield f'  mean P(none): {np.mean([one["probabilities"]["none"] for one in nothing]):.3f}'
     pairs = part_of('pairs')
     single = [one for one in pairs if not set(one['case'][1]) <= set(one['effects'])]
     covered = sum(is_right(one) and one['last'] <= DETECTABLE for one in single)

@@ -19,12 +19,10 @@ from sma_sim.challenge.make import Challenge, RecordingPlan, challenge_with, mak
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.executors import one_thread_for_linear_algebra
 
-STAGES = {  # by what the line of progress contains
-    'fitting the hybrid': 'nominal fits', 'fitting the mas': 'nominal fits',
-    'screening': 'score tests', 'refitting with': 'refits',
-    'cross-validating': 'cross-validation, other kinetics', 'kinetics predict better': 'cross-validation, other kinetics',
-    'not realistic': 'realistic values', 'may differ between': 'differing recordings',
-    'terms': 'terms of equations', 'its rivals beside': 'backward elimination', 'the last fit': 'last fit, intervals',
+STAGES = {  # by what the line of progress contains, the first that is there
+    'fitting the hybrid': 'nominal fits', 'fitting the mas': 'nominal fits', 'may lack': 'proposals',
+    'terms': 'terms of equations', 'in place of': 'exchanges', 'held-out runs': 'held-out runs',
+    'all runs': 'held-out runs', 'the last fit': 'last fit, intervals', 'fitting': 'fits of proposals',
 }  # fmt: skip
 LISTED, TWO, ONE_WIRE, EQUATION = 'gravity', ('guide_friction', 'gravity'), 'wire_1_friction', 'curved_slopes'
 MANY = RecordingPlan(runs=30)

@@ -19,11 +19,12 @@ from typing import Any
 
 from cases import add_options, drawn, of, solved
 
-import sma_sim.evidence.diagnosis.diagnose as diagnosing
+import sma_sim.evidence.search.beam as beam
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.search.components import Catalogue
 
 DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
 NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states
@@ -49,13 +50,13 @@ def solve(kind: str, seed: int, forces: bool, unknown_only: bool, pool: Executor
 
 @contextmanager
 def no_known_effects() -> Iterator[None]:
-    """Without the search among known effects."""
-    known = diagnosing.select_forward
-    diagnosing.select_forward = lambda *_: ()
+    """With an empty catalogue of effects."""
+    known = beam.catalogue_for
+    beam.catalogue_for = lambda *_: Catalogue((), ())
     try:
         yield
     finally:
-        diagnosing.select_forward = known
+        beam.catalogue_for = known
 
 
 def is_detectable(result: dict[str, Any]) -> bool:

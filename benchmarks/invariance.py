@@ -93,7 +93,7 @@ def in_foreign(name: str, cell: str) -> str:
 
 
 def other_seeds(folder: Path) -> Asked:
-    """Other random starts of the fit, and other draws of the bootstrap."""
+    """Other random starts of the fit, and other draws of the score tests."""
     return read(folder), plain_request(seed=29)
 
 

@@ -69,7 +69,7 @@ def shown(step: ModelStage, noise: float) -> dict[str, Any]:
 def result(found: Diagnosis) -> dict[str, Any]:
     """What the table needs of a diagnosis."""
     tried = [
-        [candidate.name, candidate.error_ratio, candidate.plausible, candidate.family_p]
+        [candidate.name, candidate.error_ratio, candidate.plausible, candidate.log_odds]
         for step in found.selection_steps for candidate in step.candidate_fits
     ]  # fmt: skip
     steps = [shown(stage, found.noise_std['stress']) for stage in found.stages]

@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+from calibration import table as calibration_rows
 from cases import of
 from challenges import is_detectable, is_right
 from designs import summary as design_rows
 from equations import table as equation_rows
 from invariance import table as invariance_rows
+from laplace import table as laplace_rows
 from latent import table as latent_table
 from nitinol import rows as wire_rows
 from other_forms import table as other_form_rows
 from recovery import table as recovery_rows
-from scipy.stats import kstest
 
-LEVELS = (0.01, 0.05, 0.1, 0.5)  # of p-values
 Case = dict[str, Any]
 
 
@@ -102,15 +101,10 @@ def is_unknown(case: Case) -> bool:
     return bool(case['verdict'] == 'unknown_effect')
 
 
-def p_value_table(results: list[Case]) -> str:
-    """Shares of p-values below levels, and a test of uniformity; the figure."""
-    p = np.array([case['p'] for case in results if 'failed' not in case])
-    shares = [float(np.mean(p <= level)) for level in LEVELS]
-    head = ['robots', *(f'p <= {level:g}' for level in LEVELS), 'uniform? Kolmogorov-Smirnov p']
-    figure = (
-        '![Share of robots that lack nothing against the family-wise p-value, with the 95 % band](../figures/pvalues.png)'
-    )
-    return rows(head, [[len(p), *shares, float(kstest(p, 'uniform').pvalue)]]) + '\n\n' + figure
+def calibration_table(results: list[Case]) -> str:
+    """Reliability, scores, every case; the figure."""
+    figure = '![Share of answers that are right against their probability, with 95 % intervals](../figures/reliability.png)'
+    return '\n'.join(calibration_rows(results)) + '\n\n' + figure
 
 
 @dataclass(frozen=True)
@@ -227,9 +221,14 @@ PARTS = (
     Part('diagnosis_time', 'Where the time of a diagnosis goes', 7, script('diagnosis_time'),
          'Robots whose pose and forces were recorded in three runs of 100 s (or thirty), by what is hidden: nothing, '
          'effects of the library, one in a wire only, and one that asks for an equation.'),
-    Part('pvalues', 'P-values', 7, (*cases('pvalues'), '--figure', '{root}/docs/figures/pvalues.png'),
-         'Robots that lack nothing: the family-wise p-value of the best effect should be uniform.',
-         p_value_table, True, share=0.2),
+    Part('calibration', 'Calibration of probabilities', 60,
+         (*cases('calibration'), '--figure', '{root}/docs/figures/reliability.png'),
+         'Robots that hide nothing, one effect from invisible to plain, two, laws in another form, laws of no list: how '
+         'often the most probable answer is right. Odds: of the robot\'s own laws against models that lack one of them.',
+         calibration_table, True, share=0.1),
+    Part('laplace', 'Odds by Laplace\'s method', 20, cases('laplace'),
+         'Log odds of a model with an effect against the one without, by the search and by nested sampling (needs '
+         '`dynesty`).', joined(laplace_rows), True, share=0.25),
     Part('invariance', 'Invariance of the diagnosis', 7, cases('invariance'),
          'The same data with runs in another order, under foreign names and units, with other seeds, and decimated. '
          '`same`: same verdict and first effect.', joined(invariance_rows), True, share=0.1),
@@ -243,8 +242,7 @@ PARTS = (
     Part('other_forms', 'Listed effects in other forms', 27,
          cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
          'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
-         'wires share, with another exponent. `right`: name and scope, or exactly the true equation. `wire_2_latent` with '
-         'forces is a case by which the rule for unrealistic values was made.',
+         'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
          joined(other_form_rows), True, share=0.1),
     Part('recovery', 'Recovery against magnitude', 8, cases('recovery', '--seeds', '503'),
          'Six effects of the library whose strength is scaled until the best fit without them leaves a given error over '
