@@ -114,4 +114,3 @@ def channel_plot(before: ModelStage, after: ModelStage, given: Sequence[ChannelS
     words = 'Error over noise by channel'
     words += ', of your model as it was given, calibrated before this step, and after it' if errors else ' before and after'
     return Plot(figure, f'{words}; dotted: the noise.', 280)
-
