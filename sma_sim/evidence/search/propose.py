@@ -34,9 +34,13 @@ class Proposal:
 
 
 def listed(base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext) -> list[Proposal]:
-    """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out."""
+    """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out; none where the model
+    cannot be linearised."""
     candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
-    screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
+    try:
+        screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
+    except SimulationError:
+        return []
     return promising(
         Proposal(component, 0.5 * result.gain + component.log_prior)
         for result in screened for component in (catalogue.component(result),)
