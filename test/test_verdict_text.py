@@ -57,7 +57,7 @@ def diagnosis(verdict, *candidates, errors=(10.0, 1.0), stopped=False, **changes
         'verdict': verdict, 'effects': tuple(names), 'selection_steps': tuple(steps), 'posterior': None,
         'stages': tuple(stage(names[:k], error, 'added' if k else 'nominal') for k, error in enumerate(errors)),
         'held_out_ratio': {}, 'confounding': {}, 'training': ('run1', 'run2'), 'held_out': ('run3',), 'noise_std': {},
-        'interrupted': stopped, 'seconds': 1.0,
+        'interrupted': stopped, 'search_ended': not stopped, 'seconds': 1.0,
     }  # fmt: skip
     return Diagnosis(**given | changes)
 

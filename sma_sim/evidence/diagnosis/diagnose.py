@@ -63,7 +63,7 @@ class Diagnosis:
     noise_std : mapping
         Standard deviation of the noise by channel, SI units.
     interrupted : bool
-        Whether the search was stopped; the results are those up to then.
+        Whether the diagnosis was stopped; the results are those up to then.
     seconds : float
         Time that the diagnosis took.
     proposal : Proposal or None
@@ -82,6 +82,10 @@ class Diagnosis:
         By recording, the verdict and effects if it were held out; empty where a single one was fitted.
     limit : float
         Error over noise above which something counts as missing that no accepted effect explains.
+    together : Diagnosis or None
+        The search with the held-out runs among the fitted ones, where these did not say what is missing.
+    search_ended : bool
+        Whether the search came to its end, rather than being stopped on the way.
     """
 
     verdict: str
@@ -104,6 +108,8 @@ class Diagnosis:
     similar: SimilarEffect | None = None
     differences: tuple[RecordingDifference, ...] = ()
     limit: float = CRITERIA.unexplained
+    together: Diagnosis | None = None
+    search_ended: bool = True
 
     @property
     def calibration(self) -> Calibration:
@@ -142,11 +148,6 @@ class Diagnosis:
     def findings(self) -> tuple[str, ...]:
         """The effects that the search has found, a proposed one among them."""
         return (*self.effects, *((self.proposal.effect,) if self.proposal else ()))
-
-    @property
-    def search_ended(self) -> bool:
-        """Whether the search came to its end, rather than being stopped on the way."""
-        return not self.interrupted
 
 
 def diagnose(
@@ -210,8 +211,22 @@ def diagnose(
             kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
         )  # fmt: skip
         found = search_effects(StageData(training, held_out, request.options), config, request, context)
+        if training.floor and held_out is not None:
+            found = searched_together(found, training, held_out, config, request, context)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
+
+
+def searched_together(
+    found: Diagnosis, training: Dataset, held_out: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
+) -> Diagnosis:  # fmt: skip
+    """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools."""
+    if found.verdict != 'unknown_effect' or context.stop.is_set():
+        return found
+    context.on_progress('the held-out runs are not explained: searching all runs together')
+    everything = replace(training, recordings=(*training.recordings, *held_out.recordings))
+    joint = search_effects(StageData(everything, None, request.options), config, replace(request, equation=False), context)
+    return found if context.stop.is_set() else replace(found, together=joint)
 
 
 def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
@@ -220,7 +235,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     book = search([on_run_subset(fit) for fit in nominal], context, request.equation)
     posterior = posterior_of(book)
     models = path_to(posterior.best, book, context)
-    steps = steps_along(models, book, posterior, context)
+    steps, ended = steps_along(models, book, posterior, context), not context.stop.is_set()
     path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]
     for fit in path[1:]:
         report_model('accepted', fit, context)
@@ -246,6 +261,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         training=tuple(recording.name for recording in data.training.recordings),
         held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
         noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0,
+        search_ended=ended,
         proposal=proposed, pooled_errors=end.pooled_errors,
         taken_back=tuple(name for name in path[-1].effects if name not in end.last.effects),
         similar=similar, implausible=implausible, differences=data.differences(end.last, context),

@@ -59,6 +59,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         **({'fitted_together': asdict(diagnosis.pooled_errors)} if diagnosis.pooled_errors else {}),
         **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
     })  # fmt: skip
+    if diagnosis.together is not None:
+        found['together'] = as_data(diagnosis.together)
     return found
 
 

@@ -54,6 +54,7 @@ TAKEN_UNREALISTIC = (
     'robot can have it.'
 )
 REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
+TOGETHER = 'With the held-out runs fitted too: {verdict} Error over noise {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
 ONE_RUN = (
@@ -161,6 +162,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield from left_lines(diagnosis)
     elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit):
         yield together_sentence(diagnosis.pooled_errors)
+    yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:
         yield ONE_RUN
     elif not diagnosis.held_out:
@@ -186,6 +188,17 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
             unit = 'K above that of the input' if difference.ambient else 'SI'
             shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [{unit}]'
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
+
+
+def together_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """What all recordings say together, where the fitted ones did not say what is missing."""
+    joint = diagnosis.together
+    if joint is None:
+        return
+    first, last = joint.nominal.train, joint.stages[-1].train
+    yield TOGETHER.format(verdict=headline(joint), first=first, last=last)
+    for candidate in accepted_fits(joint):
+        yield from (f'  {line}' for line in parameter_lines(candidate, joint))
 
 
 def firmness_lines(diagnosis: Diagnosis) -> Iterator[str]:
