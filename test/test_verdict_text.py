@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from sma_sim.evidence.diagnosis import verdict_text
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.proposed_equation import error_words
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
@@ -168,16 +167,6 @@ def test_an_effect_that_is_taken_with_unrealistic_values_is_said_to_be():
         assert not any('effects.radiation' in line for line in said)
     taken.plausible = True
     assert any(line.startswith('Outside the plausible range: effects.radiation') for line in remarks(found))
-
-
-def test_effects_that_an_equation_replaces_are_named(monkeypatch):
-    monkeypatch.setattr(verdict_text, 'proposed_text', lambda diagnosis: iter(()))
-    stages = (stage((), 10.0, 'nominal'), stage(('gravity',), 1.1, 'added'), stage(('proposed',), 1.0, 'formula'))
-    found = diagnosis('unknown_effect', candidate('gravity'), errors=(10.0, 1.1))
-    proposal = SimpleNamespace(effect='proposed')
-    said = ' '.join(remarks(replace(found, proposal=proposal, effects=(), taken_back=('gravity',), stages=stages)))
-    assert 'Taken back: gravity. The equation explains by itself' in said
-    assert 'Known effects leave' not in said and 'The fitted runs are explained' not in said
 
 
 @pytest.mark.parametrize(

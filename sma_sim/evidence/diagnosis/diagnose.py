@@ -71,7 +71,7 @@ class Diagnosis:
     pooled_errors : PooledErrors or None
         How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
     taken_back : tuple of str
-        Effects that were accepted, but hardly help to predict the held-out runs, or that the proposed equation replaces.
+        Effects of the best model without which the held-out runs are predicted better.
     differences : tuple of RecordingDifference
         What each recording has its own, which is no physics of the robot.
     similar : SimilarEffect or None

@@ -53,7 +53,6 @@ TAKEN_UNREALISTIC = (
     'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
     'robot can have it.'
 )
-REPLACED = 'Taken back: {effects}. The equation explains by itself what this explained in part.'
 TOGETHER = 'With the held-out runs fitted too: {verdict} Error over noise {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
@@ -246,8 +245,6 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
         worse, best = taken_back
         names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
-    elif diagnosis.taken_back:
-        yield REPLACED.format(effects=joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back]))
 
 
 def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
