@@ -11,7 +11,6 @@ from sma_sim import Dataset, Input, Model, Recording, find_effects, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -94,12 +93,15 @@ def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
     found = diagnose(runs, config('mas', 'wire'), request=request('mas'))
     assert found.verdict == verdict
     if found.effects:
-        assert found.effects == ('latent_heat_scale',)
-        first = as_data(found)['ranking'][0]
-        assert first['parameters']['k']['value'] == pytest.approx(1.0 / 1.25, rel=0.05)
-        assert 'power gain 1/k' in first['same_as']
-        assert any('No data can tell it from a power gain 1/k' in line for line in as_text(found))
-        indistinguishable = found.confounding['latent_heat_scale']
-        assert {rival.name for rival in indistinguishable} == set(first['confounded_with']) and all(
-            rival.rms_difference < 0.3 for rival in indistinguishable
+        # a gain of the load cell explains as much, with stiffer wires: these data leave both
+        (accepted,) = found.effects
+        data = as_data(found)
+        by_name = {one['effect']: one for one in data['ranking']}
+        assert (
+            accepted in ('latent_heat_scale', 'sensor_gain') and data['probabilities']['effects']['latent_heat_scale'] > 0.1
         )
+        assert {'latent_heat_scale', 'sensor_gain'} == {accepted, *by_name[accepted]['confounded_with']}
+        latent = by_name['latent_heat_scale']
+        assert latent['parameters']['k']['value'] == pytest.approx(1.0 / 1.25, rel=0.05)
+        assert 'power gain 1/k' in latent['same_as']
+        assert all(rival.rms_difference < 0.3 for rival in found.confounding[accepted])
