@@ -67,6 +67,7 @@ from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import plain_axes, save, sized_figure
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.inputs import Input
+from sma_sim.solver.simulate import SimulationError
 
 NONE, UNLISTED, NOTHING = 'none', 'unlisted', 'nothing'
 PARTS = (NOTHING, 'one', 'pairs', 'forms', UNLISTED)
@@ -220,6 +221,8 @@ def evidence_with(
         fit = FitResult(problem, z, math.inf)
     starts = (fit.z, at_values(fit.problem, fit.z, robot.parameters))
     found = [one for z in starts if (one := refit(fit.problem, z, context, ADDED_EFFECT)) is not None]
+    if not found:
+        raise SimulationError("the robot's own laws cannot be simulated from its own values")
     return evidence_of(min(found, key=lambda one: one.cost), len(chosen) * log_prior, context)
 
 

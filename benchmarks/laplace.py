@@ -44,6 +44,7 @@ from sma_sim.evidence.model_selection.refit import at_finite_step, refit
 from sma_sim.evidence.model_selection.sketches import at_defaults, with_candidate
 from sma_sim.evidence.search.score import Evidence, evidence_of, realism
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.solver.simulate import SimulationError
 
 EFFECTS = (
     'gravity', 'natural_convection', 'thermal_crosstalk', 'polycrystal', 'driver_lag', 'driver_deadband', 'joint_friction',
@@ -116,8 +117,11 @@ def fit_with(base: FitResult, candidate: Candidate, context: SearchContext) -> F
 
 def fitted(starts: Sequence[tuple[Problem, Vector]], context: SearchContext) -> FitResult:
     """The best of several fits."""
-    found = [refit(problem, z, context, how) for problem, z in starts for how in (ADDED_EFFECT, FROM_PRIORS)]
-    return min((fit for fit in found if fit is not None), key=lambda fit: fit.cost)
+    tried = [refit(problem, z, context, how) for problem, z in starts for how in (ADDED_EFFECT, FROM_PRIORS)]
+    found = [fit for fit in tried if fit is not None]
+    if not found:
+        raise SimulationError('the model cannot be simulated from any start')
+    return min(found, key=lambda fit: fit.cost)
 
 
 def nested(
