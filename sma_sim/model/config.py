@@ -11,6 +11,7 @@ from shlex import quote
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.effects.discovery import (
     ActiveEffect,
     FoundEffect,
@@ -92,8 +93,8 @@ def settings_of(structure: Structure) -> dict[str, Setting]:
 
 
 @renamed(model='kinetics')
-@dataclass(frozen=True, init=False, repr=False)
-class Config:
+@dataclass(frozen=True, init=False, repr=False, eq=False)
+class Config(Comparable):
     """Checked parameters of a model: what is wrong raises where it is constructed, and nothing changes afterwards.
 
     Parameters

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 from sma_sim.evidence.data.recording import is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import DEFAULTS, Parameter
 
 BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
@@ -206,8 +206,7 @@ def choose_free(
     requested = list(dict.fromkeys(names))
     for name in requested:
         if name not in declared:
-            close = get_close_matches(name, list(declared), n=1, cutoff=0.4)
-            hint = f'; did you mean {close[0]}?' if close else ''
+            hint = suggestion(name, declared)
             raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                             'or effects.NAME.* of an active effect')  # fmt: skip
     fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]
