@@ -56,8 +56,10 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
     ----------
     path : str or Path
         The file (.npz).
-    effects, structures : iterable
-        Effects and structures of your own that the result has: a file runs no code, and does not hold them.
+    effects : iterable of Effect
+        Effects of your own that the result has: a file runs no code, and does not hold them.
+    structures : iterable of Structure
+        Likewise.
 
     Returns
     -------

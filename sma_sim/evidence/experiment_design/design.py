@@ -133,6 +133,20 @@ def next_experiment(
         keeps.
     KeyboardInterrupt
         For Ctrl-C before the search has started.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 8.0], [0.0, 10.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 2.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> dataset = sma_sim.Dataset(recording, {'alpha': 3.5e-4})
+    >>> request = sma_sim.DesignRequest(parameters='beam.E', length=8.0, hold=2.0, kinetics='hybrid', budget=2)
+    >>> plan = sma_sim.next_experiment(dataset, sma_sim.Config(), request)  # doctest: +SKIP
+    >>> sma_sim.next_experiment(dataset, sma_sim.Config(), sma_sim.DesignRequest(between='gravity'))
+    Traceback (most recent call last):
+    ...
+    sma_sim.model.errors.UserError: --between gravity: expected at least two different explanations
     """
     t_start = time.perf_counter()
     check_design_request(training, config, request)
