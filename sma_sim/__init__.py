@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sma_sim import effects as effects
     from sma_sim import structures as structures
+    from sma_sim.challenge.files import write_challenge as write_challenge
+    from sma_sim.challenge.make import Challenge as Challenge
+    from sma_sim.challenge.make import RecordingPlan as RecordingPlan
+    from sma_sim.challenge.make import make_challenge as make_challenge
     from sma_sim.evidence.data.recording import Dataset as Dataset
     from sma_sim.evidence.data.recording import Recording as Recording
     from sma_sim.evidence.data.recordings import read_dataset as read_dataset
@@ -20,8 +24,17 @@ if TYPE_CHECKING:
     from sma_sim.evidence.estimation.cross_validation import evaluate_held_out as evaluate_held_out
     from sma_sim.evidence.estimation.residuals import Nuisance as Nuisance
     from sma_sim.evidence.estimation.residuals import predict as predict
+    from sma_sim.evidence.estimation.uncertainty import Interval as Interval
+    from sma_sim.evidence.experiment_design.design import next_experiment as next_experiment
+    from sma_sim.evidence.experiment_design.plan import DesignRequest as DesignRequest
+    from sma_sim.evidence.experiment_design.plan import Plan as Plan
+    from sma_sim.evidence.latent_input.latent_search import LatentRequest as LatentRequest
     from sma_sim.evidence.latent_input.latent_search import estimate_latent_inputs as estimate_latent_inputs
     from sma_sim.evidence.latent_input.results import LatentInputs as LatentInputs
+    from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest as DiagnosisRequest
+    from sma_sim.evidence.residual_analysis.compare import Comparison as Comparison
+    from sma_sim.evidence.residual_analysis.compare import compare as compare
+    from sma_sim.model.archive import load as load
     from sma_sim.model.config import Config as Config
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
@@ -40,18 +53,28 @@ if TYPE_CHECKING:
     from sma_sim.solver.inputs import module_input as module_input
     from sma_sim.solver.inputs import wire_input as wire_input
     from sma_sim.solver.model import Model as Model
-    from sma_sim.solver.simulate import Trajectory as Trajectory
     from sma_sim.solver.simulate import simulate as simulate
+    from sma_sim.solver.trajectory import Trajectory as Trajectory
+    from sma_sim.workflow.code_folders import write_config as write_config
 
+__version__ = '0.1.0'
 _EXPORTS = {
-    'evidence.estimation.calibrate': ('Calibration', 'FitOptions', 'calibrate'),
-    'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
-    'evidence.estimation.cross_validation': ('evaluate_held_out',),
-    'evidence.latent_input.latent_search': ('estimate_latent_inputs',),
-    'evidence.latent_input.results': ('LatentInputs',),
+    'challenge.files': ('write_challenge',),
+    'challenge.make': ('Challenge', 'RecordingPlan', 'make_challenge'),
     'evidence.data.recording': ('Dataset', 'Recording'),
     'evidence.data.recordings': ('read_dataset',),
+    'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
+    'evidence.estimation.calibrate': ('Calibration', 'FitOptions', 'calibrate'),
+    'evidence.estimation.cross_validation': ('evaluate_held_out',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),
+    'evidence.estimation.uncertainty': ('Interval',),
+    'evidence.experiment_design.design': ('next_experiment',),
+    'evidence.experiment_design.plan': ('DesignRequest', 'Plan'),
+    'evidence.latent_input.latent_search': ('LatentRequest', 'estimate_latent_inputs'),
+    'evidence.latent_input.results': ('LatentInputs',),
+    'evidence.model_selection.nominal_fit': ('DiagnosisRequest',),
+    'evidence.residual_analysis.compare': ('Comparison', 'compare'),
+    'model.archive': ('load',),
     'model.config': ('Config', 'default_parameters', 'read_config'),
     'model.effects.effect': ('EachBundle', 'Effect', 'EffectChoice'),
     'model.effects.discovery': ('find_effects',),
@@ -62,7 +85,9 @@ _EXPORTS = {
     'model.structures.structure': ('Coordinate', 'Structure'),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),
     'solver.model': ('Model',),
-    'solver.simulate': ('Trajectory', 'simulate'),
+    'solver.simulate': ('simulate',),
+    'solver.trajectory': ('Trajectory',),
+    'workflow.code_folders': ('write_config',),
 }
 _MODULES = ('effects', 'structures')
 __all__ = sorted(name for names in _EXPORTS.values() for name in names)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -151,9 +152,12 @@ def test_the_report_has_the_model_as_it_was_given_beside_the_calibrated_one(with
     assert fitted.y[1] == bare.train
     page = tmp_path / 'why.html'
     write_diagnosis_page(
-        page, review, provenance=Provenance('sma-sim diagnose <x> & y', {'mine.yaml': 'wire: {a: 1}  # <b>'})
+        page,
+        review,
+        provenance=Provenance('sma-sim diagnose <x> & y', {'mine.yaml': 'wire: {a: 1}  # <b>'}, time.monotonic() - 200.0),
     )
     text = page.read_text()
+    assert 'done in 3 min 2' in text
     for words in ('as given', 'calibrated without', 'sma-sim diagnose &lt;x&gt; &amp; y', 'wire: {a: 1}  # &lt;b&gt;'):
         assert words in text, words
     assert re.search(rf'Made on \d{{4}}-\d\d-\d\d at .* by sma_sim {re.escape(metadata.version("sma_sim"))}\.', text)

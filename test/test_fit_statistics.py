@@ -9,11 +9,10 @@ from scipy.stats import chi2, norm
 
 from sma_sim.evidence.estimation.calibrate import errors_by_channel
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
-from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, MAX_PRIOR_STDS, FreeParameter
 from sma_sim.evidence.estimation.homogeneity import cochran_p, sentences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import (
-    MAX_PRIOR_STDS,
     RANGE_TOLERANCE,
     implausible_parameters,
     realistic_range,

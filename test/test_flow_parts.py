@@ -210,14 +210,14 @@ def test_forces_of_effects_add_up_as_long_as_there_is_room():
     random, found = np.random.default_rng(2), {}
     state = random_state(make_model('module'), random, 3)
     for count in (0, 1, 2, 64):
-        model = make_model('module', 'hybrid', [active('gravity')] * count)
+        model = Model(Config().variant(effects=(active('gravity'),) * count))
         found[count] = evaluate(model, state.y, state.u, state.du, state.mode, state.x_frozen).dy
     one = found[1] - found[0]
     assert np.abs(one[3:6]).max() > 1.0 and not one[:3].any()
     for count in (2, 64):
         assert found[count] - found[0] == pytest.approx(count * one, rel=1e-9, abs=1e-6)
     with pytest.raises(UserError, match='65 effects act on the .*: expected at most 64'):
-        new_work(make_model('module', 'hybrid', [active('gravity')] * 65))
+        new_work(Model(Config().variant(effects=(active('gravity'),) * 65)))
 
 
 @pytest.mark.parametrize(

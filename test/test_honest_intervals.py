@@ -1,6 +1,7 @@
 """Intervals that promise no more than the recordings say, and limits that are said and moved."""
 
 from dataclasses import replace
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,12 +13,14 @@ from test_recordings_in_fits import problem_of as module_problem
 
 from sma_sim import FitOptions, calibrate
 from sma_sim.cli.common.data import limits_from
+from sma_sim.evidence.diagnosis import model_stage
 from sma_sim.evidence.estimation.cross_validation import RunFit
-from sma_sim.evidence.estimation.fit_remarks import remarks_on, starts_sentences
-from sma_sim.evidence.estimation.fit_result import OtherStart
+from sma_sim.evidence.estimation.fit_remarks import other_minima, remarks_on
+from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.limits import limits_reached, within_limits
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import RULED_OUT, interval, uncertainty, with_other_minima
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
@@ -79,7 +82,7 @@ def test_other_minima_are_part_of_an_interval_or_said():
     assert (wide.low, wide.high) == (a.low, values['a']) and same == b
     assert with_other_minima(known, [far, ruled_out]) == known
     found = SimpleNamespace(other_starts=(near, far, ruled_out), values={'a': a.value, 'b': b.value})
-    said = starts_sentences(found)[1:]
+    said = other_minima(found)
     assert len(said) == 2 and 'the intervals hold these values too' in said[0] and 'intervals' not in said[1]
 
 
@@ -149,3 +152,19 @@ def test_the_end_of_what_a_parameter_can_be_is_no_limit_to_move():
     found = limits_reached(replace(problem, free=(free,), runs=()), np.array([free.low, 0.0]), ())
     assert [(limit.name, limit.is_movable) for limit in found] == [('wire.E_A', False)]
     assert '--limit' not in found[0].text
+
+
+def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeypatch):
+    """The last model of a search is also fitted from its nominal values; the better minimum is taken, the other one kept."""
+    problem, costs = replace(module_problem(), nominal_effects=()), []
+    found = FitResult(problem, np.zeros(len(problem.unknowns)), 100.0)
+    monkeypatch.setattr(FitResult, 'effects', property(lambda _: ('gravity',)))
+    monkeypatch.setattr(model_stage, 'overdispersion', lambda *_: 10.0)
+    monkeypatch.setattr(model_stage, 'refit', lambda given, z, *_: FitResult(given, z + 0.5, costs[-1]))
+    for cost, taken, kept in ((60.0, 0.5, 0.0), (160.0, 0.0, 0.5)):
+        costs.append(cost)
+        best = model_stage.from_defaults_too(found, SearchContext(None, Event()))
+        (other,) = best.other_starts
+        assert best.z[0] == taken and best.cost == min(cost, 100.0)
+        assert other.values['wire.E_A'] == problem.free[0].value(kept) and not other.same
+        assert other.log_odds == pytest.approx(abs(cost - 100.0) / 100.0)

@@ -28,8 +28,8 @@ def test_public_names_have_the_types_that_checkers_see():
     """What is imported when asked for is what `if TYPE_CHECKING` says."""
     tree = ast.parse(Path(sma_sim.__file__).read_text())
     seen = {(alias.name, node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-            for alias in node.names if node.module.startswith('sma_sim')}  # fmt: skip
-    assert seen == {(name, f'sma_sim.{home}') for home, names in sma_sim.HOMES.items() for name in names}
+            for alias in node.names if node.module.startswith('sma_sim.')}  # fmt: skip
+    assert seen == {(name, f'sma_sim.{home}') for home, names in sma_sim._EXPORTS.items() for name in names}
     assert {getattr(sma_sim, name).__name__ for name in sma_sim.__all__} == set(sma_sim.__all__)
     with pytest.raises(AttributeError, match="module 'sma_sim' has no attribute 'simulat'"):
         _ = sma_sim.simulat

@@ -70,6 +70,14 @@ def test_a_dump_loads_whole_and_what_cannot_be_set_is_said(tmp_path):
     assert read_config(tmp_path / 'same.yaml').parameters['wire.omega_x'] == 120.0  # offline, too
 
 
+def test_the_node_leaves_priors_aside():
+    words = ('-p', 'priors.wire.E_A:=5.0e+8', '-p', 'wire.E_A:=6.0e+10', '-r', '__ns:=/left')
+    with ros_client.Simulation(*words, namespace='/left') as one:
+        names = ask(one, ListParameters, 'list_parameters').result.names
+        assert 'wire.E_A' in names and not [name for name in names if name.startswith('priors')]
+        assert one.stop()[0] == 0
+
+
 @pytest.mark.parametrize(
     ('given', 'present', 'same'),
     [

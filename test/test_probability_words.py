@@ -79,7 +79,7 @@ def test_sentences_name_the_best_the_second_and_ties():
     ]
     assert probability_lines(TIED) == [
         'Most probable: a lag of the driver, 60 %. Second: the equation a*dT, 40 %.',
-        'These data do not decide between a lag of the driver or the equation a*dT.',
+        'These data do not decide between a lag of the driver and the equation a*dT.',
     ]
     assert [row.words for row in finding_rows(CLEAR)] == [
         'gravity', 'a constant offset of the sensors, in U_y only', 'nothing missing', 'something that is not listed',

@@ -20,7 +20,7 @@ from sma_sim.explore.differences import differences
 from sma_sim.model.config import Config, read_config
 from sma_sim.report.html.figure_json import GAP, figure_json, packed_curve
 from sma_sim.report.html.figures import envelope, log_axis, new_figure, stretches
-from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, write_page
+from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, elapsed_words, write_page
 
 PATIENCE = 60.0  # [s]
 MOST_BYTES = 3e6
@@ -64,6 +64,14 @@ def test_page_is_one_file_that_loads_nothing(page):
         'Residual over state', 'Data', 'How this page was made',
     ]  # fmt: skip
     assert page.stat().st_size < MOST_BYTES
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'words'),
+    [(0.04, '0.0 s'), (9.94, '9.9 s'), (9.96, '10 s'), (59.6, '1 min 0 s'), (200.0, '3 min 20 s'), (3725.0, '1 h 2 min')],
+)
+def test_times_as_people_say_them(seconds, words):
+    assert elapsed_words(seconds) == words
 
 
 def test_what_made_the_page_stands_in_it(page):

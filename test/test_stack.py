@@ -113,7 +113,7 @@ def mass_matrix(model, q):
 
 def test_accelerations_are_those_of_lagranges_equations():
     """M(q) a + dM/dt v - grad (v M v/2) + grad V = Q for any pose, rates and forces; M(q) from the energy."""
-    model = stack(4, stack__g_x=-7.0, stack__g_y=4.0, beam__E=1e-3)
+    model = Model(stack(4, stack__g_x=-7.0, stack__g_y=4.0).config.variant({'beam.E': 1e-3}))
     random, p, pose = np.random.default_rng(8), model.constants, record('Pose', model.structure.coordinate_names)
     n, h = 12, 1e-5
     for _ in range(5):

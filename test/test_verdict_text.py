@@ -33,6 +33,7 @@ CALIBRATION = SimpleNamespace(
     by_run=(),
     error=1.0,
     limits=(),
+    other_starts=(),
     uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
 )
 

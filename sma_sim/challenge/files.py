@@ -29,6 +29,7 @@ from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.solver.inputs import inputs_at
 
 ANSWER_FILE, NOMINAL_FILE = 'answer.sealed', 'nominal.yaml'
@@ -37,8 +38,40 @@ NOMINAL_GROUPS = ('wire', 'beam', 'plate', 'environment')
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, Vector]], None]] = {'mcap': write_mcap, 'csv': write_columns}
 
 
-def write_challenge(challenge: Challenge, folder: Path, format: str = 'mcap') -> None:
-    """Write everything to a new folder, whole or not at all; `format` is one of WRITERS. Raises UserError."""
+def write_challenge(challenge: Challenge, folder: str | Path, format: str = 'mcap') -> None:
+    """Write recordings, the model to start from and the sealed answer to a new folder, whole or not at all.
+
+    Parameters
+    ----------
+    challenge : Challenge
+        From `make_challenge`.
+    folder : str or Path
+        The folder, which must not exist.
+    format : str
+        Of the recordings: ``'mcap'`` or ``'csv'``.
+
+    Returns
+    -------
+    None
+
+    Raises
+    ------
+    UserError
+        For a folder that exists or cannot be written, and for another format.
+
+    Examples
+    --------
+    >>> import sma_sim, tempfile
+    >>> from pathlib import Path
+    >>> case = sma_sim.make_challenge(1, plan=sma_sim.RecordingPlan(duration=10.0, rate=10.0))
+    >>> folder = Path(tempfile.mkdtemp()) / 'case'
+    >>> sma_sim.write_challenge(case, folder, 'csv')
+    >>> sorted(file.name for file in folder.iterdir())
+    ['answer.sealed', 'meta.json', 'nominal.yaml', 'run1.csv', 'run2.csv', 'run3.csv']
+    """
+    folder = Path(folder)
+    if format not in WRITERS:
+        raise UserError(f'format = {format!r}: expected one of {", ".join(WRITERS)}{suggestion(format, WRITERS)}')
     check_new(folder)
     try:
         temporary = Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))

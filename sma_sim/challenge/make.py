@@ -15,6 +15,7 @@ from sma_sim.challenge.truth import Truth, Vector
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import Shown
 from sma_sim.solver.inputs import Input
 
 PARAMETER_STREAM, EFFECT_STREAM, COMMAND_STREAM, NOISE_STREAM = range(4)  # independent streams of random numbers
@@ -27,7 +28,15 @@ Measured = tuple[Vector, Mapping[str, Vector]]  # times and channels
 
 @dataclass(frozen=True)
 class RecordingPlan:
-    """How many recordings a challenge has, their `duration` [s] and `rate` [samples/s]."""
+    """What a challenge records.
+
+    Attributes
+    ----------
+    runs
+        Number of recordings.
+    duration, rate
+        Of each of them [s], and samples per second.
+    """
 
     runs: int = MIN_RUNS
     duration: float = DEFAULT_DURATION
@@ -37,14 +46,30 @@ class RecordingPlan:
 DEFAULT_PLAN = RecordingPlan()
 
 
-@dataclass(frozen=True)
-class Challenge:
-    """Recordings and the model that the user starts from; the robot behind them and the answer."""
+@dataclass(frozen=True, repr=False)
+class Challenge(Shown):
+    """Recordings of a robot with something hidden in it.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        The recordings.
+    nominal : Config
+        The model that the user starts from.
+    robot : Robot
+        What was recorded.
+    answer : Answer
+        What is hidden in it.
+    """
 
     dataset: Dataset
     nominal: Config
     robot: Robot
     answer: Answer
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance, without the answer."""
+        return {'seed': f'{self.answer.seed}', **self.dataset.facts()}
 
 
 def make_challenge(
@@ -55,11 +80,39 @@ def make_challenge(
     forces: bool = False,
     plan: RecordingPlan = DEFAULT_PLAN,
 ) -> Challenge:
-    """The challenge of a seed, always the same one.
+    """The challenge of a seed, always the same one: recordings of a robot that differs from its model.
 
-    `effects` (0 to 2) hidden effects, `kinds` by name among them, the others drawn outside the library or not as `outside`
-    says; None leaves it to the seed. The recordings of `plan` hold the pose, with `forces` the wires' forces as well. Raises
-    UserError.
+    Parameters
+    ----------
+    seed : int
+        0 or more.
+    effects : int, optional
+        How many effects are hidden, 0 to 2; without it the seed says.
+    outside : bool, optional
+        Whether those that are drawn are outside the library of effects; without it the seed says.
+    kinds : sequence of str
+        Effects that are hidden in any case, by name.
+    forces : bool
+        Whether the forces of the wires are recorded beside the pose.
+    plan : RecordingPlan
+        How many recordings, how long, at which rate.
+
+    Returns
+    -------
+    Challenge
+        Recordings, the model to start from, and the answer.
+
+    Raises
+    ------
+    UserError
+        For a plan or an effect that there is not, and for a seed of which no robot works.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> case = sma_sim.make_challenge(1, effects=1, plan=sma_sim.RecordingPlan(duration=10.0, rate=10.0))
+    >>> len(case.dataset.recordings), len(case.answer.effects)
+    (3, 1)
     """
     check_request(seed, plan)
     chosen = draw_truths(np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, kinds)

@@ -25,7 +25,6 @@ from sma_sim.cli.common.data import (
     write_json,
 )
 from sma_sim.cli.common.options import (
-    ProgressLine,
     add_config_options,
     announce_first_compilation,
     config_from,
@@ -34,6 +33,8 @@ from sma_sim.cli.common.options import (
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.evidence.estimation.fit_remarks import remarks_on
+from sma_sim.evidence.estimation.search_context import iteration_words
+from sma_sim.model.progress import ProgressLine
 from sma_sim.workflow.fit import reviewed_fit, write_fitted
 from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
 
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:
         try:
-            found = calibrate(fitted, config, options, executor, lambda *state: progress.show(step_words(*state)))
+            found = calibrate(fitted, config, options, executor, lambda *state: progress.show(iteration_words(*state)))
         finally:
             progress.close()
         if arguments.out:
@@ -102,11 +103,6 @@ def split_names(words: Sequence[str] | None) -> tuple[str, ...] | None:
     if words is None:
         return None
     return tuple(name.strip() for word in words for name in word.split(',') if name.strip())
-
-
-def step_words(label: str, iteration: int, cost: float) -> str:
-    """What a fit is doing."""
-    return f'{label}, step {iteration}, cost {cost:.4g}'
 
 
 def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:

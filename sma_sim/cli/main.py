@@ -6,6 +6,7 @@ import argparse
 import os
 import shlex
 import sys
+import time
 import traceback
 from importlib import import_module
 
@@ -21,11 +22,12 @@ BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb; exit code 0 when done, 2 for a user's mistake, 1 for our fault."""
-    words = sys.argv[1:] if arguments is None else arguments
+    words, started = sys.argv[1:] if arguments is None else arguments, time.monotonic()
     name = 'sma-sim'
     try:
         chosen = parser_for(words).parse_args(words)
-        name, chosen.command = f'sma-sim {chosen.verb}', shlex.join(['sma-sim', *words])
+        name = f'sma-sim {chosen.verb}'
+        chosen.command, chosen.started = shlex.join(['sma-sim', *words]), started
         code = int(chosen.run(chosen))
         sys.stdout.flush()
         return code

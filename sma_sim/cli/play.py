@@ -13,7 +13,7 @@ import numpy as np
 
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.input_files import read_input
-from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, config_from
+from sma_sim.cli.common.options import add_config_options, add_namespace_option, config_from
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import interface_of_robot, read_bag
@@ -21,6 +21,7 @@ from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
 from sma_sim.evidence.data.tables import Vector, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.progress import ProgressLine
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.entry import NO_ROS
 from sma_sim.solver.inputs import Input, inputs_at

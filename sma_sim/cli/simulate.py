@@ -12,13 +12,14 @@ from typing import Any
 
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.input_files import read_input_file
-from sma_sim.cli.common.options import ProgressLine, add_config_options, add_namespace_option, announce_first_compilation
+from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.progress import ProgressLine
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
 from sma_sim.solver.model import Model

@@ -72,5 +72,5 @@ def run_command(verb: Any, words: str, out: Path) -> int:
     files = ('.html', '.json', '.yaml')
     arguments = [str(out / word) if word in names or word.endswith(files) else word for word in words.split()]
     chosen = parser.parse_args(arguments)
-    chosen.command = f'sma-sim {words}'
+    chosen.command, chosen.started = f'sma-sim {words}', time.monotonic()
     return int(chosen.run(chosen))

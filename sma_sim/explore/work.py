@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +87,8 @@ class WorkOrder:
         """What makes the report of this job: the command that does the same, on the version's parameter file."""
         verb = COMMANDS[self.job.stage]
         words = ['sma-sim', verb, *self.request.options(), '--config', str(self.file), *self.job.command_options()]
-        return Provenance(shlex.join(words), {str(self.file): self.file.read_text(encoding='utf-8')})
+        text = self.file.read_text(encoding='utf-8')
+        return Provenance(shlex.join(words), {str(self.file): text}, time.monotonic() - self.job.age)
 
     def output(self, name: str) -> Path:
         """Where a result goes."""

@@ -11,6 +11,7 @@ from shlex import quote
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.effects.discovery import (
     ActiveEffect,
     FoundEffect,
@@ -50,6 +51,8 @@ MODELS = ('hybrid', 'mas')
 AUTO = 'auto'  # of kinetics: fits take the more probable one, simulations are hybrid
 DEFAULT_SYSTEM = 'module'
 ARGUMENTS = {'system': 'system', 'model': 'kinetics', 'kinetics': 'kinetics', 'effects.active': 'effects'}  # of Config
+PRIORS = 'priors.'  # before the name of a parameter: the standard deviation of what is known of it
+NEVER_FITTED = ('environment', 'initial', 'solver', 'node', 'check')  # groups of parameters
 ROUNDING = 1e-12  # relative: by so much the values of a fit may lie beyond the bounds that it keeps to
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 GivenEffect: TypeAlias = str | Effect | EffectChoice | FoundEffect | ActiveEffect
@@ -90,8 +93,8 @@ def settings_of(structure: Structure) -> dict[str, Setting]:
 
 
 @renamed(model='kinetics')
-@dataclass(frozen=True, init=False, repr=False)
-class Config:
+@dataclass(frozen=True, init=False, repr=False, eq=False)
+class Config(Comparable):
     """Checked parameters of a model: what is wrong raises where it is constructed, and nothing changes afterwards.
 
     Parameters
@@ -111,10 +114,12 @@ class Config:
         Settings of the node that are not numbers; those that are left out have their defaults.
     own_structure : FoundStructure, optional
         The structure where it is not one of the package and has files.
+    priors : mapping of str to float
+        How well values are known before a fit: standard deviations in SI units by full name, such as ``{'wire.E_A': 5e8}``.
 
     Attributes
     ----------
-    parameters, settings : mapping
+    parameters, settings, priors : mapping
         All values, read-only.
     system, kinetics : str
         Name of the structure; kinetics.
@@ -141,6 +146,7 @@ class Config:
     effects: tuple[ActiveEffect, ...]
     settings: Mapping[str, str | bool]
     own_structure: FoundStructure | None
+    priors: Mapping[str, float]
 
     def __init__(
         self,
@@ -150,6 +156,7 @@ class Config:
         effects: GivenEffects = (),
         settings: Mapping[str, str | bool] = NOTHING,
         own_structure: FoundStructure | None = None,
+        priors: Mapping[str, float] = NOTHING,
     ) -> None:
         base = structure_named(system, own_structure)
         of_effects, values = split_parameters(as_mapping('parameters', parameters))
@@ -169,13 +176,16 @@ class Config:
         chosen = {name: checked_setting(name, one, texts[name]) for name, one in words.items()}
         numbers = structure.default_values | numbers
         is_own = own_structure is not None or structure.family not in package_structures()
+        active = chosen_effects(effects, of_effects, structure, numbers)
+        stds = {name: Given(value, in_config('priors')) for name, value in as_mapping('priors', priors).items()}
         self.__dict__.update(
             parameters=MappingProxyType(numbers),
             system=system if isinstance(system, str) and own_structure is None else structure.family,
             kinetics=checked_choice('kinetics', Given(kinetics, in_config('kinetics')), (*MODELS, AUTO)),
-            effects=chosen_effects(effects, of_effects, structure, numbers),
+            effects=active,
             settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
             own_structure=base if is_own else None,
+            priors=MappingProxyType(checked_priors(stds, structure, active)),
         )
 
     def variant(
@@ -235,7 +245,8 @@ class Config:
         )
         kept = {n: v for n, v in values.items() if n in defaults}
         settings = {n: v for n, v in self.settings.items() if n in settings_of(other)}
-        return Config(kept, name, self.kinetics, effects, settings)
+        priors = {n: std for n, std in self.priors.items() if n in kept or n.startswith('effects.')}
+        return Config(kept, name, self.kinetics, effects, settings, priors=priors)
 
     def __repr__(self) -> str:
         defaults = self.structure.structure.default_values
@@ -244,6 +255,25 @@ class Config:
         )
         effects = ', '.join(repr(active.found.effect.name) for active in self.effects)
         return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
+
+
+def checked_priors(
+    given: Mapping[str, Given], structure: Structure, effects: Iterable[ActiveEffect]
+) -> dict[str, float]:  # fmt: skip
+    """Standard deviations of what a fit can change, by full name. Raises ConfigError."""
+    declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
+    declared |= effect_parameters({active.found.effect.name: active.found for active in effects})
+    for name, one in given.items():
+        if name not in declared:
+            hint = suggestion(name, declared)
+            raise ConfigError(f'{PRIORS}{name} ({one.where}): no fit of this model changes {name}{hint}')
+        if isinstance(one.value, bool) or not isinstance(one.value, int | float) or not 0.0 < one.value < math.inf:
+            unit = f' in {declared[name].unit}'.removesuffix(' in -')
+            raise ConfigError(
+                f'{PRIORS}{name} = {one.value!r} ({one.where}): expected a standard deviation{unit}, more than 0'
+                f'{yaml_hint(one.value)}'
+            )
+    return {name: float(one.value) for name, one in given.items()}
 
 
 def same_number(one: float, other: float) -> bool:
@@ -403,7 +433,7 @@ def flat_parameters(config: Config) -> dict[str, Any]:
     for active in config.effects:
         effect = active.found.effect
         values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
-    return values
+    return values | {f'{PRIORS}{name}': std for name, std in config.priors.items()}
 
 
 def folders_of(found: FoundStructure) -> list[str]:
@@ -474,6 +504,8 @@ def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOT
     `objects`: effects by name that are given as such.
     """
     own = checked_structure(given)
+    stds = {name.removeprefix(PRIORS): one for name, one in given.items() if name.startswith(PRIORS)}
+    given = {name: one for name, one in given.items() if not name.startswith(PRIORS)}
     structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
     known = {name: Given(value, 'default') for name, value in defaults.items()}
@@ -494,7 +526,8 @@ def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOT
     asked = given.get('effects.active', Given([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
     values = {name: float(known[name].value) for name in defaults}
-    return Config(values, structure.family, kinetics, effects, settings, own if own.files else None)
+    priors = checked_priors(stds, structure, effects)
+    return Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
 
 
 def checked_kinetics(name: str, one: Given, given: Mapping[str, Given]) -> str:

@@ -7,7 +7,7 @@ from types import ModuleType
 
 from sma_sim.model.errors import UserError
 
-PIP_PACKAGES = {'rosbags': 'rosbags', 'mcap': 'mcap', 'plotly': 'plotly'}  # module: what pip calls it
+PACKAGES = ('rosbags', 'mcap', 'plotly', 'pandas', 'xarray')  # modules that pip calls the same
 
 
 def require(module: str, purpose: str) -> ModuleType:
@@ -21,6 +21,6 @@ def require(module: str, purpose: str) -> ModuleType:
 def missing(error: ModuleNotFoundError, purpose: str) -> Exception:
     """What to raise for a module that was not found: a UserError for one of the optional packages, else the error itself."""
     name = (error.name or '').partition('.')[0]
-    if name not in PIP_PACKAGES:
+    if name not in PACKAGES:
         return error
-    return UserError(f'{purpose} needs the Python package {name}, which is not installed: pip install {PIP_PACKAGES[name]}')
+    return UserError(f'{purpose} needs the Python package {name}, which is not installed: pip install {name}')

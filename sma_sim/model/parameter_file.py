@@ -19,6 +19,7 @@ HEAD = f"""\
   ros__parameters:
 """
 KINETICS = f'{" | ".join(MODELS)}; {AUTO}: simulations are {MODELS[0]}, fits take the more probable of both'
+KNOWN = 'standard deviations of values above as they are known before a fit, in their units'
 ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
 PATHS = 'folders with effect files of your own; relative ones start at this file'
 STRUCTURE_PATHS = 'folders with structure files of your own; relative ones start at this file'
@@ -38,7 +39,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
     for group, members in groups_of(config.structure.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
         lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
-    lines += effect_lines(config, effect_paths)
+    lines += [*effect_lines(config, effect_paths), *prior_lines(config)]
     paths = folders_of(config.structure) if structure_paths is None else structure_paths
     lines += ['structures:', f'  paths: {words(paths)}  # {STRUCTURE_PATHS}']
     return HEAD + ''.join(f'    {line}\n' for line in lines)
@@ -66,6 +67,14 @@ def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:
         yield f'  {active.found.effect.name}:'
         for parameter, value in zip(active.found.effect.parameters, active.values, strict=True):
             yield f'    {line(parameter, value)}'
+
+
+def prior_lines(config: Config) -> Iterator[str]:
+    """How well values are known before a fit."""
+    if config.priors:
+        yield f'priors:  # {KNOWN}'
+    for name, std in config.priors.items():
+        yield f'  {name}: {yaml_number(std)}'
 
 
 def line(parameter: Parameter, value: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -21,9 +22,18 @@ DPI = 120
 LegendPosition = Literal['outside lower center', 'outside upper center']
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows although no window was asked for."""
+
+    def _repr_png_(self) -> bytes:
+        written = io.BytesIO()
+        self.savefig(written, format='png', dpi=DPI)
+        return written.getvalue()
+
+
 def sized_figure(width: float, height: float) -> Figure:
     """An empty figure of this size [inch], drawn without a screen."""
-    figure = Figure(figsize=(width, height), layout='constrained')
+    figure = NotebookFigure(figsize=(width, height), layout='constrained')
     FigureCanvasAgg(figure)
     return figure
 

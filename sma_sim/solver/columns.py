@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.structure import WIRE_STATES, Structure
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
@@ -45,7 +46,8 @@ def sampled_numbers(channels: Sequence[str] | None, structure: Structure) -> NDA
     for name in channels or ():
         if name not in known:
             raise UserError(
-                f'the model of system {structure.name!r} has no channel {name!r}; expected some of {", ".join(known)}'
+                f'the model of system {structure.name!r} has no channel {name!r}{suggestion(name, known)}; expected some of '
+                f'{", ".join(known)}'
             )
     if channels:
         return np.array([known.index(name) for name in channels], dtype=np.int64)

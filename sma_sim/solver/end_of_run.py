@@ -18,6 +18,7 @@ from sma_sim.solver.model import Model, new_findings
 Vector = NDArray[np.float64]
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
+COLD = 150.0  # [K]: no robot's surroundings; degrees Celsius that were given as kelvin are below
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -92,10 +93,12 @@ def melting_note(model: Model, temperatures: Vector) -> str:
 
 
 def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:
-    """Which commands are beyond what the node lets through."""
+    """Which commands are beyond what the node lets through, and an ambient temperature that is hardly one in kelvin."""
     structure, J_max = model.structure, model.config.parameters['node.J_max']
     values = np.asarray(source.values, float)[:, len(structure.drives) : -1]
-    return tuple(
+    cold = np.asarray(source.values, float)[:, -1].min()
+    notes = (f'T_E comes to {cold:g} K: expected kelvin, not degrees Celsius',) if cold < COLD else ()
+    return notes + tuple(
         f'{name} comes to {abs(column).max():g} W, beyond node.J_max = {J_max:g} W, at which the node cuts it off'
         for name, column in zip(structure.commands, values.T, strict=False)
         if abs(column).max() > J_max

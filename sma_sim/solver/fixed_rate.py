@@ -198,4 +198,4 @@ def simulate_fixed_rate(
     times = (k_0 // every + np.arange(written)) * every / rate
     times[0] = k_0 / rate
     log = Log(samples, times, np.array([written]), run.jumps, WHOLE_ROWS)
-    return trajectory(model, log, times, run.run, reason, (*run.notes, *notes_on_commands(model, source)))
+    return trajectory(model, log, times, run.run, reason, (*run.notes, *notes_on_commands(model, source)), source)

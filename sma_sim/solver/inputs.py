@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import as_array
+from sma_sim.model.shown import Shown
 
 Vector = NDArray[np.float64]
 INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the number of columns: module, wire
 
 
-@dataclass(frozen=True)
-class Input:
+@dataclass(frozen=True, eq=False, repr=False)
+class Input(Shown, Comparable):
     """A piecewise linear or held input of a run.
 
     Attributes
@@ -36,16 +39,30 @@ class Input:
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        times, values = np.asarray(self.times, float), np.asarray(self.values, float)
+        times, values = as_array('times', self.times), as_array('values', self.values)
         if times.ndim != 1 or values.shape != (len(times), len(self.linear)) or len(times) == 0:
             raise UserError(
                 f'input: expected times (k,) and values (k, {len(self.linear)}), got {times.shape} and {values.shape}'
             )
+        object.__setattr__(self, 'times', times)
+        object.__setattr__(self, 'values', values)
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
             raise UserError('input: times and values must be finite numbers')
+        if self.names and len(self.names) != len(self.linear):
+            raise UserError(f'input: expected a name for each of {len(self.linear)} columns, got {", ".join(self.names)}')
         if (np.diff(times) <= 0.0).any():
             at = int(np.argmax(np.diff(times) <= 0.0))
             raise UserError(f'input: times must increase, got {times[at]:g} s and then {times[at + 1]:g} s')
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of `values`."""
+        return self.names or INPUT_NAMES[len(self.linear)]
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance."""
+        ranges = (f'{n} {v.min():g} to {v.max():g}' for n, v in zip(self.columns, np.asarray(self.values).T, strict=True))
+        return {'rows': f'{len(self.times)} from {self.times[0]:g} to {self.times[-1]:g} s', 'columns': ', '.join(ranges)}
 
 
 def module_input(
@@ -80,8 +97,7 @@ def module_input(
     >>> sma_sim.module_input([0.0, 5.0, 20.0], [0.0, 12.0, 0.0]).values.shape
     (3, 2)
     """
-    columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (J_eq, T_E)]
-    return Input(np.asarray(times, float), np.column_stack(columns), (linear, False))
+    return input_of(times, {'J_eq': J_eq, 'T_E': T_E}, (linear, False))
 
 
 def wire_input(
@@ -118,8 +134,22 @@ def wire_input(
     >>> run.completed, sorted(run.columns)
     (True, ['T_K', 'mode', 'stress_Pa', 'x_M'])
     """
-    columns = [np.broadcast_to(np.asarray(column, float), len(times)) for column in (strain, J, T_E)]
-    return Input(np.asarray(times, float), np.column_stack(columns), (True, False, False))
+    return input_of(times, {'strain': strain, 'J': J, 'T_E': T_E}, (True, False, False))
+
+
+def input_of(times: Sequence[float], columns: Mapping[str, float | Sequence[float]], linear: tuple[bool, ...]) -> Input:
+    """An input of columns by name, each of one value, or of one for each of the times (k,) [s]. Raises UserError."""
+    at, made = as_array('times', times, '[s]'), []
+    if at.ndim != 1:
+        raise UserError(f'times: expected times (k,) [s], got {times!r}')
+    for name, given in columns.items():
+        values = as_array(name, given)
+        if values.shape not in ((), at.shape):
+            raise UserError(
+                f'{name}: expected one value, or {len(at)} as there are times; got an array of shape {values.shape}'
+            )
+        made.append(np.broadcast_to(values, at.shape))
+    return Input(at, np.column_stack(made), linear)
 
 
 def input_between(source: Input, first: float, last: float) -> Input:
@@ -132,7 +162,7 @@ def inputs_at(source: Input, times: Vector) -> dict[str, Vector]:
     """The times (k,) [s] and the input in force at each, by the names of the file contract, (k,) each."""
     held = np.searchsorted(source.times, times, side='right') - 1
     columns = {'time_s': times}
-    for k, name in enumerate(source.names or INPUT_NAMES[len(source.linear)]):
+    for k, name in enumerate(source.columns):
         values = source.values[:, k]
         columns[name] = np.interp(times, source.times, values) if source.linear[k] else values[held]
     return columns
@@ -187,11 +217,15 @@ def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
     return times, values
 
 
-def requested_times(source: Input, samples: Vector | float) -> Vector:
+def requested_times(source: Input, samples: Vector | Sequence[float] | float) -> Vector:
     """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
     if isinstance(samples, float | int):
+        if not 0.0 < samples < np.inf:
+            raise UserError(
+                f'sample_times = {samples:g}: expected a rate of more than 0 per second, or an array of times [s]'
+            )
         return regular_times(source, samples)
-    times = np.array(samples, dtype=float)
+    times = np.array(as_array('sample_times', samples, 'per second, or times [s]'))
     first, last = source.times[0], source.times[-1]
     if times.ndim != 1 or not (np.diff(times) > 0.0).all() or len(times) and not first <= times[0] <= times[-1] <= last:
         raise UserError(f'sample times must increase from {first:g} s at the earliest to {last:g} s at the latest')

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
@@ -31,9 +32,17 @@ class Model:
     ----------
     config : Config
         Parameters, system, kinetics and active effects; default: the paper's module.
+
+    Raises
+    ------
+    UserError
+        For what is no configuration.
     """
 
     config: Config = field(default_factory=Config)
+
+    def __post_init__(self) -> None:
+        expect('config', self.config, Config)
 
     @property
     def structure(self) -> Structure:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
+from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.layout import (
     O_EPS,
     O_LENGTH,
@@ -19,15 +21,16 @@ from sma_sim.model.layout import (
     InputPoint,
     SystemState,
 )
-from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.progress import progress_line
+from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.inputs import Input, pieces, requested_times
+from sma_sim.solver.inputs import INPUT_NAMES, Input, inputs_at, pieces, requested_times
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
@@ -49,6 +52,8 @@ from sma_sim.solver.integrate import (
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.series import elimination_of
 from sma_sim.solver.stepper import ORDER
+from sma_sim.solver.trajectory import Jump as Jump
+from sma_sim.solver.trajectory import Trajectory as Trajectory
 from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
@@ -56,64 +61,6 @@ Vector = NDArray[np.float64]
 
 class SimulationError(UserError):
     """A run that cannot be started, with the reason in words."""
-
-
-class Jump(NamedTuple):
-    """One jump of the hybrid-time log: at (t, j) wire `wire` left mode `source` for `target` through `guard`."""
-
-    t: float
-    j: int
-    wire: int
-    guard: str
-    source: int
-    target: int
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Samples of a run; ``trajectory['alpha_rad']`` is a column.
-
-    Attributes
-    ----------
-    time : array (k,)
-        Sample times [s].
-    columns : dict
-        Arrays (k,) by the column names of CSV files, SI units.
-    jumps : tuple of Jump
-        Mode changes of the hybrid automaton.
-    reason, completed : str, bool
-        Why the run ended, and whether that is the end of its input.
-    steps, rejected, chattering : int
-        Accepted and rejected steps; wires that were held in a mode to stop chattering.
-    state, notes : Run, tuple of str
-        Where the run ended, to continue from; remarks, for instance about a start that was moved.
-    resistances : mapping
-        Arrays (k,) of the wires' resistances [ohm] by column (``R_1_ohm``); a run has them, but not every file.
-    """
-
-    time: Vector
-    columns: dict[str, Vector]
-    jumps: tuple[Jump, ...]
-    reason: str
-    completed: bool
-    steps: int
-    rejected: int
-    chattering: int
-    state: Run
-    notes: tuple[str, ...] = ()
-    resistances: Mapping[str, Vector] = field(default_factory=dict)
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample [s], NaN if there is none."""
-        return float(self.time[-1]) if len(self.time) else float('nan')
-
-    def __getitem__(self, name: str) -> Vector:
-        for columns in (self.columns, self.resistances):
-            if name in columns:
-                return columns[name]
-        known = [*self.columns, *self.resistances]
-        raise UnknownNameError(f'no column {name!r}{suggestion(name, known)}; the columns are {", ".join(known)}')
 
 
 NAMED_EDGES = tuple((GUARD_NAMES[guard], source, target) for source, target, guard in EDGES)  # as a jump has them
@@ -199,23 +146,23 @@ def check_start(model: Model, found: Any) -> None:
 
 
 def simulate(
-    model: Model,
+    model: Model | Config,
     source: Input,
-    sample_times: Vector | float,
+    sample_times: Vector | Sequence[float] | float,
     max_step: float = np.inf,
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
-    initial_state: Run | None = None,
-    channels: Sequence[str] | None = None,
+    initial_state: Run | Trajectory | None = None,
+    channels: str | Sequence[str] | None = None,
 ) -> Trajectory:
     """Run a model under an input.
 
     Parameters
     ----------
-    model : Model
+    model : Model or Config
         The model.
     source : Input
-        The input, from `module_input` or `wire_input`.
+        The input, from `module_input` or `wire_input`, with the columns of the system.
     sample_times : array (k,) or float
         Times [s] within those of the input, increasing, or a rate [1/s].
     max_step : float
@@ -223,10 +170,10 @@ def simulate(
     max_steps : int
         The run ends after so many steps, with that reason.
     progress : callable, optional
-        Called with the finished share of the run, 0 to 1.
-    initial_state : Run, optional
-        `Trajectory.state` of an earlier run, to continue from it; without it the run starts at rest.
-    channels : sequence of str, optional
+        Called with the finished share of the run, 0 to 1; without it a terminal or a notebook shows it where it takes long.
+    initial_state : Run or Trajectory, optional
+        An earlier run, or its `Trajectory.state`, to continue from it; without it the run starts at rest.
+    channels : str or sequence of str, optional
         Sensor channels to sample, as 'alpha' or 'F_1', in place of all columns: this takes less time.
 
     Returns
@@ -237,7 +184,7 @@ def simulate(
     Raises
     ------
     UserError
-        For samples outside the input, or a channel that the system does not have.
+        For samples outside the input, an input of another system, or a channel that the system does not have.
     SimulationError
         If the model has no static equilibrium to start from.
 
@@ -251,6 +198,15 @@ def simulate(
     >>> run.jumps[0].guard
     'sigma < sigma_M'
     """
+    expect('model', model, Model, Config)
+    expect('source', source, Input)
+    expect('initial_state', initial_state, Run, Trajectory, type(None))
+    model = Model(model) if isinstance(model, Config) else model
+    initial_state = initial_state.state if isinstance(initial_state, Trajectory) else initial_state
+    channels = [channels] if isinstance(channels, str) else channels
+    check_columns(model.structure, source)
+    if not max_step > 0.0:
+        raise UserError(f'max_step = {max_step!r}: expected more than 0 s')
     times, values, slopes = pieces(source)
     work = new_work(model)
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
@@ -263,19 +219,35 @@ def simulate(
     reason = REASONS[COMPLETED]
     sampled = sampled_numbers(channels, model.structure)
     log = new_log(model, seen, sampled)
-    try:
-        for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
-            part = slice(first, first + PIECES_AT_ONCE + 1)
-            stretches = InputStretches(times[part], values[part], slopes[part], model.uses_time)
-            status = integrate_stretches(stretches, run, compiled, work, limits, log)
-            reason = stop_reason(status, model, run)
-            if status != COMPLETED:
-                break
-            if progress is not None:
-                progress(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
-    except KeyboardInterrupt:
-        reason = STOPPED
-    return trajectory(model, log, asked, run, reason, notes)
+    with progress_line('simulating') as line:
+        try:
+            for first in range(0, max(len(times) - 1, 1), PIECES_AT_ONCE):
+                part = slice(first, first + PIECES_AT_ONCE + 1)
+                stretches = InputStretches(times[part], values[part], slopes[part], model.uses_time)
+                status = integrate_stretches(stretches, run, compiled, work, limits, log)
+                reason = stop_reason(status, model, run)
+                if status != COMPLETED:
+                    break
+                (line if progress is None else progress)(min(1.0, (first + PIECES_AT_ONCE) / len(times)))
+        except KeyboardInterrupt:
+            reason = STOPPED
+    return trajectory(model, log, asked, run, reason, notes, source)
+
+
+def check_columns(structure: Structure, source: Input) -> None:
+    """Raise UserError where an input has not the columns of a structure."""
+    expected, given = structure.input_columns, source.columns
+    fits = given == expected if source.names else len(given) == len(expected)
+    if not fits:
+        makers = {INPUT_NAMES[2]: 'sma_sim.module_input(...)', INPUT_NAMES[3]: 'sma_sim.wire_input(...)'}
+        how = makers.get(expected, f'sma_sim.Input(times, values, linear, names={expected!r})')
+        raise UserError(
+            f'the input has the columns {", ".join(given)}; system {structure.family!r} takes {", ".join(expected)}: '
+            f'make it with {how}'
+        )
+    ambient = np.asarray(source.values, float)[:, -1]
+    if not (ambient > 0.0).all():
+        raise UserError(f'input: T_E = {ambient.min():g} K; expected kelvin, more than 0')
 
 
 def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
@@ -284,8 +256,10 @@ def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
     return Log(samples, times, np.zeros(1, dtype=np.int64), np.empty((MAX_JUMPS, 3)), numbers)
 
 
-def trajectory(model: Model, log: Log, times: Vector, run: Run, reason: str, notes: tuple[str, ...]) -> Trajectory:
-    """What a run left behind, with names; `times` (k,) [s] at which the samples are shown.
+def trajectory(
+    model: Model, log: Log, times: Vector, run: Run, reason: str, notes: tuple[str, ...], source: Input | None = None
+) -> Trajectory:
+    """What a run left behind, with names; `times` (k,) [s] at which samples are shown, and their `source`.
 
     Warns of wires that would have melted.
     """
@@ -295,8 +269,13 @@ def trajectory(model: Model, log: Log, times: Vector, run: Run, reason: str, not
     if hot and not are_channels(log.numbers, model.structure):  # a fit tries much
         warnings.warn(hot, PhysicsWarning, stacklevel=3)
         notes = (*notes, hot)
+    time, inputs = times[written], dict[str, Vector]()
+    if source is not None and not are_channels(log.numbers, model.structure):
+        inputs = {name: values for name, values in inputs_at(source, time).items() if name != 'time_s'}
     return Trajectory(
-        time=times[written],
+        time=time,
+        inputs=inputs,
+        units={name: unit_of(name, model.structure) for name in (*inputs, *columns, *resistances)},
         columns=columns,
         resistances=resistances,
         jumps=named_jumps(log.jumps, int(run.count[N_JUMPS])),
@@ -308,6 +287,13 @@ def trajectory(model: Model, log: Log, times: Vector, run: Run, reason: str, not
         state=run,
         notes=notes,
     )
+
+
+def unit_of(column: str, structure: Structure) -> str:
+    """The unit of a column of a structure's files."""
+    units = {one.column: one.unit for one in structure.coordinates} | {one.column: one.unit for one in structure.drives}
+    found = re.search(r'_(W|N|K|Pa|ohm)$', column)
+    return units.get(column) or (found[1] if found else '-')
 
 
 def temperatures_of(model: Model, columns: Mapping[str, Vector], run: Run) -> NDArray[np.float64]:

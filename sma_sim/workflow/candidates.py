@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_para
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, cost_at, quadratic_model, secant_minimum
 from sma_sim.evidence.estimation.problem import DEFAULT_STEP, DELAY, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import fit_data
-from sma_sim.evidence.estimation.search_context import SearchContext, Stop
+from sma_sim.evidence.estimation.search_context import SearchContext, Stop, silent_iteration
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import Projection, ScreeningResult, screen
@@ -159,7 +159,8 @@ def candidate_effects(
     """
     (on_progress, on_candidate), rtol = callbacks, config.parameters['solver.rtol']
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
-    base = model_at(fitted, config, calibrate(fitted, config, options, executor), executor)
+    found = calibrate(fitted, config, options, executor, silent_iteration)
+    base = model_at(fitted, config, found, executor)
     candidates = [candidate for candidate in candidates_for(config, folders) if names is None or candidate.name in names]
     on_progress(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, executor)

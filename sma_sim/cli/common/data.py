@@ -162,7 +162,7 @@ def provenance_of(arguments: argparse.Namespace, *configs: tuple[Path | None, Co
     for path, config in configs:
         folders = [str(folder.resolve()) for folder in effect_folders_of(path, arguments.words)]
         texts[str(path or 'without a parameter file')] = parameter_file(config, folders)
-    return Provenance(arguments.command, texts)
+    return Provenance(arguments.command, texts, arguments.started)
 
 
 @contextmanager

@@ -10,6 +10,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.archive import Saved
+from sma_sim.model.comparable import Comparable
+from sma_sim.model.errors import UserError
+from sma_sim.model.expected import as_array, expect
+from sma_sim.model.nearest import suggestion
+from sma_sim.model.parameters import is_number
+from sma_sim.model.shown import Shown, listed
 from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
@@ -78,8 +85,8 @@ def is_resistance(channel: str) -> bool:
     return channel.partition('_')[0] == 'R'
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown, Saved, Comparable):
     """One run: what was measured, under which input.
 
     Attributes
@@ -121,15 +128,44 @@ class Recording:
     ambient_std: float = 0.0
     lost_side: int = 0
 
+    def __post_init__(self) -> None:
+        if self.system not in known_structures():
+            hint = suggestion(self.system, known_structures())
+            raise UserError(
+                f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(INPUT_COLUMNS)}'
+            )
+        expect(f'recording {self.name}, source', self.source, Input)
+        time = as_array(f'recording {self.name}, time', self.time)
+        if time.ndim != 1 or not (np.diff(time) > 0.0).all():
+            raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
+        for name, values in self.channels.items():
+            if name not in CHANNEL_COLUMNS:
+                known = list(CHANNELS_OF[self.system])
+                raise UserError(f'recording {self.name}: no channel {name!r}{suggestion(name, known)}; it may have '
+                                f'{", ".join(known)}')  # fmt: skip
+            if np.shape(values) != time.shape:
+                raise UserError(f'recording {self.name}, channel {name}: expected {len(time)} samples as there are times, '
+                                f'got an array of shape {np.shape(values)}')  # fmt: skip
+        object.__setattr__(self, 'time', time)
+        numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
+        object.__setattr__(self, 'channels', numbers)
 
-@dataclass(frozen=True)
-class Dataset:
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance."""
+        first, last = (float(self.time[k]) if len(self.time) else float('nan') for k in (0, -1))
+        found = {'name': self.name, 'system': self.system, 'samples': f'{len(self.time)} from {first:g} to {last:g} s'}
+        found['channels'] = ', '.join(CHANNEL_COLUMNS[name] for name in in_order(self.channels, self.system))
+        return found | ({'notes': '; '.join(self.notes)} if self.notes else {})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Dataset(Shown, Saved, Comparable):
     """Recordings of one robot or wire.
 
     Attributes
     ----------
-    recordings : tuple of Recording
-        The runs.
+    recordings : sequence of Recording
+        The runs; a single one may stand alone.
     noise_std : mapping
         Standard deviation of the noise by channel, SI units.
     notes : tuple of str
@@ -146,6 +182,20 @@ class Dataset:
     floor: Mapping[str, float] = field(default_factory=dict)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        given = (self.recordings,) if isinstance(self.recordings, Recording) else tuple(self.recordings)
+        object.__setattr__(self, 'recordings', given)
+        for recording in given:
+            expect('recordings', recording, Recording)
+        for name, std in self.noise_std.items():
+            if name not in CHANNEL_COLUMNS:
+                known = sorted(self.channels)
+                raise UserError(
+                    f'noise_std: no channel {name!r}{suggestion(name, known)}; expected some of {", ".join(known)}'
+                )
+            if not is_number(std) or not std >= 0.0:
+                raise UserError(f'noise_std of {name} = {std!r}: expected a standard deviation in SI units, 0 or more')
+
     @property
     def system(self) -> str:
         """`module` or `wire`."""
@@ -160,3 +210,11 @@ class Dataset:
     def channels(self) -> frozenset[str]:
         """Names of the channels that any recording has."""
         return frozenset(name for recording in self.recordings for name in recording.channels)
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance."""
+        if not self.recordings:
+            return {'recordings': 'none'}
+        names = listed(recording.name for recording in self.recordings)
+        noise = (f'{CHANNEL_COLUMNS[name]} {self.noise_std[name]:.3g}' for name in in_order(self.noise_std, self.system))
+        return {'system': self.system, 'recordings': f'{len(self.recordings)} ({names})', 'noise (std)': listed(noise)}

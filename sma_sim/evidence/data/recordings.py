@@ -35,10 +35,10 @@ ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1, 'ohm': 1e-3}
 
 
 def read_dataset(
-    paths: Sequence[Path],
-    system: str,
-    T_E: float,
-    mapping: Path | None = None,
+    paths: str | Path | Sequence[str | Path],
+    system: str = 'module',
+    T_E: float = 298.0,
+    mapping: str | Path | None = None,
     noise_std: Mapping[str, float] | None = None,
     namespace: str | None = None,
     limits: CommandLimits = NODE_LIMITS,
@@ -47,10 +47,10 @@ def read_dataset(
 
     Parameters
     ----------
-    paths : sequence of Path
+    paths : str or Path, or several
         CSV files, bags (folder or file), or folders of them.
     system : str
-        ``'module'`` or ``'wire'``.
+        What was measured: the name of a structure, such as ``'module'``.
     T_E : float
         Ambient temperature [K] of files that do not record it.
     mapping : Path, optional
@@ -84,11 +84,12 @@ def read_dataset(
     >>> dataset.recordings[0].name, len(dataset.recordings[0].time), dataset.noise_std
     ('run1', 100, {'alpha': 0.00035})
     """
-    columns = column_map_for(system, mapping)
+    files_and_folders = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
+    columns = column_map_for(system, None if mapping is None else Path(mapping))
     channels = tuple(dict.fromkeys((*CHANNELS_OF[system], *CHANNELS)))
     given = checked_noise((noise_std or {}).items(), 'noise_std', channels)
     notes: list[str] = []
-    files = unique_files(paths, notes)
+    files = unique_files(files_and_folders, notes)
     found = [
         (path, recording)
         for path, named in files
@@ -96,7 +97,9 @@ def read_dataset(
         for recording in sessions_in_file(file, columns.of_file(path), named, notes)
     ]
     if not found:
-        raise UserError(f'{", ".join(map(str, paths))}: no measurement in it; expected measured columns such as alpha_rad')
+        raise UserError(
+            f'{", ".join(map(str, files_and_folders))}: no measurement in it; expected measured columns such as alpha_rad'
+        )
     recordings = with_distinct_names(found)
     noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], channels, notes) | given, notes)
     return with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench())

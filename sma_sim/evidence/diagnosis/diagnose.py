@@ -24,7 +24,7 @@ from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext, silent
+from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
@@ -34,11 +34,14 @@ from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
+from sma_sim.model.archive import Saved
 from sma_sim.model.config import Config
+from sma_sim.model.progress import progress_in_words
+from sma_sim.model.shown import Shown, listed
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown, Saved):
     """What a diagnosis found.
 
     Attributes
@@ -111,6 +114,20 @@ class Diagnosis:
     together: Diagnosis | None = None
     search_ended: bool = True
 
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
+        found = {
+            'verdict': self.verdict,
+            'effects': listed(self.effects),
+            'kinetics': self.calibration.config.simulated_kinetics,
+        }
+        if self.proposal is not None:
+            found['equation'] = self.proposal.formula.equation
+        before, after = self.nominal.train, self.stages[-1].train
+        found['error over noise'] = f'{before:.3g} without, {after:.3g} with what was found'
+        found['recordings'] = f'{listed(self.training)} fitted; {listed(self.held_out)} held out'
+        return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})
+
     @property
     def calibration(self) -> Calibration:
         """The fit of the last stage on all samples; its `config` runs in the node."""
@@ -152,7 +169,7 @@ class Diagnosis:
 
 def diagnose(
     dataset: Dataset, config: Config, held_out: Dataset | None = None, request: DiagnosisRequest | None = None,
-    executor: Executor | None = None, on_progress: OnProgress = silent,
+    executor: Executor | None = None, on_progress: OnProgress | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find the physical effects that a model lacks to explain recordings.
 
@@ -170,7 +187,7 @@ def diagnose(
     executor : Executor, optional
         Where the simulations run; without it, threads on all cores.
     on_progress : callable
-        Called with a line of text at each stage.
+        Called with a line of text at each stage; without it a terminal or a notebook shows them.
 
     Returns
     -------
@@ -188,7 +205,6 @@ def diagnose(
 
     >>> import numpy as np
     >>> import sma_sim
-    >>> from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
     >>> random = np.random.default_rng(0)
     >>> def recorded(name, power):
     ...     command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, power, 0.0, 0.0])
@@ -197,17 +213,18 @@ def diagnose(
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
     >>> options = sma_sim.FitOptions(free=('beam.E',), kinetics='hybrid', starts=1, intervals=False)
-    >>> request = DiagnosisRequest(kinetics='hybrid', options=options, equation=False)
+    >>> request = sma_sim.DiagnosisRequest(kinetics='hybrid', options=options, equation=False)
     >>> sma_sim.diagnose(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
+    check(dataset, config, request.options)
     training, held_out = hold_out_last(dataset, held_out)
-    check(training, config, request.options)
     config = starting_model(training, on_leading_bench(config, training))
-    with stoppable() as stop, executor_or_threads(executor) as pool:
+    words = progress_in_words('diagnosing', on_progress)
+    with stoppable() as stop, executor_or_threads(executor) as pool, words as report:
         context = SearchContext(
-            pool, stop, on_progress, request.folders, request.seed, variants=request.variants,
+            pool, stop, report, request.folders, request.seed, variants=request.variants,
             kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
         )  # fmt: skip
         found = search_effects(StageData(training, held_out, request.options), config, request, context)

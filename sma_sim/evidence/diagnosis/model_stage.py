@@ -10,6 +10,7 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
+    SAME_OPTIMUM,
     Calibration,
     FitOptions,
     calibration_of,
@@ -17,10 +18,14 @@ from sma_sim.evidence.estimation.calibrate import (
     full_problem,
 )
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
-from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.model_selection.criteria import CRITERIA, unexplained_above
+from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 
@@ -155,9 +160,28 @@ def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: Searc
     """A model fitted on all samples, with intervals."""
     context.on_progress('the last fit, on all samples')
     data, fit = data.under(fit, context), with_noise_of_its_size(fit)
+    fit = fit if kind == 'formula' else from_defaults_too(fit, context)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
     return ModelStage(kind, fit.effects, found, data.predicted(found, context))
+
+
+def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
+    """A model with effects, or the better minimum to which it leads from the nominal values with these at their defaults.
+
+    A search comes to its last model from those with fewer effects, a fit that asks for all of them does not: both are to
+    give the same answer. The minimum that is not taken is kept as another start.
+    """
+    if not fit.effects or context.stop.is_set():
+        return fit
+    context.on_progress('the same model from its nominal values')
+    other = refit(fit.problem, at_defaults(fit.problem), context, FROM_PRIORS)
+    if other is None:
+        return fit
+    best, worse = (other, fit) if other.cost < fit.cost - SAME_OPTIMUM else (fit, other)
+    more, k = worse.cost - best.cost, overdispersion(best.problem, best.z, context.pool)
+    start = OtherStart(more, worse.values, abs(more) < SAME_OPTIMUM, more / k**2)
+    return replace(fit, z=best.z, cost=best.cost, other_starts=(*fit.other_starts, start))
 
 
 def with_noise_of_its_size(fit: FitResult) -> FitResult:

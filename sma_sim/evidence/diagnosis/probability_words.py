@@ -88,7 +88,7 @@ def probability_lines(found: Mapping[str, Any]) -> list[str]:
         return [first]
     lines = [f'{first} Second: {rows[1].words}, {rows[1].probability}.']
     best = models[0]['probability']
-    equals = [row.words for row, model in zip(rows[1:], models[1:], strict=True) if model['probability'] > TIE * best]
-    if equals:
-        lines.append(f'These data do not decide between {" or ".join([rows[0].words, *equals])}.')
+    *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > TIE * best]
+    if others:
+        lines.append(f'These data do not decide between {"; ".join(others)} and {last}.')
     return lines

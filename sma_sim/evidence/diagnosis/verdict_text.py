@@ -10,7 +10,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
 from sma_sim.evidence.diagnosis.verdict import amounts
-from sma_sim.evidence.estimation.fit_remarks import misfit_sentence
+from sma_sim.evidence.estimation.fit_remarks import misfit_sentence, other_minima
 from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
@@ -154,6 +154,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from nuisance_sentences(diagnosis.calibration, diagnosis.findings)
     if sentence := misfit_sentence(diagnosis.calibration.error):
         yield sentence
+    yield from other_minima(diagnosis.calibration)
     yield from (limit.text for limit in diagnosis.calibration.limits)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf, nan
 from threading import Event
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +35,26 @@ from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_by_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
-from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, silent, silent_iteration
+from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
 from sma_sim.evidence.estimation.starting_points import minimized_from, starting_points
 from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.estimation.uncertainty import Uncertainty, precise_linearization, uncertainty, with_other_minima
+from sma_sim.evidence.estimation.uncertainty import (
+    Interval,
+    Uncertainty,
+    precise_linearization,
+    uncertainty,
+    with_other_minima,
+)
+from sma_sim.model.archive import Saved
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
+from sma_sim.model.optional import require
+from sma_sim.model.progress import progress_line
 from sma_sim.model.renamed import renamed
+from sma_sim.model.shown import Shown, listed, text_table
 from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
@@ -53,6 +65,7 @@ JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that h
 # priors weigh nothing then. In stages, because the valley of large weights is narrow.
 CLEAN, SHARPER, SHARP_RTOL = 0.1, (10.0, 100.0, 1000.0), 1e-7
 SAME_OPTIMUM = 2.0  # minimisations whose costs differ by less have found the same: the one from the configuration is taken
+UNMOVED = 1e-9  # in standard deviations of the prior: data say nothing of a parameter that stays where it was
 
 
 @renamed(model='kinetics')
@@ -94,10 +107,7 @@ class FitOptions:
         for name in self.names or ():
             if not isinstance(name, str):
                 raise UserError(f"free: expected names of parameters such as 'beam.E', got {name!r}")
-        known = (*MODELS, AUTO)
-        if self.kinetics not in (None, *known):
-            hint = suggestion(self.kinetics, known)
-            raise UserError(f'kinetics = {self.kinetics!r}: expected one of {", ".join(known)}{hint}')
+        check_kinetics(self.kinetics)
         if isinstance(self.starts, bool) or not isinstance(self.starts, int) or self.starts < 1:
             raise UserError(f'starts = {self.starts!r}: expected a whole number, 1 or more')
 
@@ -107,8 +117,8 @@ class FitOptions:
         return (self.free,) if isinstance(self.free, str) else None if self.free is None else tuple(self.free)
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown, Saved):
     """A fit as it is reported; SI units.
 
     Attributes
@@ -171,10 +181,65 @@ class Calibration:
     limits: tuple[LimitReached, ...] = ()
     sampling_interval: float = 0.0
 
+    @property
+    def intervals(self) -> Mapping[str, Interval]:
+        """The 95 % intervals by name of the parameter; empty where they were not asked for."""
+        return {} if self.uncertainty is None else {interval.name: interval for interval in self.uncertainty.intervals}
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
+        values = (f'{one.name} {self.values[one.name]:.5g} {one.unit}'.removesuffix(' -') for one in self.free)
+        found = {
+            'kinetics': self.config.simulated_kinetics,
+            'error over noise': f'{self.error:.3g}',
+            'fitted': listed(values),
+        }
+        found |= {'recordings': listed(run.name for run in self.runs), 'delay': f'{1e3 * self.delay:.3g} ms'}
+        if without := self.without_influence:
+            found['of no influence'] = listed(without)
+        return found | ({} if self.converged else {'not converged': 'the best so far'})
+
+    @property
+    def without_influence(self) -> tuple[str, ...]:
+        """Parameters that were asked for and change nothing in these data, or that these data do not determine."""
+        unseen = (name for name, one in self.intervals.items() if not one.seen)
+        unmoved = (
+            one.name for one in self.free if not self.intervals and abs(one.coordinate(self.values[one.name])) < UNMOVED
+        )
+        return (*(one.name for one in self.fixed), *unseen, *unmoved)
+
+    def summary(self) -> str:
+        """Every parameter with its 95 % interval and unit, as text."""
+        rows = []
+        for one in self.free:
+            known = self.intervals.get(one.name)
+            between = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not determined'
+            rows.append((one.name, f'{self.values[one.name]:.5g}', between, one.unit))
+        words = [f'{name}: {text}' for name, text in self.facts().items() if name != 'fitted']
+        return '\n'.join([*words, '', text_table(('parameter', 'value', '95 % interval', 'unit'), rows)])
+
+    def to_dataframe(self) -> Any:
+        """The parameters as a pandas DataFrame: value, ends of the 95 % interval, standard deviation, unit of all four.
+
+        Raises UserError where pandas is not installed.
+        """
+        pandas, known = require('pandas', 'a DataFrame'), self.intervals
+        rows = {
+            one.name: {
+                'value': self.values[one.name],
+                'low': known[one.name].low if one.name in known else nan,
+                'high': known[one.name].high if one.name in known else nan,
+                'std': known[one.name].std_of_value if one.name in known else nan,
+                'unit': one.unit,
+            }
+            for one in self.free
+        }
+        return pandas.DataFrame.from_dict(rows, orient='index')
+
 
 def calibrate(
     dataset: Dataset, config: Config, options: FitOptions | None = None, executor: Executor | None = None,
-    progress: OnIteration = silent_iteration,
+    progress: OnIteration | None = None,
 ) -> Calibration:  # fmt: skip
     """Fit free parameters to all recordings of a dataset.
 
@@ -190,7 +255,7 @@ def calibrate(
     executor : Executor, optional
         Where the simulations run; without it, threads on all cores.
     progress : callable, optional
-        Hears how the fit proceeds.
+        Hears how the fit proceeds; without it a terminal or a notebook shows it.
 
     Returns
     -------
@@ -220,8 +285,9 @@ def calibrate(
     config = on_leading_bench(config, dataset)
     if options.names != ():  # else the model is to be compared as it is; what is named starts from what was given
         config = starting_model(dataset, config, options.names is None)
-    with executor_or_threads(executor) as pool:
-        context = SearchContext(pool, Event(), silent, (), options.seed, progress)
+    with executor_or_threads(executor) as pool, progress_line('fitting') as line:
+        heard = progress or (lambda *step: line.show(iteration_words(*step)))
+        context = SearchContext(pool, Event(), silent, (), options.seed, heard)
         best, probabilities = fit_with_kinetics(dataset, config, options, context)
         found = final_calibration(dataset, best, options, context)
     runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
@@ -257,8 +323,19 @@ def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
     return MODELS if model == AUTO else (model,)
 
 
+def check_kinetics(asked: str | None) -> None:
+    """Raise UserError for kinetics that there are not."""
+    known = (*MODELS, AUTO)
+    if asked not in (None, *known):
+        hint = suggestion(asked, known)
+        raise UserError(f'kinetics = {asked!r}: expected one of {", ".join(known)}{hint}')
+
+
 def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
     """Raise UserError for what cannot be fitted."""
+    expect('dataset', dataset, Dataset)
+    expect('config', config, Config)
+    expect('options', options, FitOptions)
     if not dataset.recordings:
         raise UserError('there is no recording to fit')
     for recording in dataset.recordings:

@@ -28,6 +28,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starts import with_start
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
 from sma_sim.model.config import Config
+from sma_sim.model.expected import expect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -181,6 +182,8 @@ def evaluate_held_out(
     >>> sma_sim.evaluate_held_out(sma_sim.Config(), dataset)[0].error < 0.1
     True
     """
+    expect('config', config, Config)
+    expect('dataset', dataset, Dataset)
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with executor_or_threads(executor) as pool:

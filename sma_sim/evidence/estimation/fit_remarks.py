@@ -14,6 +14,7 @@ from sma_sim.evidence.estimation.run_estimates import agreement_sentence
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
 
 MISFIT = 1.3  # error over noise above which a model lacks something: noise that was estimated may be off by as much
+ONE_START = 'from one starting point: other minima were not looked for'
 DIFFERENT = 0.1  # relative difference of a parameter that is shown of another minimum
 
 
@@ -25,7 +26,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     remarks += [sentence] if (sentence := agreement_sentence(found.by_run, found.error > MISFIT)) else []
-    remarks += starts_sentences(found)
+    remarks += [starts_sentence(found.other_starts) or ONE_START, *other_minima(found)]
     remarks.append(kinetics_sentence(found.config, found.kinetics))
     remarks += offset_sentences(found)
     if any(fit.zero for fit in found.runs):
@@ -46,9 +47,9 @@ def misfit_sentence(error: float) -> str:
     )
 
 
-def starts_sentences(found: Calibration) -> list[str]:
-    """How many starting points agree, and what another minimum says that is nearly as probable."""
-    sentence, words = starts_sentence(found.other_starts), list[str]()
+def other_minima(found: Calibration) -> list[str]:
+    """What other minima say that are nearly as probable."""
+    words = []
     for start in found.other_starts:
         moved = [
             f'{name} {value:.4g} (here {found.values[name]:.4g})' for name, value in start.values.items()
@@ -57,7 +58,7 @@ def starts_sentences(found: Calibration) -> list[str]:
         if moved and start.log_odds < DECISIVE:
             part = '; the intervals hold these values too' if start.log_odds < RULED_OUT else ''
             words.append(f'another minimum is nearly as probable (log odds {start.log_odds:.1f}): {", ".join(moved)}{part}')
-    return [*([sentence] if sentence else []), *words]
+    return words
 
 
 def starts_sentence(others: Sequence[OtherStart]) -> str:

@@ -5,17 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 from sma_sim.evidence.data.recording import is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import DEFAULTS, Parameter
 
 BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
+MAX_PRIOR_STDS = 0.8  # by which a length or a temperature may differ from nominal, in standard deviations of its prior
+GIVEN_STDS = 3.0  # the same of a value whose standard deviation was given
+REACH = 2.5  # of the logarithm of a material parameter, by which a fit may move it: a factor of 12
+PLAUSIBLE = math.log(
+    1.5
+)  # of the logarithm, by which it may differ from the nominal value: robots of one design differ by less
 INSTANT_STD = 300.0  # [s] of the prior of an instant: it is anywhere in a recording
 PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
+# Relative standard deviations of priors where nothing is said of how well a value is known.
 NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
+# Where literature is as wide: moduli of NiTi 28 to 41 and 75 to 83 GPa (Dynalloy, Technical characteristics of Flexinol), of
+# plastics too; specific heat 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (Dynalloy); convection
+# from thin wires (Morgan, Adv. Heat Transfer 11 (1975) 199); damping is a guess.
+WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 0.7}
 MATERIAL_NAMES = (
     'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
 )  # fmt: skip
@@ -29,7 +40,7 @@ STRESS_SCALE_NAMES = ('wire.E_A', 'wire.E_M', 'wire.sigma_T', 'wire.sigma_MW0', 
 class FreeParameter:
     """A parameter of the fit in its coordinate z: value = center exp(scale z) if `log`, else center + scale z.
 
-    The prior of z is normal, mean 0, standard deviation 1; `low` and `high` bound z.
+    The prior of z is normal, mean 0, standard deviation 1; `low` and `high` bound z. `plausible`: how far from 0 a value is.
     """
 
     name: str
@@ -39,6 +50,7 @@ class FreeParameter:
     high: float
     log: bool
     unit: str
+    plausible: float = MAX_PRIOR_STDS
 
     def value(self, z: float) -> float:
         """The value at coordinate z (SI)."""
@@ -141,31 +153,42 @@ def with_values(config: Config, values: Mapping[str, float]) -> Config:
     return config.variant(own, effects=effects)
 
 
-def free_parameter(name: str, value: float, declared: Parameter) -> FreeParameter:
+def free_parameter(name: str, value: float, declared: Parameter, std: float | None = None) -> FreeParameter:
     """One parameter with its prior around `value`: relative where it is positive, else over its realistic range; wide for an
-    instant."""
+    instant.
+
+    `std` (SI): as well as the value is known; None: as well as such a value usually is.
+    """
     low, high = declared.bounds
     if declared.quantity == 'instant':
-        ends = ((low - value) / INSTANT_STD, (high - value) / INSTANT_STD)
-        return FreeParameter(name, value, INSTANT_STD, *ends, False, declared.unit)
+        scale = std or INSTANT_STD
+        return FreeParameter(name, value, scale, (low - value) / scale, (high - value) / scale, False, declared.unit)
     log = value > 0.0 and low >= 0.0 and declared.neutral is None
     if log:
-        scale = NARROW_PRIOR_STDS.get(name, PRIOR_STD)
-        bottom = max(-BOUND_STDS, math.log(low / value) / scale) if low > 0.0 else -BOUND_STDS
-        return FreeParameter(
-            name, value, scale, bottom, min(BOUND_STDS, math.log(high / value) / scale), True, declared.unit
-        )
+        scale = default_width(name, declared) if std is None else std / value
+        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else REACH / scale
+        plausible = GIVEN_STDS if std is not None else MAX_PRIOR_STDS if name in NARROW_PRIOR_STDS else PLAUSIBLE / scale
+        bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
+        top = min(reach, math.log(high / value) / scale)
+        return FreeParameter(name, value, scale, bottom, top, True, declared.unit, plausible)
     width = declared.realistic[1] - declared.realistic[0] if declared.realistic else abs(value) or 1.0
-    scale = width / 2.0
+    scale = width / 2.0 if std is None else std
+    bottom, top = max(-BOUND_STDS, (low - value) / scale), min(BOUND_STDS, (high - value) / scale)
     return FreeParameter(
-        name,
-        value,
-        scale,
-        max(-BOUND_STDS, (low - value) / scale),
-        min(BOUND_STDS, (high - value) / scale),
-        False,
-        declared.unit,
+        name, value, scale, bottom, top, False, declared.unit, MAX_PRIOR_STDS if std is None else GIVEN_STDS
     )
+
+
+def default_width(name: str, declared: Parameter) -> float:
+    """The relative standard deviation of the prior of a value of which nothing more is known."""
+    kinds = {
+        'modulus': declared.unit == 'Pa' and name.rpartition('.')[2].startswith('E'),
+        'specific heat': name == 'wire.c_V',
+        'convection': name == 'wire.lambda',
+        'damping': name.rpartition('.')[2].startswith('b_') or name.rpartition('.')[2] == 'b',
+    }
+    kind = next((kind for kind, holds in kinds.items() if holds), '')
+    return NARROW_PRIOR_STDS.get(name, WIDTHS.get(kind, PRIOR_STD))
 
 
 def choose_free(
@@ -183,8 +206,7 @@ def choose_free(
     requested = list(dict.fromkeys(names))
     for name in requested:
         if name not in declared:
-            close = get_close_matches(name, list(declared), n=1, cutoff=0.4)
-            hint = f'; did you mean {close[0]}?' if close else ''
+            hint = suggestion(name, declared)
             raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                             'or effects.NAME.* of an active effect')  # fmt: skip
     fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]
@@ -193,7 +215,8 @@ def choose_free(
         if equivalence.fixed in left and set(equivalence.free) <= set(left):
             fixed.append(FixedParameter(equivalence.fixed, equivalence.reason))
             left = remaining(requested, fixed)
-    return tuple(free_parameter(name, values[name], declared[name]) for name in left), tuple(fixed)
+    free = tuple(free_parameter(name, values[name], declared[name], config.priors.get(name)) for name in left)
+    return free, tuple(fixed)
 
 
 def remaining(names: Sequence[str], fixed: Sequence[FixedParameter]) -> list[str]:

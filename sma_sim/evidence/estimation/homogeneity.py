@@ -17,6 +17,7 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
+from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
 
@@ -77,7 +78,7 @@ def run_stress(
 ) -> RunStress | None:
     """One run on its own, None where it does not determine both."""
     options = FitOptions(free=STRESS_NAMES, kinetics=config.simulated_kinetics, starts=1)
-    found = calibrate(replace(dataset, recordings=(recording,)), config, options, executor)
+    found = calibrate(replace(dataset, recordings=(recording,)), config, options, executor, silent_iteration)
     known = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     if set(known) != set(STRESS_NAMES) or not all(interval.seen for interval in known.values()):
         return None

@@ -15,6 +15,7 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
@@ -89,7 +90,9 @@ def calibrate_as_the_paper(
 def fitted_at(dataset: Dataset, config: Config, names: tuple[str, ...], executor: Executor | None) -> Calibration:
     """A hybrid fit with T0 at the temperature of the loop, so that sigma_MW0 is sigma_MW there."""
     here = {**config.parameters, 'wire.T0': temperature(dataset.recordings[0])}
-    return calibrate(dataset, replace(config, parameters=here), FitOptions(free=names, kinetics='hybrid'), executor)
+    return calibrate(
+        dataset, replace(config, parameters=here), FitOptions(free=names, kinetics='hybrid'), executor, silent_iteration
+    )
 
 
 def moved_to(values: Mapping[str, float], T0: float) -> dict[str, float]:

@@ -1,8 +1,8 @@
 """Which fitted parameters left their plausible range: a model that lacks something bends its parameters to make up for it.
 
-Plausible is the realistic range of an effect's parameter, and for all others what lies within MAX_PRIOR_STDS standard
-deviations of the prior around the nominal value (a factor of 1.5 for most). What data hardly determine may lie anywhere, so
-that a parameter counts only if its whole 95 % interval is outside.
+Plausible is the realistic range of an effect's parameter, and for all others a factor of 1.5 around the nominal value (less
+for lengths and temperatures; three standard deviations where these were given). What data hardly determine may lie anywhere,
+so that a parameter counts only if its whole 95 % interval is outside.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from sma_sim.model.parameters import Parameter
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-MAX_PRIOR_STDS = 0.8  # from nominal: robots of one design differ by less, and bent fits go further
 RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
 STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of NiTi
 
@@ -92,7 +91,7 @@ def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[floa
     if between is not None and is_form(declared):
         return parameter.low, parameter.high, 'realistic'
     if between is None:
-        return -MAX_PRIOR_STDS, MAX_PRIOR_STDS, 'nominal'
+        return -parameter.plausible, parameter.plausible, 'nominal'
     tolerance = RANGE_TOLERANCE * (between[1] - between[0])
     low, high = between[0] - tolerance, between[1] + tolerance
     return (

@@ -14,6 +14,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, is_resis
 from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
@@ -248,6 +249,8 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'R_1', 'R_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
+    expect('config', config, Config)
+    expect('recording', recording, Recording, FitData)
     run = prepared(recording)
     channels = run.on_bench(config).structure.structure.channels
     _, trajectory, index = simulated(config, run, nuisance, channels)

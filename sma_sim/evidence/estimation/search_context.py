@@ -30,6 +30,11 @@ def silent(words: str) -> None:
     """Report no progress."""
 
 
+def iteration_words(label: str, iteration: int, cost: float) -> str:
+    """What a fit is doing."""
+    return f'{label}, step {iteration}, cost {cost:.4g}'
+
+
 def silent_iteration(label: str, iteration: int, cost: float) -> None:
     """Report no iteration."""
 

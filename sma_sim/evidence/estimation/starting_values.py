@@ -121,7 +121,7 @@ def transformation_strain(features: CurveFeatures, E_A: float, E_M: float) -> fl
 
 
 def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
-    """A configuration with the starting values of its tests in place of those that have their defaults.
+    """A configuration with the starting values of its tests in place of those that have their defaults, and no prior.
 
     Returns the features too; without such tests the configuration is as it was. One that is not `is_fitted` as a
     whole, but compared or fitted in named parameters, starts from isobaric tests alone, of which no default knows anything.
@@ -130,7 +130,10 @@ def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True
     if not (features if is_fitted else features.isobaric):
         return config, features
     defaults: Mapping[str, float] = config.structure.structure.default_values
-    own = {name: value for name, value in starting_values(features).items() if config.parameters[name] == defaults[name]}
+    own = {
+        name: value for name, value in starting_values(features).items()
+        if config.parameters[name] == defaults[name] and name not in config.priors
+    }  # fmt: skip
     return config.variant(own), features
 
 

@@ -34,10 +34,23 @@ GAUSS_95 = 1.959964
 RULED_OUT = 0.5 * GAUSS_95**2  # log odds: what costs less lies within a 95 % interval
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Interval:
-    """A parameter with its 95 % interval (SI), which no bound of the fit is passed by. `std` is of the logarithm if `log`.
-    Not `seen`: `low` and `high` are not what data say but how far the fit could go."""  # fmt: skip
+    """A parameter with its 95 % interval.
+
+    Attributes
+    ----------
+    name, value, unit
+        The parameter and its fitted value (SI) in its unit.
+    low, high
+        Ends of the interval, in the same unit; no bound of the fit is passed by it.
+    std
+        Standard deviation, of the logarithm if `log` (`std_unit`); `std_of_value` is in the unit of the value.
+    log
+        Whether the parameter was fitted as its logarithm.
+    seen
+        Whether the data determine it; else `low` and `high` are not what data say but how far the fit could go.
+    """
 
     name: str
     value: float
@@ -47,6 +60,21 @@ class Interval:
     log: bool
     seen: bool
     unit: str
+
+    @property
+    def std_of_value(self) -> float:
+        """The standard deviation of the value itself, in its unit: of a logarithm to first order."""
+        return abs(self.value) * self.std if self.log else self.std
+
+    @property
+    def std_unit(self) -> str:
+        """The unit of `std`."""
+        return 'of the logarithm' if self.log else self.unit
+
+    def __repr__(self) -> str:
+        unit = f' {self.unit}'.removesuffix(' -')
+        seen = '' if self.seen else '; not determined'
+        return f'<Interval: {self.name} {self.value:.5g}{unit}, 95 % {self.low:.5g} to {self.high:.5g}{unit}{seen}>'
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,8 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
+from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
@@ -101,7 +103,7 @@ class SearchOutcome:
 
 def next_experiment(
     training: Dataset, config: Config, request: DesignRequest, executor: Executor | None = None,
-    on_progress: Callable[[str], None] = lambda words: None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Plan:  # fmt: skip
     """Design the next experiment.
 
@@ -116,7 +118,7 @@ def next_experiment(
     executor
         Runs the simulations; None: a pool of processes, as many as there are cores.
     on_progress
-        Called with a line of text at each stage.
+        Called with a line of text at each stage; None: a terminal or a notebook shows them.
 
     Returns
     -------
@@ -131,11 +133,25 @@ def next_experiment(
         keeps.
     KeyboardInterrupt
         For Ctrl-C before the search has started.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 8.0], [0.0, 10.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 2.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> dataset = sma_sim.Dataset(recording, {'alpha': 3.5e-4})
+    >>> request = sma_sim.DesignRequest(parameters='beam.E', length=8.0, hold=2.0, kinetics='hybrid', budget=2)
+    >>> plan = sma_sim.next_experiment(dataset, sma_sim.Config(), request)  # doctest: +SKIP
+    >>> sma_sim.next_experiment(dataset, sma_sim.Config(), sma_sim.DesignRequest(between='gravity'))
+    Traceback (most recent call last):
+    ...
+    sma_sim.model.errors.UserError: --between gravity: expected at least two different explanations
     """
     t_start = time.perf_counter()
     check_design_request(training, config, request)
-    with executor_or_threads(executor) as pool:
-        context = SearchContext(pool, Event(), on_progress, request.folders, request.seed)
+    with executor_or_threads(executor) as pool, progress_in_words('designing', on_progress) as report:
+        context = SearchContext(pool, Event(), report, request.folders, request.seed)
         plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
         return replace(plan, seconds=time.perf_counter() - t_start)
 
@@ -168,6 +184,9 @@ def best_plan(
 
 def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
+    expect('training', training, Dataset)
+    expect('config', config, Config)
+    expect('request', request, DesignRequest)
     structure = config.structure.structure
     if not structure.has_one_command:
         moved = ', '.join([drive.name for drive in structure.drives] + list(structure.commands))

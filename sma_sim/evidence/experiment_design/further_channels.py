@@ -169,8 +169,12 @@ def with_resistivities(fit: FitResult) -> tuple[Problem, Matrix, NDArray[np.int6
     Beside them the unknowns in an order that has those of the fit first.
     """
     problem, at = fit.problem.at_tolerance(RTOL), len(fit.problem.free)
-    known, declared, values = {p.name for p in problem.free}, declared_parameters(problem.config), values_of(problem.config)
-    more = tuple(free_parameter(name, values[name], declared[name]) for name in RESISTIVITY_NAMES if name not in known)
+    known, config = {p.name for p in problem.free}, problem.config
+    declared, values = declared_parameters(config), values_of(config)
+    more = tuple(
+        free_parameter(name, values[name], declared[name], config.priors.get(name))
+        for name in RESISTIVITY_NAMES if name not in known
+    )  # fmt: skip
     z = np.insert(fit.z, at, np.zeros(len(more)))
     own = np.arange(at, at + len(more))
     order = np.concatenate([np.delete(np.arange(len(z)), own), own])

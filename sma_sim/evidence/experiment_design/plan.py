@@ -9,13 +9,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.calibrate import check_kinetics
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
 from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
+from sma_sim.model.archive import Saved
+from sma_sim.model.comparable import Comparable
+from sma_sim.model.expected import as_folders
 from sma_sim.model.renamed import renamed
+from sma_sim.model.shown import Shown, listed
 
 Vector = NDArray[np.float64]
 
@@ -57,6 +62,13 @@ class DesignRequest:
     seed: int = 0
     folders: tuple[Path, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_kinetics(self.kinetics)
+        object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
+        for name in ('between', 'parameters'):
+            given = getattr(self, name)
+            object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
+
 
 @dataclass(frozen=True)
 class ExpectedRatio:
@@ -93,8 +105,8 @@ class InformationGain:
     default: float
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown, Saved, Comparable):
     """The design.
 
     Attributes
@@ -138,6 +150,18 @@ class Plan:
     interrupted: bool
     seconds: float
     further_channels: tuple[FurtherChannel, ...] = ()
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance."""
+        reached = self.reached
+        limits = f'{reached["power"]:.3g} W, {reached["temperature"]:.4g} K, {1e-6 * reached["stress"]:.3g} MPa at most'
+        found = {'command': f'{self.grid.length:g} s, {limits}', 'between': listed(each.name for each in self.hypotheses)}
+        ratios = (
+            f'{ratio.true} against {ratio.rival} {ratio.designed:.3g} ({ratio.default:.3g})' for ratio in self.expected
+        )
+        stds = (f'{one.name} {one.now:.2g} to {one.designed:.2g} {one.shown_unit}' for one in self.precision)
+        gain = {'expected log evidence (by default)': ratios} if self.expected else {'standard deviations': stds}
+        return found | {name: listed(words) for name, words in gain.items()}
 
     @property
     def discriminates(self) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, check, check_kinetics, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
@@ -52,6 +52,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 
 Vector = NDArray[np.float64]
@@ -84,10 +85,13 @@ class LatentRequest:
     seed: int = 0
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=NOMINAL_STARTS))
 
+    def __post_init__(self) -> None:
+        check_kinetics(self.kinetics)
+
 
 def estimate_latent_inputs(
     dataset: Dataset, config: Config, held_out: Dataset | None = None, request: LatentRequest | None = None,
-    executor: Executor | None = None, on_progress: OnProgress = lambda words: None,
+    executor: Executor | None = None, on_progress: OnProgress | None = None,
 ) -> LatentInputs:  # fmt: skip
     """Find the input, and where it acts, that would make `config` explain the dataset's recordings.
 
@@ -104,7 +108,7 @@ def estimate_latent_inputs(
     executor
         Runs the simulations; None: a pool of processes, as many as there are cores.
     on_progress
-        Called with a line of text at each stage.
+        Called with a line of text at each stage; None: a terminal or a notebook shows them.
 
     Returns
     -------
@@ -123,7 +127,6 @@ def estimate_latent_inputs(
 
     >>> import numpy as np
     >>> import sma_sim
-    >>> from sma_sim.evidence.latent_input.latent_search import LatentRequest
     >>> random = np.random.default_rng(0)
     >>> def recorded(name, power):
     ...     command = sma_sim.module_input([0.0, 2.0, 8.0, 15.0], [0.0, power, 0.0, 0.0])
@@ -132,20 +135,20 @@ def estimate_latent_inputs(
     ...     return sma_sim.Recording(name, 'module', run.time, {'alpha': alpha}, command)
     >>> dataset = sma_sim.Dataset((recorded('a', 10.0), recorded('b', -8.0)), {'alpha': 3.5e-4})
     >>> options = sma_sim.FitOptions(free=('beam.E',), kinetics='hybrid', starts=1, intervals=False)
-    >>> request = LatentRequest(kinetics='hybrid', options=options)
+    >>> request = sma_sim.LatentRequest(kinetics='hybrid', options=options)
     >>> sma_sim.estimate_latent_inputs(dataset, sma_sim.Config(), request=request).verdict
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
+    check(dataset, config, request.options)
     training, _ = hold_out_last(dataset, held_out)
     if config.structure.structure.is_quasi_static:
         raise UserError(
             f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '
             f'(system {config.system}): use sma-sim diagnose'
         )
-    check(training, config, request.options)
-    with executor_or_threads(executor) as pool:
-        context = SearchContext(pool, stop, on_progress, (), request.seed)
+    with executor_or_threads(executor) as pool, progress_in_words('searching', on_progress) as report:
+        context = SearchContext(pool, stop, report, (), request.seed)
         fitted = fitted_model(training, config, request, context)
         found = run_in_threads([partial(search_inputs, training, fitted, request.fit, context)], stop)[0]
     return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - t_start)

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
+from sma_sim.model.archive import Saved
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
+from sma_sim.model.shown import Shown, listed
 
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class InputEstimate:
+@dataclass(frozen=True, eq=False)
+class InputEstimate(Comparable):
     """One port's input over time in one run: `mean` and `band` (k,) (95 %: mean +- band) at times (k,) [s], in its unit."""
 
     run: str
@@ -66,8 +69,8 @@ class InputFinding:
         return self.hypothesis.name
 
 
-@dataclass(frozen=True)
-class LatentInputs:
+@dataclass(frozen=True, repr=False)
+class LatentInputs(Shown, Saved):
     """What was found.
 
     Attributes
@@ -105,3 +108,10 @@ class LatentInputs:
     runs: tuple[str, ...]
     interrupted: bool
     seconds: float
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
+        errors = ', '.join(f'{finding.error:.3g} with {finding.name}' for finding in self.findings[:3])
+        found = {'verdict': self.verdict, 'error over noise': f'{self.error:.3g}{errors and f"; {errors}"}'}
+        found |= {'p': f'{self.p_value:.3g}', 'kinetics': self.model, 'recordings': listed(self.runs)}
+        return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})

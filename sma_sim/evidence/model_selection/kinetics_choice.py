@@ -23,6 +23,9 @@ def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
     names = [*default_names(config, measured), *(p.name for p in problem.free if p.name.startswith('effects.'))]
     known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))
     declared, values = declared_parameters(config), values_of(config)
-    free = [known[name][0] if name in known else free_parameter(name, values[name], declared[name]) for name in names]
+    free = [
+        known[name][0] if name in known else free_parameter(name, values[name], declared[name], config.priors.get(name))
+        for name in names
+    ]
     start = [float(known[name][1]) if name in known else 0.0 for name in names]
     return replace(problem, config=config, free=tuple(free)), np.array([*start, *fit.z[len(problem.free) :]])

@@ -7,13 +7,14 @@ from math import isnan
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import FitOptions, kinetics_to_try, multistart_search
+from sma_sim.evidence.estimation.calibrate import FitOptions, check_kinetics, kinetics_to_try, multistart_search
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects, with_temperature_gradient
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.model.config import Config
+from sma_sim.model.expected import as_folders
 from sma_sim.model.renamed import renamed
 
 NOMINAL_STARTS = 2  # one may end in a valley that the other one avoids
@@ -22,10 +23,24 @@ NOMINAL_STARTS = 2  # one may end in a valley that the other one avoids
 @renamed(model='kinetics')
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """How to diagnose: kinetics (hybrid, mas, auto; None: as the configuration says), folders of the user's effects, seed.
+    """How to diagnose.
 
-    `equation`: whether to look for the equation of what no known effect explains. `variants`: whether effects are tried in
-    one wire, coordinate or channel only too. `on_model`: hears of every model as it is found.
+    Attributes
+    ----------
+    kinetics
+        ``'hybrid'``, ``'mas'``, or ``'auto'`` for the more probable of both; None: as the configuration says.
+    folders
+        Folders of effects of your own, which are looked for too.
+    seed
+        Seed of the significance tests.
+    options
+        Of the fits.
+    equation
+        Whether to look for the equation of what no known effect explains.
+    variants
+        Whether effects are tried in one wire, coordinate or channel only, too.
+    on_model
+        Called with every model as it is found.
     """
 
     kinetics: str | None = None
@@ -35,6 +50,10 @@ class DiagnosisRequest:
     equation: bool = True
     variants: bool = True
     on_model: OnModel = silent_model
+
+    def __post_init__(self) -> None:
+        check_kinetics(self.kinetics)
+        object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
 
 
 def nominal_fits(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> list[FitResult]:

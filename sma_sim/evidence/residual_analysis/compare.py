@@ -17,14 +17,20 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording,
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check, on_leading_bench
 from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, nuisances_of
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
+from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
+from sma_sim.model.archive import Saved
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
+from sma_sim.model.expected import expect
+from sma_sim.model.nearest import UnknownNameError, suggestion
+from sma_sim.model.shown import Shown, listed
 
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ComparedRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedRun(Shown, Comparable):
     """One run beside the model, at its sample times `time` (k,) [s], SI units.
 
     `measured` and `predicted` (by the model): (k,) by channel, NaN where a sample is missing. `noise`: standard deviation
@@ -43,13 +49,38 @@ class ComparedRun:
     system: str = ''
 
     def residual(self, channel: str) -> Vector:
-        """Measured - model (k,), NaN where a sample is missing."""
+        """Measured - model (k,), NaN where a sample is missing. Raises UserError for a channel that there is not."""
+        if channel not in self.measured:
+            known = list(self.measured)
+            raise UnknownNameError(
+                f'no channel {channel!r}{suggestion(channel, known)}; the channels are {", ".join(known)}'
+            )
         return self.measured[channel] - self.predicted[channel]
 
+    def rmse(self, channel: str) -> float:
+        """Root mean square of the residual of a channel (SI)."""
+        return float(np.sqrt(np.nanmean(self.residual(channel) ** 2)))
 
-@dataclass(frozen=True)
-class Comparison:
-    """All runs of a dataset beside one configuration; `runs` has the fitted ones first, then those held out."""
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance."""
+        errors = (f'{CHANNEL_COLUMNS[name]} {self.rmse(name):.3g} ({self.rmse(name) / self.noise[name]:.3g} times the noise)'
+                  for name in self.measured)  # fmt: skip
+        return {'run': f'{self.name}{", held out" if self.held_out else ""}', 'RMSE': listed(errors)}
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown, Saved):
+    """All runs of a dataset beside one configuration.
+
+    Attributes
+    ----------
+    label
+        What reports call the model.
+    config, delay
+        The model, and the delay of the recordings behind it [s].
+    runs : tuple of ComparedRun
+        The fitted runs, then those held out: measured and simulated channels, `residual`, `rmse`, states of the model.
+    """
 
     label: str
     config: Config
@@ -60,6 +91,22 @@ class Comparison:
     def channels(self) -> tuple[str, ...]:
         """Channels that any run has, in the order of the file contract."""
         return tuple(in_order({name for run in self.runs for name in run.measured}, self.config.structure.structure.name))
+
+    @property
+    def errors(self) -> Mapping[str, float]:
+        """By channel, the root mean square of the residuals of all runs over the noise: 1 is perfect."""
+        found = {}
+        for name in self.channels:
+            parts = [run.residual(name) / run.noise[name] for run in self.runs if name in run.measured]
+            found[name] = float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
+        return found
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
+        found = {'model': self.label} if self.label else {}
+        errors = (f'{name} {error:.3g}' for name, error in self.errors.items())
+        found |= {'recordings': listed(run.name for run in self.runs), 'error over noise': listed(errors)}
+        return found | {'delay': f'{1e3 * self.delay:.3g} ms'}
 
     def part(self, held_out: bool) -> tuple[ComparedRun, ...]:
         """The runs that were held out, or the others."""
@@ -72,13 +119,48 @@ def compare(
 ) -> Comparison:  # fmt: skip
     """Put a configuration as it is beside a dataset, and beside runs that are held out.
 
-    With `nuisances` the delay is estimated from the dataset and the start from each run; else there is no delay and
-    runs start as the configuration says. Raises UserError for what cannot be compared.
+    Parameters
+    ----------
+    dataset : Dataset
+        Recordings with their noise.
+    config : Config
+        The model; none of its parameters is changed.
+    held_out : Dataset, optional
+        Further recordings, whose delay is that of the others.
+    label : str
+        What reports call the model.
+    nuisances : bool
+        Whether the delay is estimated from the dataset, and the start from each run; else there is no delay, and runs start
+        as the configuration says.
+    executor : Executor, optional
+        Where the simulations run; without it, threads on all cores.
+
+    Returns
+    -------
+    Comparison
+        Every run with measured and simulated channels, residuals and the states of the model.
+
+    Raises
+    ------
+    UserError
+        For recordings that cannot be compared.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> command = sma_sim.module_input([0.0, 2.0, 15.0], [0.0, 10.0, 0.0])
+    >>> run = sma_sim.simulate(sma_sim.Model(), command, 4.0)
+    >>> recording = sma_sim.Recording('run1', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    >>> dataset = sma_sim.Dataset((recording,), {'alpha': 3.5e-4})
+    >>> sma_sim.compare(dataset, sma_sim.Config({'beam.E': 1.9e9})).errors['alpha'] > 3.0
+    True
     """
+    expect('dataset', dataset, Dataset)
+    expect('config', config, Config)
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     config = on_leading_bench(config, dataset)
     if nuisances:
-        found = calibrate(dataset, config, options, executor)
+        found = calibrate(dataset, config, options, executor, silent_iteration)
         predicted = evaluate_held_out(config, held_out, found.delay, executor) if held_out is not None else ()
         return comparison_of_runs(config, found.delay, (dataset, found.runs), (held_out, predicted), label)
     check(dataset, config, options)

@@ -13,6 +13,7 @@ from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import as_folders
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
 
@@ -23,7 +24,7 @@ class EffectError(UserError):
     """An effect file that cannot be used; the message names the file and what is wrong."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FoundEffect:
     """An effect and the files that its kernels depend on."""
 
@@ -45,13 +46,20 @@ class FoundEffect:
         """Of what tells effects apart nearly always: it is asked for with every model."""
         return hash((self.effect.name, self.files))
 
+    def __repr__(self) -> str:
+        return f'FoundEffect({self.effect.name})'
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class ActiveEffect:
     """An effect with the values of its parameters, in the order of its declaration."""
 
     found: FoundEffect
     values: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        pairs = zip(self.found.effect.parameters, self.values, strict=False)
+        return f'{self.found.effect.name}({", ".join(f"{parameter.name}={value:g}" for parameter, value in pairs)})'
 
 
 @cache
@@ -77,12 +85,12 @@ def found_effect(effect: Effect, known: Mapping[str, FoundEffect] = MappingProxy
     return FoundEffect(effect, (), (*OWN, *sorted(modules)))
 
 
-def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
+def find_effects(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, FoundEffect]:
     """All effects by name: those of the package and those in the given folders.
 
     Parameters
     ----------
-    folders : iterable of Path
+    folders : str or Path, or several
         Folders of effect files of your own. Importing them runs them.
 
     Returns
@@ -102,7 +110,7 @@ def find_effects(folders: Iterable[Path] = ()) -> dict[str, FoundEffect]:
     'structure_force'
     """
     found = dict(package_effects())
-    for folder in folders:
+    for folder in as_folders('effects.paths', folders):
         for plugin in user_plugins(folder, 'effects.paths', 'EFFECT', EffectError):
             effect = plugin.value
             if not isinstance(effect, Effect):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import sma_sim.model.structures as package
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import as_folders
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
@@ -21,7 +22,7 @@ class StructureError(UserError):
     """A structure file that cannot be used; the message names the file and what is wrong."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FoundStructure:
     """A structure and the files that its kernels depend on."""
 
@@ -32,6 +33,9 @@ class FoundStructure:
     def __hash__(self) -> int:
         """Of what tells structures apart nearly always: it is asked for with every model."""
         return hash((self.structure.name, self.files))
+
+    def __repr__(self) -> str:
+        return f'FoundStructure({self.structure.name})'
 
 
 @cache
@@ -65,12 +69,12 @@ def found_structure(structure: Structure) -> FoundStructure:
     return KNOWN[name]
 
 
-def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
+def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, FoundStructure]:
     """All structures by name: those of the package and those in the given folders.
 
     Parameters
     ----------
-    folders : iterable of Path
+    folders : str or Path, or several
         Folders of structure files of your own. Importing them runs them.
 
     Returns
@@ -91,7 +95,7 @@ def find_structures(folders: Iterable[Path] = ()) -> dict[str, FoundStructure]:
     ('U_x', 'U_y', 'alpha')
     """
     found = dict(package_structures())
-    for folder in folders:
+    for folder in as_folders('structures.paths', folders):
         for plugin in user_plugins(folder, 'structures.paths', 'STRUCTURE', StructureError):
             structure = plugin.value
             if not isinstance(structure, Structure):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, Parameter, initial_fraction
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
@@ -84,7 +85,7 @@ class Coordinate:
 
     def __post_init__(self) -> None:
         if self.axis and self.axis not in AXES:
-            raise ValueError(f'coordinate {self.name!r}: expected an axis x, y or z, got {self.axis!r}')
+            raise UserError(f'coordinate {self.name!r}: expected an axis x, y or z, got {self.axis!r}')
 
     @property
     def column(self) -> str:
@@ -118,7 +119,7 @@ class Drive:
         return self.name if self.unit in UNITS_WITHOUT_SUFFIX else f'{self.name}_{self.unit}'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Structure:
     """A structure, declared as data.
 
@@ -225,13 +226,16 @@ class Structure:
 
     def __post_init__(self) -> None:
         if self.coordinates and not (self.lengths and self.forces and (self.inertia or self.accelerations)):
-            raise ValueError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
+            raise UserError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
         if self.antagonistic and self.wires != 2 * self.segments:
-            raise ValueError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
+            raise UserError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
         if self.segment and (self.drives or not self.accelerations):
-            raise ValueError(f'structure {self.name!r}: segments in series need accelerations, and take no drives')
+            raise UserError(f'structure {self.name!r}: segments in series need accelerations, and take no drives')
         if not 1 <= self.wires <= MOST_WIRES:
-            raise ValueError(f'structure {self.name!r}: expected 1 to {MOST_WIRES} wires, got {self.wires}')
+            raise UserError(f'structure {self.name!r}: expected 1 to {MOST_WIRES} wires, got {self.wires}')
+
+    def __repr__(self) -> str:
+        return f'Structure({self.name}: {", ".join(self.channel_columns)})'
 
     @cached_property
     def declared(self) -> dict[str, Parameter]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 import html
 import os
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -24,6 +25,7 @@ from sma_sim.report.html.figure_json import figure_json
 
 TEMPLATES = Path(__file__).parents[1] / 'templates'
 PLOTLY = 'plotly-cartesian.min.js.gz'
+SHORT = 9.95  # [s] below which a time has a digit behind the point
 Cell = str
 
 
@@ -106,10 +108,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What made a page: the `command`, and by name the text of every parameter file that it read its model from."""
+    """What made a page: the `command`, and by name the text of every parameter file that it read its model from.
+
+    `started`: when it began, on the clock of ``time.monotonic``.
+    """
 
     command: str
     configurations: Mapping[str, str]
+    started: float
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section], provenance: Provenance | None = None) -> None:
@@ -129,7 +135,18 @@ def provenance_sections(provenance: Provenance | None) -> list[Section]:
     if provenance is None:
         return []
     listings = [Listing(f'The model as it was given: {name}', text) for name, text in provenance.configurations.items()]
-    return [Section('How this page was made', [Paragraph(f'In {os.getcwd()}:'), Code(provenance.command), *listings])]
+    took = f'In {os.getcwd()}; done in {elapsed_words(time.monotonic() - provenance.started)}.'
+    return [Section('How this page was made', [Code(provenance.command), Paragraph(took), *listings])]
+
+
+def elapsed_words(seconds: float) -> str:
+    """A time that something took, such as ``3 min 20 s``."""
+    if seconds < SHORT:
+        return f'{seconds:.1f} s'
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    parts = [f'{hours} h'] * (hours > 0) + [f'{minutes} min'] * (hours + minutes > 0) + [f'{rest} s'] * (hours == 0)
+    return ' '.join(parts)
 
 
 def page_text(title: str, sections: Sequence[Section], made: str = '') -> str:

@@ -1,0 +1,40 @@
+"""What a result shows of itself: one line where it is printed, a table in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+
+LONGEST_LIST = 8  # names in one line
+
+
+class Shown:
+    """For results: their `facts` are their repr, and their table in a notebook."""
+
+    def facts(self) -> Mapping[str, str]:
+        """What is to be known at a glance, by its name; values with their units."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f'<{type(self).__name__}: {"; ".join(f"{name} {words}" for name, words in self.facts().items())}>'
+
+    def _repr_html_(self) -> str:
+        rows = (
+            f'<tr><th style="text-align:left">{escape(k)}</th><td>{escape(v)}</td></tr>' for k, v in self.facts().items()
+        )
+        return f'<table><caption>{escape(type(self).__name__)}</caption>{"".join(rows)}</table>'
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in words, of very many the first."""
+    given = list(names)
+    more = f' and {len(given) - LONGEST_LIST} more' if len(given) > LONGEST_LIST else ''
+    return (', '.join(given[:LONGEST_LIST]) or 'none') + more
+
+
+def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as text: the first column to the left, the others to the right."""
+    lines = [header, *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
+    shown = ([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))] for line in lines)
+    return '\n'.join('  '.join(cells).rstrip() for cells in shown)
