@@ -28,7 +28,7 @@ from sma_sim.evidence.model_selection.candidates import candidates_for, with_eff
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import Catalogue, Component, log_prior_of
-from sma_sim.evidence.search.posterior import posterior_of, unlisted_probability
+from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.search.refine import WINDOW, Model
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of, realism, unlisted_evidence
 
@@ -319,7 +319,7 @@ def test_what_is_left_beside_the_nominal_model_is_not_listed(evidence):
     assert found.unlisted == pytest.approx(1.0 / (1.0 + exp(min(700.0, SPARSITY + UNLISTED - evidence))))
     beside = posterior(model(('gravity',), 10.0, unlisted=evidence))
     assert beside.effects == {'gravity': 1.0} and beside.none == 0.0
-    assert beside.unlisted == unlisted_probability(beside.best)
+    assert beside.unlisted == beside.best.unlisted
 
 
 def test_all_effects_cost_the_same_and_share_it_with_their_scopes():
