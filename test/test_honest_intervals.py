@@ -19,9 +19,16 @@ from sma_sim.evidence.estimation.fit_remarks import other_minima, remarks_on
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.limits import limits_reached, within_limits
+from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.uncertainty import RULED_OUT, interval, uncertainty, with_other_minima
+from sma_sim.evidence.estimation.uncertainty import (
+    RULED_OUT,
+    checked_by_runs,
+    interval,
+    uncertainty,
+    with_other_minima,
+)
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 
@@ -168,3 +175,26 @@ def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeyp
         assert best.z[0] == taken and best.cost == min(cost, 100.0)
         assert other.values['wire.E_A'] == problem.free[0].value(kept) and not other.same
         assert other.log_odds == pytest.approx(abs(cost - 100.0) / 100.0)
+
+
+@pytest.mark.parametrize('jump', [0.0, 1e4])
+def test_an_interval_of_a_derivative_that_is_a_jump_is_widened_to_where_the_cost_rises(monkeypatch, jump):
+    """The first parameter has a derivative that is far too large at this point; the second one is as its derivatives say."""
+    problem = replace(module_problem(), delay=0.0, runs=module_problem().runs[:1])
+    z = np.zeros(len(problem.unknowns))
+    residuals = np.ones_like(problem.runs[0].weight)
+    jacobian = np.random.default_rng(1).normal(size=(len(z), *residuals.shape))
+    told = jacobian.copy()
+    told[0] *= 1.0 + jump
+    run = LinearizedRun(np.arange(len(z)), residuals, told)
+    known = uncertainty(problem, z, [run])
+    curvature = np.einsum('uck,vck->uv', jacobian, jacobian)
+    monkeypatch.setattr(
+        'sma_sim.evidence.estimation.uncertainty.costs_at',
+        lambda _, points, __: [0.5 * float(at @ curvature @ at) for at in points],
+    )
+    first, second = checked_by_runs(known, problem, z, [run], None).intervals
+    assert second == known.intervals[1]
+    true = uncertainty(problem, z, [replace(run, jacobian=jacobian)]).intervals[0]
+    ratio = np.log(first.high / first.low) / np.log(true.high / true.low)
+    assert 0.4 < ratio < 2.0 and (jump == 0.0) == (first == known.intervals[0])

@@ -42,6 +42,7 @@ from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, 
 from sma_sim.evidence.estimation.uncertainty import (
     Interval,
     Uncertainty,
+    checked_by_runs,
     precise_linearization,
     uncertainty,
     with_other_minima,
@@ -447,7 +448,9 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         job = partial(precise_linearization, last.problem, last.z, context.pool)
         (linear,) = run_in_threads([job], context.stop)
         known, by_run = uncertainty(last.problem, last.z, linear), estimates_by_run(last.problem, last.z, linear)
-        known = with_other_minima(known, last.other_starts)
+        check = partial(checked_by_runs, known, last.problem, last.z, linear, context.pool)
+        (checked,) = run_in_threads([check], context.stop)
+        known = with_other_minima(checked, last.other_starts)
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found, config=with_tolerance(with_starts(last.config, found.runs), rtol),

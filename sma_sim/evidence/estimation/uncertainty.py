@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps, robust_weights
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_of, measured_steps, quadratic_model, robust_weights
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time, channel_overdispersion
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -31,6 +32,8 @@ PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction t
 MIN_COMPONENT = 0.15  # relative to the largest: smaller ones are left out of the sentence on a direction
 MIN_BLOCK, MIN_BLOCKS = 10, 10  # samples of a block; a run has at least so many blocks
 GAUSS_95 = 1.959964
+RISES_BY = 0.25  # part of what derivatives say, by which the cost rises at the end of an interval at least: a valley bends
+MAX_DOUBLINGS = 30  # of an interval at whose ends it does not: from rounding to the bounds of a fit
 RULED_OUT = 0.5 * GAUSS_95**2  # log odds: what costs less lies within a 95 % interval
 
 
@@ -159,6 +162,58 @@ def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
     seen = seen and reach <= BOUND_STDS  # wider than the fit could go: nothing is known
     low, high = (max(z - reach, free.low), min(z + reach, free.high)) if seen else (free.low, free.high)
     return Interval(free.name, free.value(z), free.scale * std, free.value(low), free.value(high), free.log, seen, free.unit)
+
+
+def checked_by_runs(
+    known: Uncertainty, problem: Problem, z: Vector, linear: Sequence[LinearizedRun], executor: Executor
+) -> Uncertainty:  # fmt: skip
+    """Intervals at whose ends the cost of runs of the model has risen; they reach further where it has not.
+
+    Derivatives are those of a point. Where the model jumps there, or only rounds differently, they are huge and an interval
+    is a point too, though the recordings fit as well far beyond it. At an end, with the other unknowns held or moved along,
+    the cost is to have risen by a part of what the derivatives say.
+    """
+    inverse, (low, high) = np.linalg.inv(quadratic_model(problem, linear, z)[2]), problem.limits()
+    along, base = inverse / np.diag(inverse), costs_at(problem, [z], executor)[0]
+    pairs = list(zip(problem.free, known.intervals, strict=True))
+    first = np.array(
+        [[free.coordinate(one.low) - x, free.coordinate(one.high) - x] for (free, one), x in zip(pairs, z, strict=False)]
+    )
+    reach = first.copy()
+    open_ends = [(k, side) for k, (_, one) in enumerate(pairs) if one.seen for side in (0, 1) if first[k, side] != 0.0]
+    for _ in range(MAX_DOUBLINGS if open_ends else 0):
+        moves = [reach[k, side] * move for k, side in open_ends for move in (along[:, k], np.eye(len(z))[k])]
+        costs = costs_at(problem, [np.clip(z + move, low, high) for move in moves], executor)
+        risen = np.reshape(costs, (-1, 2)).min(axis=1) - base
+        open_ends = [
+            (k, side) for (k, side), rise in zip(open_ends, risen, strict=True)
+            if rise < RISES_BY * 0.5 * first[k, side] ** 2 / inverse[k, k] and low[k] < z[k] + reach[k, side] < high[k]
+        ]  # fmt: skip
+        if not open_ends:
+            break
+        for end in open_ends:
+            reach[end] *= 2.0
+    return replace(known, intervals=tuple(
+        one if (reach[k] == first[k]).all() else widened(one, free, z[k] + reach[k]) for k, (free, one) in enumerate(pairs)
+    ))  # fmt: skip
+
+
+def widened(one: Interval, free: FreeParameter, ends: Vector) -> Interval:
+    """An interval between other ends (2,) in z, within the bounds."""
+    low, high = np.clip(ends, free.low, free.high).tolist()
+    std = free.scale * (high - low) / (2.0 * GAUSS_95)
+    return replace(one, low=free.value(low), high=free.value(high), std=max(one.std, std))
+
+
+def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> list[float]:
+    """The cost at each of several points (n,); inf where the model cannot be run."""
+    configs = [PickledConfig(problem.fitted(z)) for z in points]
+    tasks = [
+        EvaluationTask(run, tuple((config, problem.nuisance(run, z[at])) for config, z in zip(configs, points, strict=True)))
+        for run, at in zip(problem.runs, problem.indices(), strict=True)
+    ]
+    by_run = [future.result() for future in [executor.submit(evaluate, task) for task in tasks]]
+    return [cost_of(problem, [found[k] for found in by_run], z) for k, z in enumerate(points)]
 
 
 def with_other_minima(known: Uncertainty, others: Sequence[OtherStart]) -> Uncertainty:
