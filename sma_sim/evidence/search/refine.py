@@ -116,7 +116,7 @@ def extended(parent: Model, components: Sequence[Component], context: SearchCont
     first.sort(key=lambda model: -model.score(k))
     found = list[Model]()
     for rank, model in enumerate(first):
-        limit = min([one.fit.cost for one in found], default=inf) + WINDOW * k**2
+        limit = min([one.fit.cost for one in found], default=inf) + WINDOW
         if restarts and rank < RESTARTED and not model.leaves_nothing and not context.stop.is_set():
             model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
         found.append(model)
