@@ -63,7 +63,8 @@ def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> Nativ
     plain = found.plain or found
     if plain.effect.needs and on is None:
         on = package_structures()['module']
-    if on is not None and (plain.effect.by_channel or plain.effect.each_bundle or plain.effect.in_space):
+    effect = plain.effect
+    if on is not None and (effect.by_channel or effect.each_bundle or effect.in_space or effect.kernels):
         plain = plain.on(on.structure)
     return _native_effect(plain, on)
 
