@@ -74,7 +74,7 @@ BAD = {
     'infinite': (under('beam.E: .inf'), 'beam.E = inf', 'expected 100000 to'),
     'nan': (under('beam.E: .nan'), 'beam.E = nan', 'expected 100000 to'),
     'out of range': (under('beam.L: -1.0'), 'beam.L = -1 m', 'expected 0.001 to 10 m'),
-    'unknown name': (under('wire: {E_a: 1.0e9}'), 'unknown parameter wire.E_a', 'did you mean wire.E_M or wire.E_A'),
+    'unknown name': (under('wire: {E_a: 1.0e9}'), 'unknown parameter wire.E_a', 'did you mean wire.E_'),
     'unknown group': (under('wires: {E_A: 1.0e9}'), 'unknown parameter wires.E_A'),
     'nested too deep': (under('wire: {E_A: {value: 1.0e9}}'), 'unknown parameter wire.E_A.value'),
     'unknown effect': (under('effects: {active: [gravty]}'), 'unknown effect gravty', 'did you mean gravity'),
