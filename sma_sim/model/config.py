@@ -652,8 +652,6 @@ def checked_value(name: str, one: Given, parameter: Parameter) -> float:
     value, (low, high) = one.value, parameter.bounds
     if not is_number(value):
         unit = f' in {parameter.unit}'.removesuffix(' in -')
-        if value is None:
-            raise ConfigError(f'{name} has no value ({one.where}): expected a number{unit}')
         raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number{unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):

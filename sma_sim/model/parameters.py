@@ -22,7 +22,7 @@ K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
 def kelvin_hint(value: float) -> str:
     """What a temperature out of `KELVIN` is if degrees Celsius were meant."""
     kelvin = value + ZERO_CELSIUS
-    return f'; {value:g} deg C are {kelvin:g} K' if KELVIN[0] <= kelvin <= KELVIN[1] else ''
+    return f'\n{value:g} deg C are {kelvin:g} K' if KELVIN[0] <= kelvin <= KELVIN[1] else ''
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def ambient_of(path: Path, columns: dict[str, Vector], T_E: float) -> Vector:
     wrong = ambient[(ambient < low) | (ambient > high)]
     if len(wrong):
         raise UserError(
-            f'{path}, column T_E_K: expected kelvin, {low:g} to {high:g}, got {wrong[0]:g}{kelvin_hint(wrong[0])}'
+            f'{path}, column T_E_K: expected kelvin between {low:g} and {high:g}, got {wrong[0]:g}{kelvin_hint(wrong[0])}'
         )
     return ambient
 
