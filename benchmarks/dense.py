@@ -3,7 +3,7 @@
 python benchmarks/dense.py [--turns 5] [--json FILE]
 
 A PI controller of alpha at 50 Hz, whose sensor has noise, follows a sine; the larger its gains, the more its command changes
-from row to row. Tangents are those of a fit, its residuals included. Errors of the simulation are against a tolerance of 1e-8.
+from row to row. Tangents are those of a fit, its residuals included. Errors of the simulation are against one at rtol 1e-8.
 """
 
 from __future__ import annotations
