@@ -57,7 +57,7 @@ class Run(NamedTuple):
 
     state: SystemState
     control: Vector  # step size; start of the window of steps; of steps over rows: until when `solution` is kept, of what
-    # length they are, how many rows to leave to other steps; per wire: time of the last jump, recent jumps, dwell, heat
+    # length they are (0: none), how many rows to leave to other steps; per wire: time of the last jump, recent jumps, dwell, heat
     count: Integers
     solution: Matrix  # (n, n) of `solver.linear.invert_shifted`, for steps over rows
 
@@ -149,7 +149,7 @@ def of_wire(i: int, which: int) -> int:
 
 def record_jump(t: float, i: int, edge: int, run: Run, jumps: Matrix) -> None:
     """Log a jump and watch for chattering: many jumps in a short time make a wire wait before the next."""
-    run.control[C_KEPT_UNTIL] = -np.inf
+    run.control[C_ROW_LENGTH] = 0.0
     j = run.count[N_JUMPS]
     if j < jumps.shape[0]:
         jumps[j, 0], jumps[j, 1], jumps[j, 2] = t, i, edge
@@ -234,7 +234,7 @@ def cross_row(run: Run, segment: Segment, p: System, w: Work, limits: Limits, lo
         run.count[N_STEPS] += 1
     if not error <= most or switched(h, run, segment, p, w):
         run.count[N_REJECTED] += 1
-        control[C_KEPT_UNTIL], control[C_ROWS_LEFT] = -np.inf, ROWS_LEFT
+        control[C_ROW_LENGTH], control[C_ROWS_LEFT] = 0.0, ROWS_LEFT
         return NOT_CROSSED
     keep_heat(run, segment, p, w)
     return finish_row(Step(t, h), run, segment, p, w, limits, log)

@@ -33,7 +33,6 @@ from sma_sim.solver.equilibrium import start
 from sma_sim.solver.inputs import INPUT_NAMES, Input, inputs_at, pieces, requested_times
 from sma_sim.solver.integrate import (
     C_H,
-    C_KEPT_UNTIL,
     C_LAST_JUMP,
     C_WIRES,
     COMPLETED,
@@ -114,7 +113,6 @@ def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)
     control[C_H] = 1e-3
     control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
-    control[C_KEPT_UNTIL] = -np.inf
     return Run(state, control, np.zeros(N_SIZE, dtype=np.int64), np.zeros_like(work.matrix))
 
 
