@@ -57,7 +57,7 @@ class Run(NamedTuple):
 
     state: SystemState
     control: Vector  # step size; start of the window of steps; of steps over rows: until when `solution` is kept, of what
-    # length they are (0: none), how many rows to leave to other steps; per wire: time of the last jump, recent jumps, dwell, heat
+    # length they are (0: none), how many rows to leave to others; per wire: time of the last jump, recent jumps, dwell, heat
     count: Integers
     solution: Matrix  # (n, n) of `solver.linear.invert_shifted`, for steps over rows
 
