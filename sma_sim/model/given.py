@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.model.parameter_yaml import ConfigError, belongs_to_ros, check_of_ros, flatten, read_yaml
+from sma_sim.model.nearest import nearest
+from sma_sim.model.parameters import DEFAULTS
 
 KINETICS_NAMES = ('model', 'kinetics')  # in files, which go on having the first
 LISTS = ('effects.active', 'effects.paths', 'structures.paths')
@@ -40,7 +42,9 @@ def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, An
             raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {word!r}")
         name, equals, text = word.partition('=')
         if not equals:
-            raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
+            near = nearest(word, [*DEFAULTS, 'system', *KINETICS_NAMES])
+            example = f'{near[0]}=VALUE' if near else 'wire.E_A=12e9'
+            raise ConfigError(f'--set {word}: expected name=value, such as --set {example}')
         given = given_over(given, {name.strip(): Given(parse(name.strip(), text), COMMAND_LINE)})
     return given
 
