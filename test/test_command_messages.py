@@ -39,7 +39,7 @@ def files(tmp_path, monkeypatch):
         ('simulate --input german.csv --out a.csv', 'its columns are separated by semicolons; expected commas'),
         (
             'simulate --input command.csv --out a.csv --config broken.yaml',
-            'broken.yaml, line 3, column 5: not YAML',
+            'broken.yaml is not YAML: line 3, column 5: ',
         ),
         (
             'next run.csv --noise alpha=1e-3 --parameters beam.e',
