@@ -36,7 +36,7 @@ def files(tmp_path, monkeypatch):
         ('fit --hold-out run3 runs', '--hold-out takes all names after it: give DATA before it'),
         ('simulate --input command.csv --out a.csv --set beam.e', 'such as --set beam.E=VALUE'),
         ('simulate --input command.csv --out a.csv --set beam.e=2e9', 'did you mean beam.E?'),
-        ('simulate --input german.csv --out a.csv', 'its columns are separated by semicolons; expected commas'),
+        ('simulate --input german.csv --out a.csv', 'separated by semicolons: expected commas'),
         (
             'simulate --input command.csv --out a.csv --config broken.yaml',
             'broken.yaml is not YAML: line 3, column 5: ',

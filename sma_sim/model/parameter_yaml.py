@@ -90,8 +90,12 @@ def load(path: Path) -> dict[str, Any]:
         content = yaml.load(path.read_text(encoding='utf-8'), Loader)  # noqa: S506  a SafeLoader
     except OSError as error:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
+        raise ConfigError(f'{path} is not YAML: {where}{error.problem or error.context}') from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f'{path} is not YAML: {error}') from error
+        raise ConfigError(f'{path} is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise ConfigError(f'{path}: expected a mapping of parameters, got {type(content).__name__}')
     return content

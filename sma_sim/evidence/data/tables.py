@@ -32,7 +32,9 @@ def read_columns(
     missing = [name for name in required if name not in header]
     if missing:
         hint = hint_for(missing[0], header, (*required, *optional, *with_gaps), with_map=False)
-        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
+        only_semicolons = len(header) == 1 and ';' in header[0]
+        separated = ', separated by semicolons: expected commas, and points in numbers' if only_semicolons else ''
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}{separated}')
     present = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:
