@@ -21,7 +21,7 @@ AFTER_THE_START, AFTER_A_COMMAND = 2.0, 0.5  # [s] within which a signal comes
 # by name: arguments, type and topic of the command
 PROGRAMS = {
     'play': ([*PLAY, 'module.csv'], Float64, 'J_eq'),
-    'play_of_wires': ([*PLAY, 'spatial.csv'], Float64MultiArray, 'J'),
+    'play_of_wires': ([*PLAY, 'slider.csv'], Float64MultiArray, 'J'),
     'controller': (['examples/controller.py', '--ros-args', '-p', 'alpha_target:=0.05'], Float64, 'J_eq'),
     'trajectory_follower': (['examples/trajectory_follower.py', '--ros-args', '-p', 'alpha_target:=0.05'], Float64, 'J_eq'),
     'step_response': (['examples/step_response.py'], Float64, 'J_eq'),
@@ -86,6 +86,7 @@ def numbers_of(message):
 
 
 def start(words, folder, domain):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in the background
     environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': str(ROOT)}
     words = [str(ROOT / word) if word.startswith('examples/') else word for word in words]
     return subprocess.Popen(
@@ -96,7 +97,7 @@ def start(words, folder, domain):
 def stop_at_random(name, folder, number, chance, repeated=False):
     """Start a program and send it a signal, once or until it ends; its numbers as heard, its exit code, what it said."""
     (folder / 'module.csv').write_text('time_s,J_eq_W\n0,12\n60,12\n')
-    (folder / 'spatial.csv').write_text('time_s,J_1_W,J_2_W,J_3_W\n0,1.5,0.5,0\n60,1.5,0.5,0\n')
+    (folder / 'slider.csv').write_text('time_s,J_1_W,J_2_W\n0,1.5,0.5\n60,1.5,0.5\n')
     words, kind, topic = PROGRAMS[name]
     domain = ros_client.any_domain()
     with ros_client.listener(domain) as node, start(words, folder, domain) as program:
@@ -129,7 +130,7 @@ def test_last_command_is_zero(tmp_path, name, number):
     for repeated in (False, True):
         heard, code, said = stop_at_random(name, tmp_path, number, chance, repeated)
         assert ends_at_zero(heard), (heard[-3:], code, said)
-        assert not any(map(any, heard)) or 'Traceback' not in said, said
+        assert not any(map(any, heard)) or 'Traceback' not in said and 'not every listener' not in said, said
 
 
 @pytest.mark.slow

@@ -1,7 +1,10 @@
 """Effects on structures with any number of bundles, and in space: parameters for each, and what all sensors see."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_structures import MOVING, evaluated, model_of, states
 
 from sma_sim import Input, UserError, default_parameters, effects, find_effects, read_config, simulate
@@ -10,6 +13,7 @@ from sma_sim.evidence.model_selection.variants import scopes_of
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.layout import O_J, O_STRAIN
+from sma_sim.solver.effect_table import channel_codes
 from sma_sim.solver.model import Model
 
 HEATED = np.array([2.0, 5.0, 3.0, 298.0])
@@ -75,6 +79,54 @@ def test_gravity_has_every_direction_of_the_frame():
         effects.clamp_slip(delta_1=0.01)
 
 
+def space_cases():
+    random, structure = np.random.default_rng(0), MOVING['spatial'].structure
+    for _ in range(10):
+        q = random.normal(size=6) * [1e-4, 3e-3, 3e-3, 0.2, 0.2, 0.1]
+        yield q, SimpleNamespace(**dict(zip(structure.coordinate_names, q, strict=True))), structure.default_constants
+
+
+def test_a_camera_that_is_turned_in_space():
+    """Displacements and angles are those of the pose in its frame, by rotations of SciPy."""
+    kernel, angles = dict(find_effects()['sensor_misalignment'].effect.kernels)['spatial'], (0.3, -0.2, 0.1)
+    p = SimpleNamespace(theta=angles[0], theta_y=angles[1], theta_x=angles[2])
+    codes = channel_codes(MOVING['spatial'].structure)[:6]
+    for q, state, constants in space_cases():
+        camera, plate = Rotation.from_euler('ZYX', angles), Rotation.from_euler('ZYX', q[3:])
+        seen = [*camera.inv().apply(q[:3]), *(camera.inv() * plate).as_euler('ZYX')]
+        assert [kernel(SimpleNamespace(**vars(state), channel=code), constants, p) for code in codes] == pytest.approx(
+            seen, abs=1e-12
+        )
+    flat = SimpleNamespace(U_x=1e-4, U_y=3e-3, U_z=0.0, alpha=0.2, beta=0.0, gamma=0.0)
+    plane = SimpleNamespace(theta=0.3, theta_y=0.0, theta_x=0.0)
+    for code, value in ((0, flat.U_x), (1, flat.U_y), (2, flat.alpha)):
+        here = SimpleNamespace(**vars(flat), channel=code, value=value)
+        assert kernel(here, None, plane) == pytest.approx(
+            find_effects()['sensor_misalignment'].effect.kernel(here, None, plane)
+        )
+
+
+def test_a_beam_that_bends_in_two_planes_pulls_down_the_slope_of_its_energy():
+    kernel, p = dict(find_effects()['beam_nonlinearity'].effect.kernels)['spatial'], SimpleNamespace(b=4.0, c=0.8)
+
+    def energy(q, b):
+        x, weight = np.polynomial.legendre.leggauss(12)
+        x, weight = 0.5 * b.L * (1.0 + x), 0.5 * b.L * weight
+        curved, shortening = 0.0, 0.0
+        for tip, slope in ((q[1], q[3]), (q[2], -q[4])):
+            A = np.linalg.solve([[b.L**2, b.L**3], [2 * b.L, 3 * b.L**2]], [tip, slope])
+            curved = curved + (2 * A[0] + 6 * A[1] * x) ** 2
+            shortening += 0.5 * ((2 * A[0] * x + 3 * A[1] * x**2) ** 2 @ weight)
+        hard = b.k_y * b.L**3 / 12.0 * p.b * b.L**2 / 4.0 * (curved**2 @ weight)
+        return hard + 0.5 * b.k_x * ((q[0] + p.c * shortening) ** 2 - q[0] ** 2)
+
+    for q, state, constants in space_cases():
+        steps = np.diag([1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5])
+        slopes = [(energy(q + d, constants) - energy(q - d, constants)) / (2.0 * d.sum()) for d in steps]
+        found = np.array(kernel(state, constants, p))
+        assert found == pytest.approx(-np.array(slopes), abs=1e-6 * np.abs(found).max())
+
+
 def test_gravity_of_a_stack_is_that_of_its_parameters():
     """Every module carries the weight of those beyond it."""
     found, values = find_effects()['gravity'], (-9.0, 3.0)
@@ -136,7 +188,9 @@ def test_zeros_of_every_force_sensor_drift():
 
 def test_dry_friction_of_a_rail_is_named_as_the_parameter_that_it_is():
     slider, lever = (find_effects()['joint_friction'].on(MOVING[name].structure).effect for name in ('slider', 'lever'))
-    assert 'slider.F_c' in slider.phrase and 'slider.F_c' in slider.same_as
+    assert 'slider.F_c' in slider.phrase and slider.same_as == 'slider.F_c with slider.v_c'
+    low, high = slider.parameters[1].realistic
+    assert low < MOVING['slider'].structure.default_values['slider.v_c'] < high
     assert lever.phrase == 'dry friction of the joints' and not lever.same_as
     friction = ActiveEffect(find_effects()['joint_friction'].on(MOVING['slider'].structure), (0.3, 1e-3))
     by_effect, by_parameter = model_of('slider', effects=[friction]), model_of('slider', slider__F_c=0.3, slider__v_c=1e-3)

@@ -10,6 +10,7 @@ from sma_sim.evidence.monitoring.live_model import (
     J_EQ,
     MODULE_CHANNEL_NAMES,
     T_E,
+    Announcements,
     ComparedSample,
     DepartureDetector,
     InputChange,
@@ -143,3 +144,31 @@ def test_an_error_that_stays_is_a_departure_until_it_is_gone():
 
 def test_a_channel_that_is_no_longer_measured_is_not_away():
     assert not departures(np.concatenate([np.full(1200, 9.0), np.full(700, np.nan)]))[-1]
+
+
+STATES = st.lists(st.tuples(st.floats(0.0, 30.0), st.sampled_from(['left', 'follows', 'between'])), max_size=60)
+
+
+@given(STATES)
+def test_a_model_that_is_away_is_said_once_in_a_period(states):
+    """However channels leave and come back; what is said last is how it is, or a period has not passed."""
+    announcements, now, said = Announcements(10.0), 0.0, []
+    for after_last, state in states:
+        now += after_last
+        due = announcements.due(now, state == 'left', state == 'follows')
+        said += [(now, due)] if due else []
+        assert due in {'left': ('left', ''), 'follows': ('follows', 'back', ''), 'between': ('',)}[state]
+        if state == 'follows':
+            assert said[-1][1] in ('follows', 'back')
+        if state == 'left':
+            assert now - max(t for t, words in said if words == 'left') < 10.0
+    warnings = [t for t, words in said if words == 'left']
+    assert all(later - earlier >= 10.0 for earlier, later in zip(warnings, warnings[1:], strict=False))
+    assert all(words != before for (_, words), (_, before) in zip(said[1:], said, strict=False) if words != 'left')
+
+
+def test_a_model_that_starts_anew_is_said_to_follow_again():
+    announcements = Announcements(10.0)
+    assert [announcements.due(t, False, True) for t in (0.0, 1.0)] == ['follows', '']
+    announcements.restart()
+    assert announcements.due(2.0, False, True) == 'follows'

@@ -225,6 +225,27 @@ def test_it_leaves_and_comes_back_and_outliers_do_not_count():
     assert log[0].index('has left the measurement') < log[0].index('the model is back in the measurement')
 
 
+def test_it_says_that_the_model_follows():
+    with check('-p', 'check.burn_in:=0.5') as (fake, log):
+        one = fake.one
+        fake.until(lambda: value(one, 'verdict on the model') == 'follows the measurement')
+        assert status(one).message == 'comparing; the model follows the measurement' and value(one, 'state') == 'comparing'
+    assert 'the model follows the measurement: error over noise U_x 0, U_y 0, alpha 0 over the last 1 s' in log[0]
+
+
+def test_an_offset_at_rest_is_said_before_the_burn_in_is_over():
+    with check('-p', 'check.burn_in:=1e6') as (fake, log):
+        away = (*rest()[:2], rest()[2] + 0.01)
+        count = len(fake.one.seen['/diagnostics'])
+        fake.until(lambda: fake.time > 1003.0 and fake.one.seen['error_over_noise'], position=away)
+        fake.until(lambda: len(fake.one.seen['/diagnostics']) > count + 1, position=away)
+        assert status(fake.one).level == DiagnosticStatus.OK and value(fake.one, 'verdict on the model') == 'none yet'
+    words = (
+        'at rest, before any wire is heated, the robot differs from the model: alpha 28.6 times the noise (0.573 deg). Zero'
+    )
+    assert log[0].count(words) == 1 and 'has left' not in log[0], log[0]
+
+
 @pytest.mark.slow
 def test_no_verdict_before_the_burn_in_is_over():
     with check('-p', 'check.burn_in:=1e6') as (fake, log):

@@ -171,7 +171,7 @@ def test_wrong_parameters_stop_the_node(words, message):
     ('content', 'message'),
     [
         ('/other_node:\n  ros__parameters:\n    model: mas\n', 'has nothing for this node'),
-        ('/**:\n  ros__parameters:\n    wire:\n      E_A:\n', 'No value at line 4'),
+        ('/**:\n  ros__parameters:\n    wire:\n      E_A:\n', 'wire.E_A = None'),
     ],
 )
 def test_wrong_parameter_files_stop_the_node(tmp_path, content, message):

@@ -8,7 +8,7 @@ from sma_sim import Input
 from sma_sim.model.layout import SystemState
 from sma_sim.solver import rosenbrock
 from sma_sim.solver.compile import package_compiler
-from sma_sim.solver.rosenbrock import RosenbrockMethod
+from sma_sim.solver.rosenbrock import ROS34PW2, RosenbrockMethod
 from sma_sim.solver.simulate import new_work
 from sma_sim.solver.stepper import ORDER, Segment, Step, dense, linearize_flow, prepare_dense, rosenbrock_step
 
@@ -65,6 +65,26 @@ def test_l_stability(method):
 
     assert max(abs(R(1j * w)) for w in np.geomspace(1e-3, 1e5, 400)) <= 1.0 + 1e-12
     assert abs(R(-1e8)) < 1e-6
+
+
+def test_steps_over_rows_are_of_order_3_with_any_matrix():
+    """The conditions of W-methods (Hairer and Wanner, section IV.7), of order 2 of what estimates the error, L-stability."""
+    method = ROS34PW2
+    Gamma = np.linalg.inv(np.eye(4) / method.gamma - method.C)
+    alpha = method.a @ Gamma
+    u = method.a[3] + np.eye(4)[3]
+    b, embedded, a_i, g_i = u @ Gamma, (u - method.error) @ Gamma, alpha.sum(1), Gamma.sum(1)
+    conditions = [(b.sum(), 1), (b @ a_i, 1 / 2), (b @ g_i, 0), (b @ a_i**2, 1 / 3), (b @ alpha @ a_i, 1 / 6)]
+    conditions += [(b @ alpha @ g_i, 0), (b @ Gamma @ a_i, 0), (b @ Gamma @ g_i, 0)]
+    conditions += [(embedded.sum(), 1), (embedded @ a_i, 1 / 2), (embedded @ g_i, 0)]
+    for found, expected in conditions:
+        assert found == pytest.approx(expected, abs=1e-13)
+    assert abs(embedded @ a_i**2 - 1 / 3) > 1e-2  # else it would estimate no error
+
+    def R(z):
+        return 1 + z * b @ np.linalg.solve(np.eye(4) - z * (alpha + Gamma), np.ones(4))
+
+    assert max(abs(R(1j * w)) for w in np.geomspace(1e-3, 1e5, 400)) <= 1.0 + 1e-12 and abs(R(-1e8)) < 1e-6
 
 
 # Steps

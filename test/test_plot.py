@@ -54,6 +54,18 @@ def test_all_channels_have_a_labelled_panel(columns):
     assert MODE_COLOURS.keys() == MODE_NAMES.keys() == {1, 2, 3, 4, 5}
 
 
+def test_commands_of_a_stack_are_drawn():
+    """One for each pair of wires, as they hold."""
+    time = np.arange(5.0)
+    figure = draw_run(
+        {'time_s': time, 'J_eq_1_W': 12.0 * (time > 1), 'J_eq_2_W': -6.0 * (time > 2), 'alpha_1_rad': 0.1 * time}
+    )
+    axis = next(axis for axis in figure.axes if axis.get_ylabel() == 'J_eq [W]')
+    assert [line.get_label() for line in axis.lines] == ['pair 1', 'pair 2']
+    assert [line.get_ydata()[-1] for line in axis.lines] == [12.0, -6.0]
+    assert all(line.get_drawstyle() == 'steps-post' for line in axis.lines)
+
+
 def test_panels_of_every_structure():
     """Coordinates of any name, any number of bundles."""
     names = ('J_1_W', 'J_2_W', 'T_E_K', 'position_m', 'gamma_rad', 'F_1_N', 'T_1_K', 'T_12_K', 'x_M_1', 'mode_1')

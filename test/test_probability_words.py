@@ -85,6 +85,9 @@ def test_sentences_name_the_best_the_second_and_ties():
         'gravity', 'a constant offset of the sensors, in U_y only', 'nothing missing', 'something that is not listed',
     ]  # fmt: skip
     assert [row.probability for row in finding_rows(CLEAR)][2:] == ['less than 1 in 1,000,000,000', '1 in 500']
+    pair = {'effects': ['gravity', 'driver_lag'], 'formula': None, 'differences': ['the zero of alpha'], 'probability': 1.0}
+    (row,) = model_rows({'models': [{**pair, 'error': 1.0}]})
+    assert row.words == 'gravity + a lag of the driver + recordings that differ in the zero of alpha'
     nothing = {'models': [{'effects': [], 'formula': None, 'probability': 0.97, 'error': 1.0}]}
     assert probability_lines(nothing) == ['Most probable: nothing missing, 97 %.'] and finding_rows(nothing) == []
 

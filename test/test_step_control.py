@@ -57,7 +57,7 @@ FREE = Limits(np.inf, 1000, 1e-6)
 def new_state(wires=2, states=3):
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * wires)
     control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
-    return Run(SimpleNamespace(y=np.zeros(states)), control, np.zeros(N_SIZE, dtype=np.int64))
+    return Run(SimpleNamespace(y=np.zeros(states)), control, np.zeros(N_SIZE, dtype=np.int64), np.zeros((states, states)))
 
 
 def tried(monkeypatch, errors, h, end=1.0, mas=False, limits=FREE):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.commands import add_command
+from sma_sim.cli.common.commands import add_command, add_kinetics
 from sma_sim.cli.common.data import (
     add_data_options,
     check_outputs,
@@ -44,7 +44,7 @@ def add_parser(verbs: Any) -> None:
         '--config', action='append', type=Path, default=[], metavar='FILE', dest='configs',
         help='YAML parameter file (default: the paper\'s values); give it twice to compare two models',
     )  # fmt: skip
-    parser.add_argument('--model', choices=('hybrid', 'mas'), help='kinetics (default: those of the configuration)')
+    add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration')
     parser.add_argument('--no-nuisance', action='store_true', help='estimate neither the delay nor the initial states')
     add_overriding_options(parser)
     parser.set_defaults(run=run)

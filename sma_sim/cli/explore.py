@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from sma_sim.cli.common.commands import add_command
+from sma_sim.cli.common.commands import add_command, add_kinetics
 from sma_sim.cli.common.data import add_recording_options, data_request
 from sma_sim.cli.common.options import add_config_options
 from sma_sim.explore.application import Application
@@ -29,7 +29,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'explore', 'see the model in the browser, beside recordings or a robot, and improve it')
     add_recording_options(parser, nargs='*')
-    parser.add_argument('--model', choices=('hybrid', 'mas'))
+    add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration, else hybrid')
     parser.add_argument(
         '--session', type=Path, default=DEFAULT_FOLDER, metavar='FOLDER',
         help=f'folder that keeps every version of the model (default ./{DEFAULT_FOLDER})',

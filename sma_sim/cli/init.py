@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sma_sim.cli.common.commands import example_of
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.cli.common.robot_check import at_rest, when_heated
 from sma_sim.cli.common.units import in_unit, to_si, typed_units
@@ -69,7 +70,7 @@ MODULE = 'module'  # whose dimensions are asked for
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser(
-        'init', help='write the parameter file of your robot',
+        'init', epilog=example_of('init'), help='write the parameter file of your robot',
         description='Write the parameter file of your robot. On a terminal it asks for the dimensions. With a dimension '
         'among the options, or without a terminal, it does not ask; what is not given is taken from --config, else from '
         'the paper.',

@@ -10,6 +10,8 @@ import time
 import traceback
 from importlib import import_module
 
+from sma_sim.cli.common.commands import KINETICS_HELP
+from sma_sim.cli.common.parser import CommandParser
 from sma_sim.model.errors import UserError
 from sma_sim.model.optional import missing
 
@@ -17,6 +19,7 @@ VERBS = (
     'tour', 'init', 'simulate', 'explore', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'play', 'plot', 'bag',
     'effects', 'systems', 'challenge', 'paper', 'compile',
 )  # fmt: skip
+PACKAGE = 'sma_sim'
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 
 
@@ -58,7 +61,10 @@ def report_fault(name: str) -> int:
 
 def parser_for(words: list[str]) -> argparse.ArgumentParser:
     """The parser, with the verb that is asked for alone if it is one: others need not be imported."""
-    parser = argparse.ArgumentParser(prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.')
+    parser = CommandParser(
+        prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.', epilog=KINETICS_HELP
+    )
+    parser.add_argument('--version', action='version', version=f'sma-sim {sys.modules[PACKAGE].__version__}')
     verbs = parser.add_subparsers(dest='verb', required=True)
     for verb in [words[0]] if words and words[0] in VERBS else VERBS:
         import_module(f'sma_sim.cli.{verb}').add_parser(verbs)

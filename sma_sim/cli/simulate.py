@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.commands import add_command
+from sma_sim.cli.common.commands import add_command, add_kinetics, print_notes
 from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
@@ -42,7 +41,7 @@ def add_parser(verbs: Any) -> None:
         '--out', type=Path, required=True, help='CSV file to write, or an mcap file where the name ends in .mcap'
     )
     parser.add_argument('--rate', type=float, default=100.0, help='samples per second (default 100)')
-    parser.add_argument('--model', choices=('hybrid', 'mas'))
+    add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration, else hybrid')
     parser.add_argument('--system', metavar='NAME', help='structure to simulate; sma-sim systems lists them')
     parser.add_argument(
         '--interpolation',
@@ -75,8 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', PhysicsWarning)  # it is among the notes
         trajectory = run_model(Model(config), source, arguments)
-    for note in trajectory.notes:
-        print(f'note: {note}', file=sys.stderr)
+    print_notes(trajectory.notes)
     imposed = inputs_at(source, trajectory.time)  # a temperature that is imposed stays what it is, to the last bit
     columns = imposed | {name: values for name, values in trajectory.columns.items() if name not in imposed}
     if arguments.resistance:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from difflib import SequenceMatcher
+from collections.abc import Sequence
 from typing import Any
 
 import yaml
 
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, read_column_map
+from sma_sim.evidence.data.foreign_columns import UNITS, likely_column, unit_of
 from sma_sim.evidence.data.recording import NEEDED_COLUMNS
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, recordings_in
@@ -19,31 +18,10 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.workflow.data_request import DataRequest
 
-# By the unit of our column: the units in which people record it, each with scale and offset to ours.
-UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    's': {'s': (1.0, 0.0), 'ms': (1e-3, 0.0), 'us': (1e-6, 0.0), 'min': (60.0, 0.0)},
-    'm': {'m': (1.0, 0.0), 'mm': (1e-3, 0.0), 'cm': (1e-2, 0.0), 'um': (1e-6, 0.0)},
-    'rad': {'rad': (1.0, 0.0), 'deg': (0.017453292519943295, 0.0), 'mrad': (1e-3, 0.0)},
-    'N': {'N': (1.0, 0.0), 'mN': (1e-3, 0.0), 'kN': (1e3, 0.0), 'g': (9.80665e-3, 0.0), 'kg': (9.80665, 0.0)},
-    'K': {'K': (1.0, 0.0), 'C': (1.0, 273.15)},
-    'W': {'W': (1.0, 0.0), 'mW': (1e-3, 0.0)},
-    'Pa': {'Pa': (1.0, 0.0), 'kPa': (1e3, 0.0), 'MPa': (1e6, 0.0), 'GPa': (1e9, 0.0)},
-    'ohm': {'ohm': (1.0, 0.0), 'mohm': (1e-3, 0.0)},
-    '-': {'-': (1.0, 0.0), '%': (1e-2, 0.0)},
-}
-SPELLINGS = {
-    'percent': '%', 'degC': 'C', '°C': 'C', 'celsius': 'C', 'kelvin': 'K', 'µm': 'um', 'Ohm': 'ohm', 'degrees': 'deg',
-    'sec': 's', 'seconds': 's', 'min': 'min', 'minutes': 'min', '°': 'deg',
-}  # fmt: skip
-WORDS = {
-    't': 'time', 'temperature': 'T', 'temp': 'T', 'force': 'F', 'load': 'F', 'heating': 'J', 'angle': 'alpha',
-    'ambient': 'T_E', 'room': 'T_E', 't_ambient': 'T_E', 't_room': 'T_E', 't_e': 'T_E',
-}  # fmt: skip
 MEANINGS = {
     'time': 'time', 'J': 'electric power', 'T_E': 'temperature of the surroundings', 'T': 'temperature of wire',
     'F': 'force of bundle', 'R': 'electrical resistance of wire', 'stress': 'stress', 'strain': 'strain',
 }  # fmt: skip
-LIKE = 0.75  # of two names, from which on one is proposed for the other
 
 
 def choices(request: DataRequest, system: str) -> dict[str, Any]:
@@ -85,12 +63,6 @@ def is_simple(mapping: ColumnMap) -> bool:
     return plain and not (mapping.tests or mapping.independent_after or mapping.nuisances)
 
 
-def unit_of(name: str) -> str:
-    """The unit of one of our columns."""
-    unit = name.rpartition('_')[2]
-    return unit if unit in UNITS else '-'
-
-
 def choice(column: str, unit: str, factor: float = 1.0) -> dict[str, Any]:
     """A choice for JSON: the values of the column are `factor` times the unit."""
     return {'column': column, 'unit': unit, 'factor': factor}
@@ -107,40 +79,7 @@ def chosen(name: str, origin: Origin) -> dict[str, Any]:
 
 def guess(name: str, header: Sequence[str]) -> dict[str, Any]:
     """The column of a file that is most likely one of ours; an empty name where none is like it."""
-    units = UNITS[unit_of(name)]
-    ours, stem = next(iter(units)), name.removesuffix(f'_{unit_of(name)}')
-    if name in header:
-        return choice(name, ours)
-    found = [(likeness(stem, *stem_and_unit(column), units), column) for column in header]
-    (like, unit), column = max(found, key=lambda one: one[0][0], default=((0.0, ''), ''))
-    return choice(column, unit or ours) if like >= LIKE else choice('', ours)
-
-
-def stem_and_unit(column: str) -> tuple[str, str]:
-    """A foreign column without its unit, and the unit, empty where it has none."""
-    found = re.fullmatch(r'(.+?)[\s_]*[\[(/]?\s*([^\s_\[\]()/]+)[\])]?', column.strip())
-    if found is None:
-        return column, ''
-    unit = SPELLINGS.get(found.group(2), found.group(2))
-    return (found.group(1), unit) if any(unit in units for units in UNITS.values()) else (column, '')
-
-
-def likeness(stem: str, other: str, unit: str, units: Mapping[str, Any]) -> tuple[float, str]:
-    """How alike two names are, 0 to 1, and the unit; 0 for a unit of something else."""
-    if unit and unit not in units:
-        return 0.0, ''
-    ways = ((stem, other), (usual(stem), usual(other)))
-    plain = [[re.sub(r'[\W_]+', '', word).lower() for word in pair] for pair in ways]
-    return max(SequenceMatcher(None, one, two).ratio() for one, two in plain), unit
-
-
-def usual(word: str) -> str:
-    """A name as we write it, where people have another word for it, perhaps with the number of a wire behind it."""
-    found = re.fullmatch(r'(.*?)[\s_]*(\d*)', word)
-    name, wire = found.groups() if found else (word, '')
-    if 'power' in name.lower() or name == 'J_eq':
-        return 'J' + wire
-    return WORDS.get(name if len(name) == 1 else name.lower(), name) + wire
+    return choice(*likely_column(name, header))
 
 
 def map_text(given: Any, request: DataRequest, system: str) -> str:

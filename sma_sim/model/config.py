@@ -27,7 +27,6 @@ from sma_sim.model.given import (
     KINETICS_NAMES,
     LISTS,
     SWITCH_WORDS,
-    ConfigError,
     Given,
     effect_words,
     given_over,
@@ -36,7 +35,8 @@ from sma_sim.model.given import (
     names_in,
 )
 from sma_sim.model.nearest import suggestion as suggestion
-from sma_sim.model.parameters import SETTINGS, Parameter, Setting, is_number, joint_name_setting
+from sma_sim.model.parameter_yaml import ConfigError as ConfigError
+from sma_sim.model.parameters import KELVIN, SETTINGS, Parameter, Setting, is_number, joint_name_setting, kelvin_hint
 from sma_sim.model.renamed import renamed, warn_of
 from sma_sim.model.structures.discovery import (
     FoundStructure,
@@ -658,14 +658,15 @@ def checked_value(name: str, one: Given, parameter: Parameter) -> float:
         return number
     if not low - ROUNDING * abs(low) <= number <= high + ROUNDING * abs(high):
         unit = f' {parameter.unit}'.removesuffix(' -')
-        raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}')
+        hint = kelvin_hint(number) if parameter.bounds == KELVIN else ''
+        raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}{hint}')
     return number
 
 
 def yaml_hint(value: Any) -> str:
-    """YAML reads 12e9 as text: say how to write it."""
+    """What is wrong with a number that is a text."""
     try:
         number = float(value)
     except (TypeError, ValueError):
         return ''
-    return f'; write {number:e} (YAML wants a point and a sign in the exponent)' if isinstance(value, str) else ''
+    return f'; write {number:g} without quotes' if isinstance(value, str) else ''

@@ -7,20 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import nearest
+from sma_sim.model.parameter_yaml import ConfigError, belongs_to_ros, check_of_ros, flatten, read_yaml
+from sma_sim.model.parameters import DEFAULTS
 
 KINETICS_NAMES = ('model', 'kinetics')  # in files, which go on having the first
 LISTS = ('effects.active', 'effects.paths', 'structures.paths')
 SWITCH_WORDS = {'true': True, 'false': False}
 COMMAND_LINE = 'on the command line'
-QOS_OVERRIDES = 'qos_overrides.'
-OF_ROS = ('use_sim_time', 'start_type_description_service')  # every node has them; they say nothing of a model
-
-
-class ConfigError(UserError):
-    """A parameter that is wrong; the message names it, what was given, what is expected and where to change it."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +30,11 @@ class Given:
     recorded: bool = False
 
 
-def belongs_to_ros(name: str) -> bool:
-    """Whether a parameter is one of the node as such, which `ros2 param dump` writes too."""
-    return name in OF_ROS or name.startswith(QOS_OVERRIDES)
-
-
 def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, Any]) -> dict[str, Given]:
     """What a YAML file and ``name=value`` words, or values by name, say, by full name. Raises ConfigError."""
     given: dict[str, Given] = {}
     if path is not None:
-        values = {name: value for name, value in flatten(read_yaml(path)).items() if not belongs_to_ros(name)}
-        given |= {name: Given(value, f'in {path}', path.parent) for name, value in values.items()}
+        given |= {name: one for name, one in given_in_file(path).items() if not belongs_to_ros(name)}
     if isinstance(words, Mapping):
         return given_over(given, {name: Given(value, COMMAND_LINE) for name, value in words.items()})
     for word in [words] if isinstance(words, str) else words:
@@ -54,7 +42,9 @@ def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, An
             raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {word!r}")
         name, equals, text = word.partition('=')
         if not equals:
-            raise ConfigError(f'--set {word}: expected name=value, such as --set wire.E_A=12e9')
+            near = nearest(word, [*DEFAULTS, 'system', *KINETICS_NAMES])
+            example = f'{near[0]}=VALUE' if near else 'wire.E_A=12e9'
+            raise ConfigError(f'--set {word}: expected name=value, such as --set {example}')
         given = given_over(given, {name.strip(): Given(parse(name.strip(), text), COMMAND_LINE)})
     return given
 
@@ -63,6 +53,15 @@ def given_over(before: Mapping[str, Given], more: Mapping[str, Given]) -> dict[s
     """All values, `more` over those `before`; either name of the kinetics replaces the other."""
     replaced = KINETICS_NAMES if any(name in more for name in KINETICS_NAMES) else ()
     return {name: one for name, one in before.items() if name not in replaced} | dict(more)
+
+
+def given_in_file(path: Path, node: str | None = None) -> dict[str, Given]:
+    """What a parameter file says to a node, by full name; see `read_yaml`. Raises ConfigError."""
+    given = {name: Given(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path, node)).items()}
+    for name, one in given.items():
+        if belongs_to_ros(name):
+            check_of_ros(name, one.value, one.where)
+    return given
 
 
 def structure_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
@@ -95,36 +94,6 @@ def effect_words(word: str) -> tuple[str, dict[str, Any]]:
             raise ConfigError(f'--effect {word}: expected name:parameter=value,..., got {setting!r}')
         values[parameter.strip()] = parse(parameter.strip(), text)
     return name, values
-
-
-def read_yaml(path: Path) -> Mapping[str, Any]:
-    """The mapping below ``ros__parameters`` of a ROS 2 parameter file, or a plain mapping."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'cannot read {path}: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path} is not YAML: {error}') from error
-    if not isinstance(content, dict):
-        raise ConfigError(f'{path}: expected a mapping of parameters, got {type(content).__name__}')
-    merged: dict[str, Any] = {}
-    nodes = [v['ros__parameters'] for v in content.values() if isinstance(v, dict) and 'ros__parameters' in v]
-    for node in nodes or [content]:
-        if not isinstance(node, dict):
-            raise ConfigError(f'{path}: expected a mapping below ros__parameters, got {type(node).__name__}')
-        merged |= node
-    return merged
-
-
-def flatten(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested names joined with dots."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f'{prefix}{key}.')
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat
 
 
 def names_in(name: str, one: Given) -> list[str]:

@@ -14,7 +14,15 @@ from typing import NamedTuple
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
 RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
+ZERO_CELSIUS = 273.15  # [K]
+KELVIN = (150.0, 2000.0)  # [K] of what is near a wire: smaller numbers are degrees Celsius
 K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
+
+
+def kelvin_hint(value: float) -> str:
+    """What a temperature out of `KELVIN` is if degrees Celsius were meant."""
+    kelvin = value + ZERO_CELSIUS
+    return f'\n{value:g} deg C are {kelvin:g} K' if KELVIN[0] <= kelvin <= KELVIN[1] else ''
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ WIRE_PARAMETERS = (
     Parameter('lambda', 450.0, 'W/(m^2 K)', (0.0, 1e6), 'convective cooling coefficient'),
     Parameter('sigma_MW0', 121.35e6, 'Pa', (0.0, 1e10), 'Maxwell stress sigma_MW at T0'),
     Parameter('dsigma', 12.3e6, 'Pa', (1e3, 1e10), 'height of the stress-strain hysteresis'),
-    Parameter('T0', 323.0, 'K', (1.0, 2000.0), 'reference temperature of sigma_MW0'),
+    Parameter('T0', 323.0, 'K', KELVIN, 'reference temperature of sigma_MW0'),
     Parameter('r0', 75e-6, 'm', (1e-6, 1e-2), 'radius of one wire'),
     Parameter('l0', 95.7e-3, 'm', (1e-4, 10.0), 'undeformed length of a wire'),
     Parameter('rho', 7745.0, 'kg/m^3', (1.0, 1e5), 'density'),
@@ -125,7 +133,7 @@ PLATE_PARAMETERS = (
     Parameter('W', 10e-3, 'm', (1e-4, 10.0), 'width of the plate: distance of the two bundles'),
     Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate'),
 )
-ENVIRONMENT_PARAMETERS = (Parameter('T_E', 298.0, 'K', (1.0, 2000.0), 'ambient temperature'),)
+ENVIRONMENT_PARAMETERS = (Parameter('T_E', 298.0, 'K', KELVIN, 'ambient temperature'),)
 
 
 def initial_fraction(i: int) -> Parameter:

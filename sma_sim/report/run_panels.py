@@ -29,6 +29,7 @@ OF_WIRES = {  # by the name of a column with the number of a wire in it: axis la
     r'R_(\d+)_ohm': ('R [ohm]', 'wire', 1.0, 0.0),
     r'x_M_(\d+)': ('x_M [-]', 'wire', 1.0, 0.0),
     r'J_(\d+)_W': ('J [W]', 'bundle', 1.0, 0.0),
+    r'J_eq_(\d+)_W': ('J_eq [W]', 'pair', 1.0, 0.0),
 }
 SINGLE: Mapping[str, tuple[str, Curve]] = {  # others: axis label and curve
     'T_K': ('T [deg C]', ('T_K', 'wire', RED, 1.0, -FREEZING)),

@@ -16,8 +16,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.evidence.monitoring.live_model import (
+    Announcements,
     ComparedSample,
     DepartureDetector,
     LiveHistory,
@@ -42,6 +44,7 @@ Vector = NDArray[np.float64]
 
 POLL_PERIOD = 0.005  # [s] between two looks for samples
 REMINDER_PERIOD = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
+AT_REST = 'Zero of a sensor, gravity or another load, or initial.*?'  # what is wrong then
 HISTORY = 300.0  # [s] of the past beside which a model that takes another's place is run
 SILENCE = 3.0  # [s] without a sample after which it is said: slower robots are not followed
 OUTPUT_TOPICS: Mapping[str, Any] = {
@@ -92,7 +95,8 @@ class ModelCheck:
         self._error = RunningError(self._values['window'], len(self._channels))
         self._live: LiveModel | None = None
         self._before: Sample | None = None
-        self._starts, self._samples, self._remind_at = 0, 0, 0.0
+        self._starts, self._samples = 0, 0
+        self._announcements = Announcements(REMINDER_PERIOD)
         self._reset_requested = threading.Event()
         self._others: queue.SimpleQueue[tuple[Config, Model]] = queue.SimpleQueue()
         self._history = LiveHistory(HISTORY if observer is not None else 0.0)
@@ -144,7 +148,10 @@ class ModelCheck:
     def _forget_verdict(self) -> None:
         self._error.clear()
         self._departure = DepartureDetector(self._values['threshold'], self._values['window'], len(self._channels))
-        self._settled = False
+        self._announcements.restart()
+        self._follows = False
+        self._settled_at = math.inf  # [s] since the start of the model
+        self._rest: NDArray[np.bool_] | None = None  # channels that are away before anything is heated; None: not known yet
         self._last_error = np.full(len(self._channels), np.nan)
 
     def _take(self, now: Sample) -> None:
@@ -204,7 +211,7 @@ class ModelCheck:
         for sample, row in rows:
             t, predicted = self._seconds(sample.stamp), row[self._messages.where.sensed]
             self._add_error(t, sample.measured - predicted)
-            if self._settled:
+            if t >= self._settled_at:
                 self._departure.update(t, self._last_error)
             samples.append((sample.stamp, sample.measured, predicted, self._last_error))
         self._tell_replaced(samples, '')
@@ -245,40 +252,61 @@ class ModelCheck:
         return (stamp - self._live.begin) / 1e9
 
     def _add_error(self, t: float, residual: Vector) -> None:
-        if not self._settled and t >= self._values['burn_in']:
+        if math.isinf(self._settled_at) and t >= self._values['burn_in']:
             self._error.clear()
-            self._settled = True
+            self._settled_at = t
         self._last_error = self._error.add(t, residual / self._noise)
 
     def _compare(self, now: Sample, row: Vector, measured: Vector) -> None:
         model = row[self._messages.where.sensed]
         t, residual = self._seconds(now.stamp), measured - model
         self._add_error(t, residual)
-        if self._settled:
+        if t >= self._settled_at:
             self._judge(t)
+        elif self._rest is None and t >= self._values['window']:
+            self._compare_at_rest(residual)
         self._samples += 1
         self._publish(now, row, residual)
         if self._observer is not None:
             self._observer.sample(now.stamp, measured, model, self._last_error)
 
+    def _compare_at_rest(self, residual: Vector) -> None:
+        """Say once what is away although no wire was heated yet: a burn-in changes nothing in that."""
+        above = self._last_error > self._values['threshold']
+        self._rest = above if not self._heated else np.zeros_like(above)
+        if self._rest.any():
+            offsets = ', '.join(
+                f'{self._channels[k]} {self._last_error[k]:.3g} times the noise '
+                f'({in_display_unit(self._channels[k], residual[k])})'
+                for k in np.flatnonzero(self._rest)
+            )
+            self._logger.warning(
+                f'at rest, before any wire is heated, the robot differs from the model: {offsets}. {AT_REST}'
+            )
+
     def _judge(self, t: float) -> None:
-        was = self._departure.left
         self._departure.update(t, self._last_error)
-        left = self._departure.left
-        if (left & ~was).any() or left.any() and time.monotonic() > self._remind_at:
+        window = self._values['window']
+        self._follows = t >= self._settled_at + window and not (self._last_error > self._values['threshold']).any()
+        due = self._announcements.due(time.monotonic(), bool(self._departure.left.any()), self._follows)
+        if due == 'left':
             self._logger.warning(self._departed())
-            self._remind_at = time.monotonic() + REMINDER_PERIOD
-        elif was.any() and not left.any():
-            self._logger.info('the model is back in the measurement')
+        elif due:
+            words = 'follows the measurement' if due == 'follows' else 'is back in the measurement'
+            errors = zip(self._channels, self._last_error, strict=True)
+            numbers = ', '.join(f'{name} {error:.3g}' for name, error in errors if not math.isnan(error))
+            self._logger.info(f'the model {words}: error over noise {numbers} over the last {window:g} s')
 
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
         worst = ', '.join(f'{self._channels[k]} {self._last_error[k]:.3g}' for k in which)
         wires = self._model.wires
         which_ones = {1: 'the bundle was not', 2: 'not both bundles were'}.get(wires, 'not all bundles were')
-        caveat = '' if len(self._heated) == wires else (
-            f'; {which_ones} heated since the model started, so its start (initial.*) may be what is wrong'
-        )  # fmt: skip
+        caveat = ''
+        if self._rest is not None and self._rest[which].all():
+            caveat = f'; it was so at rest, before any wire was heated. {AT_REST}'
+        elif len(self._heated) < wires:
+            caveat = f'; {which_ones} heated since the model started, so its start (initial.*) may be what is wrong'
         return (
             f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
             f'(check.threshold {self._values["threshold"]:g}){caveat}'
@@ -304,6 +332,7 @@ class ModelCheck:
     def _diagnose(self) -> None:
         silence = time.monotonic() - self._heard_at
         problems = [*self._graph_check.problems()]
+        judged = not math.isinf(self._settled_at)
         if self._departure.left.any():
             problems.insert(0, self._departed())
         if silence > SILENCE:
@@ -312,10 +341,13 @@ class ModelCheck:
                 'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
             )
         command, heating = self._robot.command_topic, self._robot.heating
-        state = 'waiting for joint_states' if self._live is None else 'comparing' if self._settled else 'burn-in'
+        state = 'waiting for joint_states' if self._live is None else 'comparing' if judged else 'burn-in'
+        left = self._departure.left.any()
+        verdict = 'has left the measurement' if left else 'follows the measurement' if self._follows else 'none yet'
         errors = zip(self._channels, self._last_error, strict=True)
         values = {
             'state': state,
+            'verdict on the model': verdict,
             **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
             'samples compared': self._samples,
             'samples waiting': self._robot.waiting,
@@ -325,7 +357,8 @@ class ModelCheck:
             'T_E [K]': f'{self._input[-1]:g}',
             **self._robot.rejected(),
         }
-        self._diagnostics.publish('; '.join([state, *problems]), warn=bool(problems), values=values)
+        follows = ['the model follows the measurement'] if verdict.startswith('follows') else []
+        self._diagnostics.publish('; '.join([state, *follows, *problems]), warn=bool(problems), values=values)
         if self._observer is not None:
             self._observer.state(state, problems, self._samples)
 

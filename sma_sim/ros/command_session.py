@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from sma_sim.ros.stop_signals import Handlers, give_back, ignore_at_exit, take_stop_signals
 
 SPIN_PERIOD = 0.1  # [s] between two looks for a signal
-CONFIRMATION = 2.0  # [s] for the listeners to confirm the last message
+CONFIRMATION = 5.0  # [s] for the listeners to confirm the last message; DDS asks them every 3 s
 REPEATS, REPEAT_PERIOD = 3, 0.02  # [s] of the last message, for listeners that confirm none
 DISCOVERY = 10.0  # [s] for a second publisher to find a listener
 FURTHER_LISTENERS = 1.0  # [s] for the others, then

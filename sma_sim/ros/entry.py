@@ -20,6 +20,7 @@ from sma_sim.ros.stop_signals import ignore_at_exit, take_stop_signals
 
 if TYPE_CHECKING:
     from sma_sim.model.config import Config
+    from sma_sim.model.given import Given
 
 NO_ROS = (
     'rclpy, the Python client of ROS 2, is not installed here ({reason}).\n'
@@ -105,7 +106,8 @@ def answered(program: Program, arguments: Sequence[str]) -> int | None:
 def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None) -> int:
     """Run until Ctrl-C; exit code 0 when stopped, 2 for a user's mistake, 1 for our fault or a failed run."""
     name = program.name
-    code = answered(program, sys.argv[1:] if arguments is None else arguments)
+    given_words = sys.argv[1:] if arguments is None else arguments
+    code = answered(program, given_words)
     if code is not None:
         return code
     stop, working = threading.Event(), threading.Event()
@@ -119,8 +121,11 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
 
     try:
         compile_first(name)
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        return serve_node(program, make, stop, working)
+        from sma_sim.ros.parameters import read_arguments
+
+        words, given = read_arguments(given_words, name)
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        return serve_node(program, make, given, stop, working)
     except UserError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
@@ -163,13 +168,15 @@ def compile_first(name: str) -> None:
     compile_fixed_rate()
 
 
-def configured_runner(node: Any, make: RunnerFactory, live: Collection[str]) -> tuple[Runner, Mapping[str, float]]:
+def configured_runner(
+    node: Any, make: RunnerFactory, live: Collection[str], in_files: Mapping[str, Given]
+) -> tuple[Runner, Mapping[str, float]]:
     """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
-    from sma_sim.ros.parameters import configure, params_file
+    from sma_sim.ros.parameters import configure
     from sma_sim.ros.qos import take_overrides, warn_of_unused
 
-    config, settings = configure(node, live)
-    overrides = take_overrides(node, params_file()[0])
+    config, settings = configure(node, live, in_files)
+    overrides = take_overrides(node)
     runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
     warn_of_unused(node, overrides)
     return runner, settings
@@ -206,14 +213,21 @@ class Server:
             self._node.get_logger().error(f'a message or request was lost: {short_message(error)}')
 
 
-def serve_node(program: Program, make: RunnerFactory, stop: threading.Event, working: threading.Event) -> int:
-    """Make the node and let it work until `stop` is set; `working` says that it is made."""
+def serve_node(
+    program: Program, make: RunnerFactory, in_files: Mapping[str, Given], stop: threading.Event, working: threading.Event
+) -> int:
+    """Make the node, with what parameter files say, and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode
+    from sma_sim.ros.parameters import overrides_of
     from sma_sim.ros.realtime import freeze_objects, prepare_logging, switch_threads_often, use_realtime_priority
     from sma_sim.solver.simulate import SimulationError
 
-    node = ParameterNode(program.name, automatically_declare_parameters_from_overrides=True)
-    runner, settings = configured_runner(node, make, program.live)
+    node = ParameterNode(
+        program.name,
+        automatically_declare_parameters_from_overrides=True,
+        parameter_overrides=overrides_of(in_files),
+    )
+    runner, settings = configured_runner(node, make, program.live, in_files)
     prepare_logging()
     working.set()
     server = Server(node)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType, SetParametersResult
 from rclpy.node import Node
@@ -14,11 +14,13 @@ from rclpy.parameter import Parameter
 
 from sma_sim.model.config import AUTO, MODELS, Config, checked, names_of_effects, settings_of
 from sma_sim.model.effects.discovery import effects_on, find_effects
-from sma_sim.model.given import LISTS, ConfigError, Given, belongs_to_ros, named_folders
+from sma_sim.model.given import LISTS, Given, given_in_file, given_over, named_folders
+from sma_sim.model.parameter_yaml import ConfigError, NothingForNode, belongs_to_ros
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.command import ENVIRONMENT
+from sma_sim.ros.qos import GIVEN
 
 REAL_TIME_FACTOR, STEPS_PER_CALL = 'node.real_time_factor', 'node.steps_per_call'
 LIVE = (ENVIRONMENT,)  # what every node of ours lets a user set while it runs
@@ -30,36 +32,82 @@ LIST_DESCRIPTIONS = {
 CHOICE_DESCRIPTIONS = {'system': 'what is simulated', 'model': f'kinetics of the wires; {AUTO}: {MODELS[0]} here'}
 
 
+class Arguments(NamedTuple):
+    """The arguments of a node without its parameter files, and what those say, by full name."""
+
+    words: list[str]
+    given: dict[str, Given]
+
+
+def read_arguments(words: Sequence[str], name: str) -> Arguments:
+    """Read the parameter files among the ROS arguments of a node, as the offline commands read them.
+
+    Of files and ``-p``, the later argument wins, as in rcl. Raises ConfigError for a file that is wrong, and where no file
+    has anything for the node.
+    """
+    node = full_name(words, name)
+    given: dict[str, Given] = {}
+    left, useless, useful, of_ros, k = list[str](), list[ConfigError](), False, False, 0
+    while k < len(words):
+        word, after = words[k], words[k + 1] if k + 1 < len(words) else None
+        of_ros = word == '--ros-args' or of_ros and word != '--'
+        if of_ros and word == '--params-file' and after is not None:
+            try:
+                given = given_over(given, given_in_file(Path(after), node))
+                useful = True
+            except NothingForNode as error:
+                useless.append(error)
+            k += 2
+            continue
+        if of_ros and word in ('-p', '--param') and after is not None:
+            given.pop(after.partition(':=')[0].rpartition(':')[2], None)
+        left.append(word)
+        k += 1
+    if useless and not useful:
+        raise useless[0]
+    return Arguments(left, given)
+
+
+def full_name(words: Sequence[str], name: str) -> str:
+    """The name of a node with its namespace, by the rules of remapping among its arguments."""
+    found = {'__ns': '', '__node': name}
+    for word, after in zip(words, words[1:], strict=False):
+        if word in ('-r', '--remap'):
+            rule, _, target = after.partition(':=')
+            node, _, key = rule.rpartition(':')
+            if node in ('', name):
+                found['__node' if key == '__name' else key] = target
+    space = found['__ns'].strip('/')
+    return f'/{space}/{found["__node"]}' if space else f'/{found["__node"]}'
+
+
+def overrides_of(given: Mapping[str, Given]) -> list[Any]:
+    """What files say that belongs to ROS, for the node to be made with."""
+    return [Parameter(name, value=one.value) for name, one in given.items() if belongs_to_ros(name)]
+
+
 def given_to(node: Node) -> dict[str, Given]:
-    """What was given to the node, by name (it was made to declare all that was given)."""
-    source, folder = params_file()
+    """What was given to the node itself, by name (it was made to declare all that was given)."""
     given = {}
     for name, parameter in node.get_parameters_by_prefix('').items():
         if not belongs_to_ros(name):
             value = parameter.value
-            given[name] = Given(list(value) if hasattr(value, 'tolist') else value, source, folder)
+            given[name] = Given(list(value) if hasattr(value, 'tolist') else value, GIVEN)
     return given
 
 
-def params_file() -> tuple[str, Path]:
-    """Where parameters come from, in words, and the folder to which paths in them are relative."""
-    files = [Path(after) for word, after in zip(sys.argv, sys.argv[1:], strict=False) if word == '--params-file']
-    return (f'in {files[-1]}', files[-1].parent) if files else ('given to the node', Path())
-
-
-def configure(node: Node, live: Collection[str] = LIVE) -> tuple[Config, Mapping[str, float]]:
+def configure(
+    node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, Given] = MappingProxyType({})
+) -> tuple[Config, Mapping[str, float]]:
     """Check what was given, declare every parameter, and return the configuration and the ``node.*`` numbers.
 
-    Numbers in `live` may be set while the node runs, all else is read-only then.
+    Numbers in `live` may be set while the node runs, all else is read-only then; `in_files` is what parameter files say.
     Raises UserError.
     """
-    given = given_to(node)
-    source, _ = params_file()
-    if source.startswith('in ') and not given:
-        raise ConfigError(f'the parameter file has nothing for this node ({source}): expected /**: or '
-                          f'{node.get_fully_qualified_name()}: above ros__parameters')  # fmt: skip
+    own = given_to(node)
+    given = given_over({name: one for name, one in in_files.items() if not belongs_to_ros(name)}, own)
     config = checked(given)
-    for name in given:
+    for name in own:
         node.undeclare_parameter(name)
     for name, parameter in config.structure.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)

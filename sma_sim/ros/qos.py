@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from copy import copy
 from typing import Any
 
@@ -10,17 +10,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from sma_sim.model.given import QOS_OVERRIDES, ConfigError
+from sma_sim.model.parameter_yaml import POLICIES, QOS_OVERRIDES, check_override
 
 LAST_FEW = QoSProfile(depth=10)
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # kept for late subscribers
-DEEPEST = 1_000_000  # messages; each keeps memory from the start on
-QOS_CHOICES: Mapping[str, tuple[str, ...]] = {  # what a user may choose, by policy
-    'history': ('keep_last', 'keep_all'),
-    'reliability': ('reliable', 'best_effort'),
-    'durability': ('volatile', 'transient_local'),
-}
-POLICIES = ('history', 'depth', 'reliability', 'durability')
+GIVEN = 'given to the node'  # not in a file
 OVERRIDABLE = QoSOverridingOptions([QoSPolicyKind[policy.upper()] for policy in POLICIES])
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}  # a duration, as rosbag2 writes it
 
@@ -35,29 +29,16 @@ def make_subscription(node: Node, kind: Any, topic: str, receive: Callable[[Any]
     return node.create_subscription(kind, topic, receive, copy(profile), qos_overriding_options=OVERRIDABLE)
 
 
-def take_overrides(node: Node, where: str) -> list[str]:
+def take_overrides(node: Node) -> list[str]:
     """Names of the overrides that were given to a node, undeclared, so that its topics can declare them.
 
-    `where` says in a message where they were given. Raises ConfigError for a wrong policy or value.
+    Raises ConfigError for a wrong policy or value; those in a file were checked when it was read.
     """
     names = [name for name in node.get_parameters_by_prefix('') if name.startswith(QOS_OVERRIDES)]
     for name in names:
-        check_override(name, node.get_parameter(name).value, where)
+        check_override(name, node.get_parameter(name).value, GIVEN)
         node.undeclare_parameter(name)
     return names
-
-
-def check_override(name: str, value: Any, where: str) -> None:
-    """Raise ConfigError for a policy that is none, or a value that it cannot have."""
-    *_, entity, policy = ['', *name.rsplit('.', 2)]
-    if policy not in POLICIES or entity not in ('publisher', 'subscription'):
-        raise ConfigError(f'{name} ({where}): expected {QOS_OVERRIDES}TOPIC.publisher.POLICY or .subscription.POLICY, where '
-                          f'POLICY is one of {", ".join(POLICIES)}')  # fmt: skip
-    if policy == 'depth':
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= DEEPEST:
-            raise ConfigError(f'{name} = {value!r} ({where}): expected a whole number of messages, 1 to {DEEPEST}')
-    elif value not in QOS_CHOICES[policy]:
-        raise ConfigError(f'{name} = {value!r} ({where}): expected {" or ".join(QOS_CHOICES[policy])}')
 
 
 def warn_of_unused(node: Node, names: Iterable[str]) -> None:

@@ -235,7 +235,7 @@ class RobotSubscriptions:
         if not self.applied[columns[0]]:
             for column in columns:
                 self.applied[column] = True
-            self._logger.info(f'{topic} is published: the model follows it, and no other topic, in this')
+            self._logger.info(f'{topic} is published: the model follows it, not what is asked for')
         self._hear(arrival_of(info), columns, [float(value) for value in values], applied=True)
 
     def _take_joints(self, message: JointState, info: Any) -> None:

@@ -54,6 +54,8 @@ OUT_OF_LINE = (
     'first_jump_before',
     'jump_now',
     'run_segment',
+    'cross_row',
+    'row_step',
     'integrate',
     'integrate_held',
     'linearize_node',

@@ -8,23 +8,29 @@ import numpy as np
 
 from sma_sim.model.automaton import INNER, observed_mode
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
-from sma_sim.model.system import sensed_channel
+from sma_sim.model.system import ambient_temperature, commanded_heating, sensed_channel
 from sma_sim.model.transformation import has_offsets
 from sma_sim.solver.events import crossing, evaluate_guards, jump, remember_fraction, violated_edge
+from sma_sim.solver.linear import invert_shifted
 from sma_sim.solver.sampling import RESTING_RATE, needed_for, sample_numbers
 from sma_sim.solver.stepper import (
     ORDER,
+    ROW_GAMMA,
     Segment,
     Step,
     dense,
     flow_at,
+    input_at,
     linearize_flow,
+    pass_cubic,
     prepare_dense,
     rosenbrock_step,
+    row_step,
     with_smooth,
 )
 from sma_sim.solver.work import Integers, Matrix, Vector, Work, copy_evaluation, copy_into
 
+NOT_CROSSED = -1
 COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE, STALLED = range(6)
 REASONS = (
     'end of the input',
@@ -42,16 +48,18 @@ PER_WIRE = len(WIRE_COLUMNS)
 
 # Counters and controls of a run.
 N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_TIGHTENED, N_SIZE = range(8)
-C_H, C_WINDOW, C_WIRES = 0, 1, 2  # from the last on, for each wire:
-C_LAST_JUMP, C_BURST, C_DWELL, PER_WIRE_CONTROLS = 0, 1, 2, 3
+C_H, C_WINDOW, C_KEPT_UNTIL, C_ROW_LENGTH, C_ROWS_LEFT, C_WIRES = range(6)  # from the last on, for each wire:
+C_LAST_JUMP, C_BURST, C_DWELL, C_HEAT, PER_WIRE_CONTROLS = 0, 1, 2, 3, 4
 
 
 class Run(NamedTuple):
     """A run in progress; all arrays are changed in place, so that a run can be continued."""
 
     state: SystemState
-    control: Vector  # step size; start of the window of steps; per wire: time of the last jump, recent jumps, dwell
+    control: Vector  # step size; start of the window of steps; of steps over rows: until when `solution` is kept, of what
+    # length they are (0: none), how many rows to leave to others; per wire: time of the last jump, recent jumps, dwell, heat
     count: Integers
+    solution: Matrix  # (n, n) of `solver.linear.invert_shifted`, for steps over rows
 
 
 class Limits(NamedTuple):
@@ -99,12 +107,17 @@ LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
 # First steps tried [s]: after a row of the input; after a jump that changes the rate of a wire's force, as it begins to
 # transform or comes to an end of it; after one that stops it where dx_M/dt passes through zero.
 AFTER_ROW, AFTER_JUMP, AFTER_REVERSAL = 1e-2, 5e-3, 2e-2
+LITTLE_RISE = 0.5  # [K]: a row that changes heating by little may be followed by a step in which this changes T by so much
 OF_STRETCH = 0.3  # after a row at imposed temperature, of the new stretch: nothing moves there but with the input
 MOST_GROWTH = (5.0, 2.5)  # of a step, after another: hybrid, MAS, where fronts are not announced by jumps
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
 TIGHTER = 1e-2  # of the tolerance of the plate's rates, where friction switches within it
+# Of steps over rows: how many keep a matrix, and how much of a length they may differ; how many rows are left to other steps
+# after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump and errors come in bursts
+KEPT_ROWS, LIKE_ROWS, ROWS_LEFT = 10.5, 0.3, 4.0
+MOST_ERROR = (1.0, 0.3)
 NO_JUMP = 2.0  # as a fraction of a step
 
 
@@ -136,6 +149,7 @@ def of_wire(i: int, which: int) -> int:
 
 def record_jump(t: float, i: int, edge: int, run: Run, jumps: Matrix) -> None:
     """Log a jump and watch for chattering: many jumps in a short time make a wire wait before the next."""
+    run.control[C_ROW_LENGTH] = 0.0
     j = run.count[N_JUMPS]
     if j < jumps.shape[0]:
         jumps[j, 0], jumps[j, 1], jumps[j, 2] = t, i, edge
@@ -190,11 +204,78 @@ def first_jump_before(end: float, step: Step, run: Run, segment: Segment, p: Sys
     return first
 
 
+def cross_row(run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log) -> int:
+    """Make one cheap step over a short row of a held input that changes heating by little; else NOT_CROSSED.
+
+    It solves its equations with a matrix that is kept over several rows. Steps as usual go on where it is not exact enough,
+    and where a wire jumps.
+    """
+    t, h, control = segment.t_0, segment.t_end - segment.t_0, run.control
+    if segment.moving or p.drives > 0 or w.elimination.order.shape[0] > 0:
+        return NOT_CROSSED
+    if h > min(control[C_H], limits.max_step) or h > first_step(run, segment, p):
+        return NOT_CROSSED
+    if control[C_ROWS_LEFT] > 0.0:
+        control[C_ROWS_LEFT] -= 1.0
+        return NOT_CROSSED
+    if run.count[N_STEPS] >= limits.max_steps or jump_now(t, run, segment, p, w, log):
+        return NOT_CROSSED
+    if p.mas:
+        flow_at(t, run.state, segment, p, w, w.first)
+    error, most = np.inf, MOST_ERROR[int(p.mas)]
+    if segment.t_end <= control[C_KEPT_UNTIL] and abs(h - control[C_ROW_LENGTH]) <= LIKE_ROWS * h:
+        error = row_step(h, run.state, segment, p, w, run.solution)
+        run.count[N_STEPS] += 1
+    if not error <= most:
+        linearize_flow(t, run.state, segment, p, w, True)
+        invert_shifted(w.jacobian, 1.0 / (h * ROW_GAMMA), p.coordinates, run.solution, w.pivot)
+        control[C_KEPT_UNTIL], control[C_ROW_LENGTH] = t + KEPT_ROWS * h, h
+        error = row_step(h, run.state, segment, p, w, run.solution)
+        run.count[N_STEPS] += 1
+    if not error <= most or switched(h, run, segment, p, w):
+        run.count[N_REJECTED] += 1
+        control[C_ROW_LENGTH], control[C_ROWS_LEFT] = 0.0, ROWS_LEFT
+        return NOT_CROSSED
+    keep_heat(run, segment, p, w)
+    return finish_row(Step(t, h), run, segment, p, w, limits, log)
+
+
+def switched(h: float, run: Run, segment: Segment, p: System, w: Work) -> bool:
+    """Whether a MAS wire begins or ends to transform in the step over a row, which no jump tells; makes its dense output."""
+    flow_at(segment.t_end, with_smooth(w.y_new, run.state), segment, p, w, w.guard)
+    pass_cubic(h, run.state.y, w)
+    if p.mas:
+        for i in range(p.wires):
+            before, after = w.first.obs, w.guard.obs
+            if observed_mode(before[i, O_X], before[i, O_DX], RESTING_RATE) != observed_mode(
+                after[i, O_X], after[i, O_DX], RESTING_RATE
+            ):
+                return True
+    return False
+
+
+def finish_row(step: Step, run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log) -> int:
+    """Take the step over a row, up to the first jump within it, from where steps as usual go on."""
+    y = run.state.y
+    theta = first_jump(step, run, segment, p, w)
+    t_new = segment.t_end if theta > 1.0 else step.t + theta * step.h
+    sample_step(step, t_new, run, segment, p, w, log)
+    if theta < 1.0:
+        dense(theta, y, w)
+        copy_into(y, w.y_dense)
+    else:
+        copy_into(y, w.y_new)
+    if theta > 1.0:
+        remember_fraction(run.state, p, w.guard.obs)
+        return COMPLETED
+    return run_segment(run, Segment(t_new, segment.t_end, segment.u_0, segment.du, False), p, w, limits, log)
+
+
 def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log) -> int:
     """Integrate one stretch of the input; the reason for its end."""
     t, y = segment.t_0, run.state.y
-    entry = AFTER_ROW if p.imposed_T < 0 else max(AFTER_ROW, OF_STRETCH * (segment.t_end - segment.t_0))
-    run.control[C_H] = min(run.control[C_H], entry)
+    run.control[C_H] = min(run.control[C_H], first_step(run, segment, p))
+    keep_heat(run, segment, p, w)
     evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
     while t < segment.t_end:
         linearize_flow(t, run.state, segment, p, w, evaluated)
@@ -215,6 +296,34 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
             remember_fraction(run.state, p, w.guard.obs)
             copy_evaluation(w.guard, w.first)
     return COMPLETED
+
+
+def first_step(run: Run, segment: Segment, p: System) -> float:
+    """The longest step to try first after a row [s]: AFTER_ROW, or longer where the stretch changes heating by so little
+    that one step may cross it."""
+    length = segment.t_end - segment.t_0
+    if p.imposed_T >= 0:
+        return max(AFTER_ROW, OF_STRETCH * length)
+    if p.drives > 0:
+        return AFTER_ROW
+    change = 0.0
+    for i in range(p.wires):
+        change = max(change, abs(heat_brought(i, segment.u_0, p) - run.control[of_wire(i, C_HEAT)]))
+    longest = LITTLE_RISE * p.wire.volume * p.wire.rho * p.wire.c_V / max(change, 1e-12)
+    return longest if longest >= max(AFTER_ROW, length) else AFTER_ROW
+
+
+def keep_heat(run: Run, segment: Segment, p: System, w: Work) -> None:
+    """Leave the heat that a stretch of the input brings in the end in the control, for the next row."""
+    if p.drives == 0:
+        input_at(segment.t_end, segment, w.u)
+        for i in range(p.wires):
+            run.control[of_wire(i, C_HEAT)] = heat_brought(i, w.u, p)
+
+
+def heat_brought(i: int, u: Vector, p: System) -> float:
+    """What an input brings to wire `i` [W], but for a constant: its heating, and from surroundings at T_E."""
+    return commanded_heating(i, u, p) + p.wire.lambda_ * p.wire.area * ambient_temperature(u, p)
 
 
 def next_step(t: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, Step, float, float]:
@@ -340,7 +449,9 @@ def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: L
     times, values, slopes = stretches.times, stretches.values, stretches.slopes
     for k in range(times.shape[0] - 1):
         segment = stretch(k, stretches)
-        status = run_segment(run, segment, p, w, limits, log)
+        status = cross_row(run, segment, p, w, limits, log)
+        if status == NOT_CROSSED:
+            status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
             return status
     last = times.shape[0] - 1
@@ -359,6 +470,8 @@ def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits
     for i in range(held.values.shape[0]):
         k = held.k_0 + i + 1
         segment = Segment((k - 1) / held.rate, k / held.rate, held.values[i], held.slope, held.time_dependent)
+        if p.imposed_T < 0:
+            run.control[C_H] = min(run.control[C_H], AFTER_ROW)
         status = run_segment(run, segment, p, w, limits, log)
         if status != COMPLETED:
             return status

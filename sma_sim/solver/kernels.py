@@ -63,7 +63,8 @@ def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> Nativ
     plain = found.plain or found
     if plain.effect.needs and on is None:
         on = package_structures()['module']
-    if on is not None and (plain.effect.by_channel or plain.effect.each_bundle or plain.effect.in_space):
+    effect = plain.effect
+    if on is not None and (effect.by_channel or effect.each_bundle or effect.in_space or effect.kernels):
         plain = plain.on(on.structure)
     return _native_effect(plain, on)
 
@@ -201,15 +202,16 @@ def check_neutral(effect: Effect, one: OneKernel, kinds: KernelTypes) -> None:
         return
     neutral = [p.default if p.neutral is None else p.neutral for p in effect.parameters]
     given = arguments_of(effect, one, kinds, neutral)
-    if one.memory:
-        given[3] = given[3]._make(state_at_start(effect, given))
     passed = {'actuation': 'J', 'sensing': 'value'}.get(effect.port)
     nothing = getattr(given[0], passed) if passed else 0.0
     try:
+        if one.memory:
+            given[3] = given[3]._make(state_at_start(effect, given))
         values = numbers(one.python(*given))
-    except ArithmeticError:
+        acts = any(abs(value - nothing) > NEUTRAL for value in values)
+    except Exception:  # a fault of the kernel is said where it is compiled
         return
-    if any(abs(value - nothing) > NEUTRAL for value in values):
+    if acts:
         at = ', '.join(f'{p.name} = {value:g}' for p, value in zip(effect.parameters, neutral, strict=True))
         returned, expected = ', '.join(f'{value:g}' for value in values), f's.{passed} as it is' if passed else '0'
         raise EffectError(

@@ -30,8 +30,25 @@ class RosenbrockMethod:
     H: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class WMethod:
+    """Coefficients of a method whose order does not depend on the matrix J that its steps solve equations with.
+
+    As `RosenbrockMethod`, but for the last stage of the result, y + sum_j a_sj u_j + u_s; `error` are the weights of the
+    stages in the error estimate.
+    """
+
+    name: str
+    source: str
+    order: int
+    gamma: float
+    a: NDArray[np.float64]
+    C: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+
 def _lower(rows: list[list[float]]) -> NDArray[np.float64]:
-    matrix = np.zeros((6, 6))
+    matrix = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         matrix[i, : len(row)] = row
     return matrix
@@ -70,4 +87,36 @@ RODAS4P2 = RosenbrockMethod(
             [6.984505741529879, 6.914061169603662, -0.849178943070653, 18.104410789349338, -3.516963011559032, 0.0],
         ]
     ),
+)
+
+
+def _w_method(
+    name: str, source: str, order: int, alpha: NDArray[np.float64], Gamma: NDArray[np.float64], embedded: list[float]
+) -> WMethod:
+    """A stiffly accurate method in transformed form, from its textbook form and the weights of the embedded method."""
+    inverse = np.linalg.inv(Gamma)
+    weights = alpha[-1] + Gamma[-1]
+    return WMethod(
+        name, source, order, float(Gamma[0, 0]), np.tril(alpha @ inverse, -1), -np.tril(inverse, -1),
+        (weights - np.array(embedded)) @ inverse,
+    )  # fmt: skip
+
+
+_GAMMA = 0.435866521508459
+
+ROS34PW2 = _w_method(
+    'ROS34PW2',
+    'Rang and Angermann, New Rosenbrock W-methods of order 3 for partial differential algebraic equations of index 1, BIT '
+    'Numerical Mathematics 45 (2005) 761',
+    3,
+    _lower([[], [0.871733043016918], [0.844570600153694, -0.112990642364842], [0.0, 0.0, 1.0]]),
+    _lower(
+        [
+            [_GAMMA],
+            [-0.871733043016918, _GAMMA],
+            [-0.903380570130441, 0.0541806723880953, _GAMMA],
+            [0.242123807060953, -1.22325058390451, 0.545260255335102, _GAMMA],
+        ]
+    ),
+    [0.378109031458194, -0.0960422922124232, 0.5, 0.217933260754229],
 )

@@ -20,6 +20,7 @@ from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.records import KeptRecords, keep_record, kept_records
 from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
+from sma_sim.solver.smoothed_input import Stretches, smoothed
 from sma_sim.solver.stepper import STAGES
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow
@@ -109,10 +110,11 @@ def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: floa
     return s, r
 
 
-def moved_systems(model: Model, neighbours: Sequence[Neighbour]) -> KeptRecords:
+def moved_systems(model: Model, neighbours: Sequence[Neighbour], antagonistic: bool) -> KeptRecords:
     """The equations of all neighbours behind addresses."""
     keep = package_compiler().function(keep_record)
-    return kept_records([own_scratch((one.model or model).compiled) for one in neighbours], keep, is_interpreted())
+    systems = [(one.model or model).compiled._replace(antagonistic=antagonistic) for one in neighbours]
+    return kept_records([own_scratch(one) for one in systems], keep, is_interpreted())
 
 
 def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: Any) -> Tangents:
@@ -128,7 +130,7 @@ def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: A
         slope=np.zeros((n, count)), matrix=np.zeros((n, n + wires)), stage=np.zeros((n, count)),
         stages=np.zeros((STAGES, n, count)), rhs=np.zeros((n, count)), new=np.zeros((n, count)),
         dense=np.zeros((2, n, count)), mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires),
-        moved=np.zeros(n), moved_x=np.zeros(wires),
+        moved=np.zeros(n), moved_x=np.zeros(wires), row=np.zeros(1, dtype=np.int64),
         samples=np.zeros((k, c, count)), slopes=np.zeros((k, c)), **given,
     )  # fmt: skip
 
@@ -159,17 +161,26 @@ def simulate_with_tangents(
     run, asked, begin = copy_of_run(model, initial_state), requested_times(source, sample_times), float(source.times[0])
     seen = seen_at(model, asked, begin)
     times, values, slopes = held_until((times, values, slopes), seen)
-    numbers = sampled_numbers(channels, model.structure)
-    records = moved_systems(model, neighbours)
+    shifts = np.pad(shifts, ((0, len(times) - len(shifts)), (0, 0)))
+    numbers, work = sampled_numbers(channels, model.structure), new_work(model)
+    lines = smoothed(model, times, values, slopes, shifts)
+    if lines is not None:
+        shifts, work = np.zeros((len(lines.times), shifts.shape[1])), work._replace(u=np.zeros(lines.values.shape[1]))
+    else:
+        lines = Stretches(times, values, slopes, *np.zeros((2, 0, shifts.shape[1], values.shape[1])))
+    antagonistic = model.compiled.antagonistic and lines.values.shape[1] == values.shape[1]
+    p, records = model.compiled._replace(antagonistic=antagonistic), moved_systems(model, neighbours, antagonistic)
     s, r = differences_of_starts(run, neighbours, delta)
     tangents = new_tangents(
         model, run, (len(numbers), len(neighbours), len(seen)), numbers=numbers, direct=direct_states(model, numbers),
-        timed=timed_channels(model, numbers), systems=records.addresses, delta=delta, row_shift=shifts, s=s, r=r,
+        timed=timed_channels(model, numbers), systems=records.addresses, delta=delta, row_shift=shifts,
+        value_shift=lines.value_shifts, slope_shift=lines.slope_shifts, moved_u=np.zeros_like(work.u),
+        moved_du=np.zeros_like(work.u), s=s, r=r,
     )  # fmt: skip
     log = new_log(model, seen, numbers)
     limits = Limits(np.inf, max_steps, stall_step(model))
-    stretches, p = InputStretches(times, values, slopes, model.uses_time), own_scratch(model.compiled)
-    status = package_compiler().function(follow)(stretches, run, p, new_work(model), limits, log, tangents)
+    stretches = InputStretches(lines.times, lines.values, lines.slopes, model.uses_time)
+    status = package_compiler().function(follow)(stretches, run, own_scratch(p), work, limits, log, tangents)
     made = trajectory(model, log, asked, run, stop_reason(status, model, run), ())
     count = len(made.time)
     found, slopes = tangents.samples[:count, :, : len(neighbours)].transpose(2, 1, 0), tangents.slopes[:count].T

@@ -113,7 +113,7 @@ def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)
     control[C_H] = 1e-3
     control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
-    return Run(state, control, np.zeros(N_SIZE, dtype=np.int64))
+    return Run(state, control, np.zeros(N_SIZE, dtype=np.int64), np.zeros_like(work.matrix))
 
 
 def copy_of_run(model: Model, initial_state: Run) -> Run:
@@ -123,7 +123,7 @@ def copy_of_run(model: Model, initial_state: Run) -> Run:
         raise UserError(f'initial_state: expected a state of {expected} value(s), as this model has; got {given}')
     y, mode, x_frozen = initial_state.state
     state = SystemState(y.copy(), mode.copy(), x_frozen.copy())
-    return Run(state, initial_state.control.copy(), np.zeros_like(initial_state.count))
+    return Run(state, initial_state.control.copy(), np.zeros_like(initial_state.count), initial_state.solution.copy())
 
 
 def stall_step(model: Model) -> float:

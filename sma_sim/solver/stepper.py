@@ -9,12 +9,14 @@ import numpy as np
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import EVERYTHING, depends_on, update_flow
 from sma_sim.solver.linear import eliminate, invert_shifted, solve_eliminated, solve_shifted
-from sma_sim.solver.rosenbrock import RODAS4P2
+from sma_sim.solver.rosenbrock import RODAS4P2, ROS34PW2
 from sma_sim.solver.series import linearize_segments
-from sma_sim.solver.work import Vector, Work, copy_evaluation, copy_into
+from sma_sim.solver.work import Matrix, Vector, Work, copy_evaluation, copy_into
 
 A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
 GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order
+ROW_A, ROW_C, ROW_ERROR, ROW_GAMMA, ROW_STAGES = ROS34PW2.a, ROS34PW2.C, ROS34PW2.error, ROS34PW2.gamma, 4
+OF_CUBIC = np.linalg.inv(H[:, :2])  # two stages that make a given dense output, the others being zero
 TIME_STEP = 1e-7  # for the partial derivative of the flow in time [s]
 
 
@@ -155,6 +157,53 @@ def finish_step(w: Work) -> float:
         total += ratio * ratio
     norm = np.sqrt(total / n)
     return norm if np.isfinite(norm) else np.inf
+
+
+def row_step(h: float, state: SystemState, segment: Segment, p: System, w: Work, solution: Matrix) -> float:
+    """Try one step over a row of a held input from ``w.first``, with what `invert_shifted` left in `solution` lately.
+
+    The method is of order 3 whatever that is; the result is in ``w.y_new``, and the error is returned as by
+    `rosenbrock_step`.
+    """
+    n = np.uint64(state.y.shape[0])  # unsigned, as in solver.linear
+    for stage in range(ROW_STAGES):
+        if stage == 0:
+            for i in range(n):
+                w.rhs[i] = w.first.dy[i]
+        else:
+            copy_into(w.y_stage, state.y)
+            for j in range(stage):
+                for i in range(n):
+                    w.y_stage[i] += ROW_A[stage, j] * w.stages[j, i]
+            flow_at(segment.t_0, with_smooth(w.y_stage, state), segment, p, w, w.stage)
+            for i in range(n):
+                w.rhs[i] = w.stage.dy[i]
+            for j in range(stage):
+                part = ROW_C[stage, j] / h
+                for i in range(n):
+                    w.rhs[i] += part * w.stages[j, i]
+        solve_shifted(solution, w.rhs, w.stages[stage], p.coordinates)
+    total = 0.0
+    for i in range(n):
+        w.y_new[i] = w.y_stage[i] + w.stages[ROW_STAGES - 1, i]
+        error = 0.0
+        for j in range(ROW_STAGES):
+            error += ROW_ERROR[j] * w.stages[j, i]
+        total += (error / w.weight[i]) ** 2
+    norm = np.sqrt(total / n)
+    return norm if np.isfinite(norm) else np.inf
+
+
+def pass_cubic(h: float, y: Vector, w: Work) -> None:
+    """Let `prepare_dense` give the cubic of a step from ``w.first`` to ``w.y_new`` with the rates there, in ``w.guard``."""
+    for i in range(np.uint64(y.shape[0])):
+        rise = w.y_new[i] - y[i]
+        k_1 = h * w.first.dy[i] - rise
+        k_2 = rise - h * w.guard.dy[i] - k_1
+        w.stages[0, i] = OF_CUBIC[0, 0] * k_1 + OF_CUBIC[0, 1] * k_2
+        w.stages[1, i] = OF_CUBIC[1, 0] * k_1 + OF_CUBIC[1, 1] * k_2
+        for j in range(2, STAGES - 1):
+            w.stages[j, i] = 0.0
 
 
 def prepare_dense(w: Work) -> None:

@@ -34,7 +34,8 @@ class Tangents(NamedTuple):
     """Tangents in the making: P unknowns, n states, c sampled channels; three nodes of each step: FIRST, MIDDLE, LAST.
 
     `systems` are the addresses of the equations with one unknown moved by `delta` (P or fewer: the last tangents may be of
-    no unknown). `row_shift` (rows, P) tells how the times of the input's rows change.
+    no unknown). `row_shift` (rows, P) tells how the times of the input's rows change; `value_shift` and `slope_shift`
+    (rows, P, columns; no rows where nothing does) how its values do in a stretch, which is number `row` (1,).
     """
 
     numbers: Integers  # (c,) of the channels
@@ -43,6 +44,9 @@ class Tangents(NamedTuple):
     systems: Integers
     delta: float
     row_shift: Matrix
+    value_shift: Arrays
+    slope_shift: Arrays
+    row: Integers
     s: Matrix  # (n, P) tangents of the states
     r: Matrix  # (wires, P) tangents of the frozen fractions
     shift: Vector  # (P,) of the last jump's time
@@ -64,6 +68,8 @@ class Tangents(NamedTuple):
     x_frozen: Vector
     moved: Vector  # (n,)
     moved_x: Vector  # (wires,)
+    moved_u: Vector  # (columns,)
+    moved_du: Vector
     samples: Arrays  # (k, c, P)
     slopes: Matrix  # (k, c) of the samples in time
 
@@ -117,13 +123,13 @@ def unknown_columns(node: int, t: float, state: SystemState, segment: Segment, p
     Each is found beside the node on the tangent at the beginning of the step, less what the states' derivatives make of it:
     large derivatives that cancel on the tangent, such as those of a stress that stays, so leave no error of differences.
     """
-    n, point = state.y.shape[0], InputPoint(w.u, segment.du)
+    n = state.y.shape[0]
     input_at(t, segment, w.u)
     inverse = 1.0 / a.delta
     for j in range(a.systems.shape[0]):
         moved = record_at(a.systems[j], p)
         beside = move_along(j, state, a)
-        update_flow(t, beside, point, moved, w.stage, EVERYTHING)
+        update_flow(t, beside, input_beside(j, t, segment, w, a), moved, w.stage, EVERYTHING)
         for i in range(n):
             a.by_unknown[node, i, j] = (w.stage.dy[i] - a.dy[node, i]) * inverse
         for c in range(a.shown.shape[1]):
@@ -160,6 +166,18 @@ def move_along(j: int, state: SystemState, a: Tangents) -> SystemState:
     for i in range(a.moved_x.shape[0]):
         a.moved_x[i] = state.x_frozen[i] + a.delta * a.r[i, j]
     return SystemState(a.moved, state.mode, a.moved_x)
+
+
+def input_beside(j: int, t: float, segment: Segment, w: Work, a: Tangents) -> InputPoint:
+    """The input at time t, ``w.u``, with unknown `j` moved by `delta`."""
+    if a.value_shift.shape[0] == 0:
+        return InputPoint(w.u, segment.du)
+    row = a.row[0]
+    for k in range(a.moved_u.shape[0]):
+        slope = a.delta * a.slope_shift[row, j, k]
+        a.moved_u[k] = w.u[k] + a.delta * a.value_shift[row, j, k] + slope * (t - segment.t_0)
+        a.moved_du[k] = segment.du[k] + slope
+    return InputPoint(a.moved_u, a.moved_du)
 
 
 def keep_last(a: Tangents) -> None:

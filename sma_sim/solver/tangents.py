@@ -17,18 +17,19 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.automaton import INNER
-from sma_sim.model.layout import O_DX, O_X, Evaluation, InputPoint, System, SystemState
+from sma_sim.model.layout import O_DX, O_X, Evaluation, System, SystemState
 from sma_sim.model.system import EVERYTHING, guard, sensed_channel, update_flow
 from sma_sim.solver.events import EDGE_TABLE, remember_fraction, violated_edge
 from sma_sim.solver.integrate import (
-    AFTER_ROW,
     C_H,
     COMPLETED,
     InputStretches,
     Limits,
     Log,
     Run,
+    first_step,
     jump_now,
+    keep_heat,
     next_step,
     stretch,
 )
@@ -67,6 +68,7 @@ from sma_sim.solver.tangent_nodes import (
     MIDDLE,
     Tangents,
     by_sensor,
+    input_beside,
     keep_last,
     linearize_node,
     move_along,
@@ -104,7 +106,9 @@ def follow(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limi
 def follow_segment(row: int, run: Run, segment: Segment, p: System, w: Work, limits: Limits, log: Log, a: Tangents) -> int:
     """Integrate one stretch of the input with tangents; the reason for its end."""
     t, y = segment.t_0, run.state.y
-    run.control[C_H] = min(run.control[C_H], AFTER_ROW)
+    run.control[C_H] = min(run.control[C_H], first_step(run, segment, p))
+    keep_heat(run, segment, p, w)
+    a.row[0] = row
     for j in range(a.shift.shape[0]):
         a.shift[j] = a.row_shift[row, j]
     restart(t, False, run, segment, p, w, log, a)
@@ -166,7 +170,7 @@ def carry_over(i: int, t: float, located: bool, run: Run, segment: Segment, p: S
     input_at(t, segment, w.u)
     for j in range(a.systems.shape[0]):
         moved = record_at(a.systems[j], p)
-        update_flow(t, move_along(j, before, a), InputPoint(w.u, segment.du), moved, w.stage, EVERYTHING)
+        update_flow(t, move_along(j, before, a), input_beside(j, t, segment, w, a), moved, w.stage, EVERYTHING)
         there = guard(which, i, moved, w.stage.obs)
         if located:
             later = -(there - here) / (a.delta * slope)

@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
+from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.json_values import write_json as write_json
 from sma_sim.evidence.data.recording import Dataset
@@ -68,11 +69,7 @@ def system_words(arguments: argparse.Namespace) -> list[str]:
 
 def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
     """``--model`` and ``--seed`` of what searches."""
-    parser.add_argument(
-        '--model',
-        choices=('hybrid', 'mas', 'auto'),
-        help='kinetics; auto: the more probable of both (default: those that --config or --set gives, else auto)',
-    )
+    add_kinetics(parser, ('hybrid', 'mas', 'auto'), 'those that --config or --set gives, else auto')
     parser.add_argument('--seed', type=int, default=0, metavar='N', help=seed_of)
 
 
@@ -123,8 +120,7 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     """The recordings to fit and those held out; notes on what was repaired go to stderr. Raises UserError."""
     request = data_request(arguments)
     dataset = request.read(config)
-    for note in grouped_notes([dataset]):
-        print(f'note: {note}', file=sys.stderr)
+    print_notes(grouped_notes([dataset]))
     return request.split(dataset)
 
 

@@ -15,6 +15,7 @@ from sma_sim.evidence.data.tables import Vector, read_columns
 from sma_sim.evidence.data.units import mismatch_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import KELVIN, kelvin_hint
 from sma_sim.solver.inputs import Input
 
 
@@ -59,9 +60,12 @@ def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[st
 def ambient_of(path: Path, columns: dict[str, Vector], T_E: float) -> Vector:
     """Ambient temperature: the column, or `T_E` where there is none. Raises UserError."""
     ambient = columns.get('T_E_K', np.full(len(columns['time_s']), T_E))
-    if (ambient <= 1.0).any() or (ambient > 2000.0).any():
-        wrong = ambient[np.argmax((ambient <= 1.0) | (ambient > 2000.0))]
-        raise UserError(f'{path}, column T_E_K: expected kelvin between 1 and 2000, got {wrong:g}')
+    low, high = KELVIN
+    wrong = ambient[(ambient < low) | (ambient > high)]
+    if len(wrong):
+        raise UserError(
+            f'{path}, column T_E_K: expected kelvin between {low:g} and {high:g}, got {wrong[0]:g}{kelvin_hint(wrong[0])}'
+        )
     return ambient
 
 

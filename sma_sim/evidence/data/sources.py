@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
 from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
+from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
@@ -114,9 +114,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     if others:
         other = max(others, key=lambda name: len(set(COLUMNS_BY_SYSTEM[name]) & set(header)))
         hint = f' (it has {NEEDED_COLUMNS[other][1]}: is it the recording of a {other}? say --system {other})'
-    close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
-    if close and not hint:
-        hint = f' (rename {close[0]}, or name it in a map: {missing[0]}: {{column: {close[0]}, scale: 1}})'
+    hint = hint or hint_for(missing[0], header, COLUMNS_BY_SYSTEM[system], with_map=True)
     raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
 
 

@@ -6,7 +6,6 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from sma_sim.evidence.data.cells import CellLayout, read_cells
 from sma_sim.evidence.data.cells import Vector as Vector
+from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.model.errors import UserError
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
@@ -31,9 +31,10 @@ def read_columns(
     header = read_header(path)
     missing = [name for name in required if name not in header]
     if missing:
-        close = get_close_matches(missing[0], header, n=1, cutoff=0.5)
-        hint = f' (rename {close[0]}; the unit is part of the name)' if close else ''
-        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
+        hint = hint_for(missing[0], header, (*required, *optional, *with_gaps), with_map=False)
+        only_semicolons = len(header) == 1 and ';' in header[0]
+        separated = ', separated by semicolons: expected commas, and points in numbers' if only_semicolons else ''
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}{separated}')
     present = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:

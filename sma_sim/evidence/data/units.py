@@ -10,10 +10,11 @@ import numpy as np
 
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import KELVIN
 
 MAX_DURATION = 1e7  # [s]: four months; no run lasts as long
 SLOW_STEP = 2.0  # [s]: wires heat and cool faster, so nobody samples a module so slowly
-MIN_TEMPERATURE, MAX_TEMPERATURE = 150.0, 2000.0  # [K] at which a wire can work; a median below is in deg C
+MIN_TEMPERATURE, MAX_TEMPERATURE = KELVIN  # a median below is in deg C
 MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond what a small robot can do
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between

@@ -2,7 +2,8 @@
 
 All of it is read from the data of a diagnosis (`sma_sim.evidence.diagnosis.verdict.as_data`): ``probabilities``, of nothing
 missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and ``models``,
-the most probable first, with their ``effects``, a ``formula`` or none, ``probability`` and ``error`` over noise.
+the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings, ``probability``
+and ``error`` over noise.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ def effect_words(name: str) -> str:
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """What a model adds to the nominal one."""
+    """What a model adds to the nominal one, and in what its recordings differ."""
     parts = [*map(effect_words, model['effects']), *([f'the equation {model["formula"]}'] if model['formula'] else [])]
-    return ' and '.join(parts) or NOTHING
+    differences = [f'recordings that differ in {name}' for name in model.get('differences') or ()]
+    return ' + '.join([*(parts or [NOTHING]), *differences])
 
 
 def model_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:

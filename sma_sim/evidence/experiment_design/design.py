@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import kinetics_to_try
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
+from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
@@ -42,6 +43,7 @@ from sma_sim.evidence.experiment_design.refitted_utilities import (
 )
 from sma_sim.evidence.experiment_design.rival_fits import (
     DRAWS_PER_POSTERIOR,
+    NO_EFFECT,
     ModelHypothesis,
     NamedFit,
     fit_base_model,
@@ -68,6 +70,8 @@ from sma_sim.evidence.experiment_design.utilities import (
     weak_directions,
 )
 from sma_sim.model.config import Config, suggestion
+from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.model.progress import progress_in_words
@@ -193,6 +197,7 @@ def check_design_request(training: Dataset, config: Config, request: DesignReque
         raise UserError(f'next designs one heating command over time; system {config.system} is moved by {moved}')
     if len(set(request.between)) != len(request.between) or len(request.between) == 1:
         raise UserError(f'--between {" ".join(request.between)}: expected at least two different explanations')
+    check_names(config, request)
     if request.between and request.parameters:
         raise UserError('--between and --parameters ask for different experiments: give one of them')
     if not (request.hold > 0.0 and request.length >= 4.0 * request.hold):
@@ -200,6 +205,18 @@ def check_design_request(training: Dataset, config: Config, request: DesignReque
     for name, value in (('power', request.power), ('temperature', request.temperature), ('stress', request.stress)):
         if value is not None and not value > 0.0:
             raise UserError(f'--max-{name}: expected more than 0')
+
+
+def check_names(config: Config, request: DesignRequest) -> None:
+    """Raise UserError, before any fit, for parameters and effects that there are not."""
+    declared, effects = declared_parameters(config), find_effects(request.folders)
+    for name in request.parameters:
+        if name not in declared:
+            raise UserError(f'--parameters {name}: not fitted here{suggestion(name, declared)}')
+    for effect in (part for name in request.between for part in name.split('+') if name != NO_EFFECT):
+        if effect.partition(SEPARATOR)[0] not in effects:
+            hint = suggestion(effect, effects)
+            raise UserError(f'--between {effect}: no effect that could be missing from this model{hint}')
 
 
 def hypotheses_for(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -139,6 +140,31 @@ class RunningError:
         sums, counts = np.where(there, squares, 0.0).sum(axis=0), there.sum(axis=0)
         error: Vector = np.sqrt(np.where(counts > 0, sums, np.nan) / np.maximum(counts, 1))
         return error
+
+
+class Announcements:
+    """What is worth a line in a log: that the model follows, has left (once in `period` seconds), and is back.
+
+    Channels may leave one after another, or leave and come back all the time: no line is sooner than a period after the last
+    one of its kind.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period, self._said, self._not_before = period, '', -math.inf
+
+    def restart(self) -> None:
+        """The model starts anew: that it follows is worth a line again."""
+        self._said = ''
+
+    def due(self, now: float, has_left: bool, follows: bool) -> str:
+        """``'left'``, ``'follows'``, ``'back'``, or nothing that is due at `now` [s]."""
+        if has_left and now >= self._not_before:
+            self._said, self._not_before = 'left', now + self._period
+            return 'left'
+        if has_left or not follows or self._said == 'follows':
+            return ''
+        before, self._said = self._said, 'follows'
+        return 'back' if before == 'left' else 'follows'
 
 
 class DepartureDetector:

@@ -11,13 +11,14 @@ from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_s
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.parameters import Parameter, wire_constants
 from sma_sim.model.structures.module import STRUCTURE as MODULE
-from sma_sim.model.structures.structure import Structure, numbers, record
+from sma_sim.model.structures.structure import NamedEffect, Structure, numbers, record
 
 REFERENCE = 2  # the coordinate of the module for which the numbers of effects are declared: its rotation
 SHOWN = {'rad': 'alpha'}  # the channel of the module whose numbers a sensor of a coordinate in this unit has
 OTHERWISE = 'U_y'
 STEP = 1e-3  # of the differences of lengths, in usual changes of a coordinate
 DIGITS = 2  # of converted numbers
+BESIDE = 3.0  # times what a structure has, to which a realistic range reaches at least
 MODULE_WIRE = wire_constants(MODULE.default_values)
 
 
@@ -34,10 +35,11 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     if effect.structure is structure:
         return effect
     general = effect.general_title if structure.title != MODULE.title else ''
-    title, same = structure.named_effects.get(effect.name, ('', ''))
+    title, named = structure.named_effects.get(effect.name, NamedEffect('', {}))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
     moved = replace(
-        effect, structure=structure, title=title or general or effect.title, same_as=same or effect.same_as,
+        effect, structure=structure, kernel=dict(effect.kernels).get(structure.family, effect.kernel),
+        title=title or general or effect.title, same_as=' with '.join(named.values()) or effect.same_as,
         confused_with=tuple(name for name in effect.confused_with if has_parameter(name, structure)),
     )  # fmt: skip
     if effect.port == PORT_NAMES[SENSING]:
@@ -51,7 +53,16 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     if effect.needs:
         at = acting_coordinates(effect.needs, structure)[0]
         parameters = tuple(converted(p, structure, at, known) for p in parameters)
+    parameters = tuple(realistic_beside(p, known[named[p.name]]) if p.name in named else p for p in parameters)
     return replace(moved, parameters=parameters)
+
+
+def realistic_beside(parameter: Parameter, own: float) -> Parameter:
+    """A parameter without a neutral value, whose realistic range reaches beyond what the structure has itself."""
+    if parameter.neutral is not None or parameter.realistic is None:
+        return parameter
+    low, high = parameter.realistic
+    return replace(parameter, realistic=(min(low, own / BESIDE), max(high, BESIDE * own)))
 
 
 def with_parameters(effect: Effect, structure: Structure) -> Effect:

@@ -92,6 +92,8 @@ class Effect:
         ``kernel(s, w, p)`` returns what the effect adds at its port (on actuation and sensing: the value passed on), as a
         float or a tuple; `s` is a `State`, `w` the wire's constants (the beam's for structure_force), `p` the effect's
         parameters by name. With extra states it is ``kernel(s, w, p, m)``, where `m` has them by name.
+    kernels : tuple of (str, callable)
+        Kernels that take the place of `kernel` on some systems, by name: on those that have other coordinates.
     states, scale : tuple
         Names of the extra states, and their sizes for the error control (relative to its channel on sensing).
     rate, start : callable, optional
@@ -157,6 +159,7 @@ class Effect:
     source: str
     parameters: tuple[Parameter, ...]
     kernel: Callable[..., Any]
+    kernels: tuple[tuple[str, Callable[..., Any]], ...] = ()
     states: tuple[str, ...] = ()
     scale: tuple[float, ...] = ()
     rate: Callable[..., Any] | None = None

@@ -12,7 +12,7 @@ from typing import Any
 
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.links import Drawing, Line
-from sma_sim.model.structures.structure import Coordinate, Structure, in_group
+from sma_sim.model.structures.structure import Coordinate, NamedEffect, Structure, in_group
 
 NAME, SOURCE = 'slider', 'a usual bench actuator'
 
@@ -66,7 +66,8 @@ def slider_with(wires: int) -> Structure:
             Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
                       'of the rail; positive: wire 1 lifts the slider', SOURCE),
         )),
-        named_effects={'joint_friction': ('dry friction of the rail (slider.F_c)', 'slider.F_c with slider.v_c')},
+        named_effects={'joint_friction': NamedEffect(
+            'dry friction of the rail (slider.F_c)', {'M_c': 'slider.F_c', 'w_s': 'slider.v_c'})},
         drawing=Drawing(wires=(lambda q, p: [toward_anchor(q, p)]) if one else drawn_wires),
         size_parameter='slider.L',
         fitted=('slider.k', 'slider.x_0', 'slider.b'),

@@ -21,7 +21,7 @@ from sma_sim.model.structures import module
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.series import in_series, parts
-from sma_sim.model.structures.structure import Structure
+from sma_sim.model.structures.structure import NamedEffect, Structure
 
 NAME, DEFAULT_MODULES, MOST_MODULES = 'stack', 3, 10
 DRAWN_POINTS = 21  # of a bent beam
@@ -140,7 +140,8 @@ def stack_of(modules: int) -> Structure:
         ),
         accelerations=accelerations,
         gravity=gravity,
-        named_effects={'gravity': ('gravity (stack.g_x, stack.g_y)', 'stack.g_x with stack.g_y')},
+        named_effects={'gravity': NamedEffect(
+            'gravity (stack.g_x, stack.g_y)', {'g_x': 'stack.g_x', 'g_y': 'stack.g_y'})},
         constants=constants,
         energy=energy,
         drawing=Drawing(

@@ -38,6 +38,14 @@ class Place(NamedTuple):
     Q: NDArray[np.float64]
 
 
+class NamedEffect(NamedTuple):
+    """What a sentence calls an effect on a structure, and by which of the structure's parameters (full names) those of the
+    effect go there."""
+
+    title: str
+    parameters: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class Coordinate:
     """A generalised coordinate of a structure.
@@ -182,8 +190,7 @@ class Structure:
     of_size : callable, optional
         From the value of that parameter, a whole number, to the structure.
     named_effects : mapping
-        By the name of an effect that the structure's own parameters describe: what a sentence calls it here, and which
-        parameters these are.
+        By the name of an effect that the structure's own parameters describe, a `NamedEffect`.
     options : mapping
         Words by the name of a parameter, such as ``bench.control: strain``, by which this structure is chosen among its
         `variants`.
@@ -218,7 +225,7 @@ class Structure:
     system: str = ''
     size_name: str = ''
     of_size: Callable[[int], Structure] | None = None
-    named_effects: Mapping[str, tuple[str, str]] = field(default_factory=lambda: MappingProxyType({}))
+    named_effects: Mapping[str, NamedEffect] = field(default_factory=lambda: MappingProxyType({}))
     options: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     variants: tuple[Structure, ...] = ()
     description: str = ''

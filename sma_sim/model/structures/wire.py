@@ -15,11 +15,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sma_sim.model.parameters import PAPER, Parameter, wire_constants
+from sma_sim.model.parameters import KELVIN, PAPER, Parameter, wire_constants
 from sma_sim.model.structures.structure import Coordinate, Drive, Structure
 
 CONTROL, TEMPERATURE = 'bench.control', 'bench.temperature'
-SET_TEMPERATURE = Drive('T', 'K', 'temperature of the specimen', bounds=(1.0, 2000.0))
+SET_TEMPERATURE = Drive('T', 'K', 'temperature of the specimen', bounds=KELVIN)
 
 
 class LoadConstants(NamedTuple):

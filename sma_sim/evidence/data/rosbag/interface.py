@@ -10,8 +10,10 @@ from functools import cache
 from typing import Any
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
+from sma_sim.evidence.data.recording import FIRST
 from sma_sim.evidence.data.rosbag.commands import refusal
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import MOST_WIRES, Structure
 
 JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
@@ -95,6 +97,18 @@ def interface_of(structure: Structure) -> Interface:
         {drive.name: drive.column for drive in structure.drives},
         {name: channels[name] for name in SINGLE_CHANNELS if name in channels and not structure.coordinates},
     )
+
+
+def known_interfaces(commands: int) -> list[Interface]:
+    """The interfaces of all structures, usual ones first; of those whose size is a parameter also with so many commands."""
+    known = known_structures()
+    found = {name: known[name] for name in (*FIRST, *(name for name in known if name not in FIRST))}
+    for structure in list(found.values()):
+        if structure.of_size is not None:
+            low, high = structure.declared[structure.size_name].bounds
+            sized = structure.of_size(commands) if low <= commands <= high else structure
+            found.setdefault(sized.name, sized)
+    return [interface_of(structure) for structure in found.values()]
 
 
 def interface_from(text: str, where: str) -> Interface:

@@ -20,6 +20,7 @@ from scipy.ndimage import median_filter
 from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, in_force
 from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
+    FLOAT64_ARRAY,
     INTERFACE,
     JOINT_STATE,
     PAIR_COMMAND,
@@ -29,6 +30,7 @@ from sma_sim.evidence.data.rosbag.interface import (
     command_decoders,
     interface_from,
     interface_of,
+    known_interfaces,
     measured_decoders,
     prefix_of,
 )
@@ -111,13 +113,16 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
     heating = PAIR_COMMAND
     if {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'} & set(bag.topics()):
         heating = WIRE_COMMAND
-    names = joints_in(bag, f'{prefix}joint_states')
-    known = [interface_of(each) for each in known_structures().values()]
-    fitting = [
-        interface for interface in known if interface.heating_topic == heating and has_joints(names, tuple(interface.joints))
-    ]
+    names, count = joints_in(bag, f'{prefix}joint_states'), 1
+    if heating == WIRE_COMMAND:
+        topics = {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'}
+        count = len(first_message(bag, topics, FLOAT64_ARRAY, 'data'))
+    known = [one for one in known_interfaces(count) if one.heating_topic == heating and len(one.commands) == count]
+    fitting = [one for one in known if has_joints(names, tuple(one.joints))]
     if fitting:
         return max(fitting, key=lambda one: len(one.joints))
+    if heating == WIRE_COMMAND and count > 1:
+        return Interface('robot', {}, tuple(f'{WIRE_COMMAND}_{i + 1}' for i in range(count)), count, {}, {})
     return interface_of(known_structures()['module' if heating == PAIR_COMMAND else 'wire'])
 
 
@@ -127,15 +132,19 @@ def has_joints(names: Sequence[str], expected: Sequence[str]) -> bool:
 
 
 def joints_in(bag: Bag, topic: str) -> list[str]:
-    """The names in the first message with joints of a topic that can be read."""
-    for message in bag.messages({topic}):
+    """The names in the first message with joints of a topic."""
+    return first_message(bag, {topic}, JOINT_STATE, 'name')
+
+
+def first_message(bag: Bag, topics: Collection[str], kind: str, entries: str) -> list[Any]:
+    """The entries of the first message of some topics that has any and can be read."""
+    for message in bag.messages(topics):
         try:
-            decoded: Any = typestore().deserialize_cdr(message.cdr, JOINT_STATE)
-            names = list(decoded.name)
+            found = list(getattr(typestore().deserialize_cdr(message.cdr, kind), entries))
         except Exception:  # whatever the parsing of a broken message stumbles over; the reader tells of it
             return []
-        if names:
-            return names
+        if found:
+            return found
     return []
 
 

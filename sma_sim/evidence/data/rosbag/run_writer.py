@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.recording import FIRST
 from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
     FLOAT64,
@@ -26,10 +26,10 @@ from sma_sim.evidence.data.rosbag.interface import (
     UINT8_ARRAY,
     Interface,
     interface_of,
+    known_interfaces,
 )
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
@@ -65,10 +65,14 @@ def write_mcap(path: Path, columns: Mapping[str, Vector], structure: Structure |
 
 
 def interface_of_columns(columns: Collection[str]) -> Interface:
-    """The interface of the structure that has the most of the columns, and the fewest others."""
-    known = known_structures()
-    found = [interface_of(known[name]) for name in (*FIRST, *(name for name in known if name not in FIRST))]
-    return max(found, key=lambda one: (len(set(one.columns) & set(columns)), -len(one.columns)))
+    """The interface of the structure whose input is there, that has the most of the columns, and the fewest others."""
+    names = set(columns)
+    powers = [int(found.group(1)) for name in names if (found := re.fullmatch(r'J_(?:eq_)?(\d+)_W', name))]
+
+    def fitness(one: Interface) -> tuple[bool, int, int]:
+        return names.issuperset(one.drives.values() or one.heating_columns), len(names & set(one.columns)), -len(one.columns)
+
+    return max(known_interfaces(max(powers, default=1)), key=fitness)
 
 
 def messages_of(columns: Mapping[str, Vector], interface: Interface | None = None) -> Samples:

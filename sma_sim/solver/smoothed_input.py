@@ -1,0 +1,196 @@
+"""A command that changes at every moment, as that of a controller does, in fewer stretches: for the tangents of a run.
+
+The heat capacity C of a wire smooths what it is given. Over a stretch of the input the heating P of every wire is replaced
+by the line of the same mean and the same first moment, its least-squares line. Of the difference w = P - line the integral
+E(t) = int w dt from the beginning is then zero at both ends, and so is that of E. The temperature differs by D(t), with
+C dD/dt = w - C D/tau where tau > 0 is the time constant of the heat balance, hence
+
+    D(t) = E(t)/C - (1/tau) int exp(-(t - s)/tau) E(s)/C ds,      |D| <= 2 max |E|/C,
+
+and at the end of the stretch only int (1 - exp(-(h - s)/tau)) E ds/(C tau) is left, of order h/tau^2. Neighbouring rows are
+taken together as long as max |E|/C is small. Latent heat adds to C, and makes D smaller. The ambient temperature acts as
+lambda A T_E. An antagonistic command becomes the heating of each wire, so that a change of its sign is no kink.
+
+Derivatives of a run need no more, since they keep three digits; the run itself is made row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
+from sma_sim.model.parameters import WireConstants
+from sma_sim.model.structures.structure import Structure, record
+from sma_sim.solver.compile import package_compiler
+from sma_sim.solver.fields_read import fields_read
+from sma_sim.solver.kernels import kernel_types, own_kernels
+from sma_sim.solver.model import Model
+from sma_sim.solver.work import Integers, Matrix, Vector
+
+Arrays = NDArray[np.float64]  # of three dimensions
+TEMPERATURE_SCALE = 30.0  # [K]
+SMOOTHED = 2.0  # the most of max |E|/C, in units of solver.rtol times that scale
+MOST_ROWS = 4096  # in a stretch
+PROBED = np.linspace(0.0, 1.0, 9)  # of the largest heating, where effects must be linear in it
+PROBED_STATES, T_E = (0.3, 0.9), 298.0  # of the scales of states; [K]
+LINEAR = 1e-9  # what is left of a linear function, relative to its values
+
+
+class Stretches(NamedTuple):
+    """An input in stretches (k,), each `value` + `slope` (t - time) (k, columns), and their derivatives in unknowns (k, P,
+    columns). `times` (k + 1,) has the end too."""
+
+    times: Vector
+    values: Matrix
+    slopes: Matrix
+    value_shifts: Arrays
+    slope_shifts: Arrays
+
+
+def smoothed(model: Model, times: Vector, values: Matrix, slopes: Matrix, row_shift: Matrix) -> Stretches | None:
+    """The heating of every wire and T_E [W, K] in fewer stretches; None where none can be taken together.
+
+    `row_shift` (rows, P): derivatives of the times of the rows in unknowns.
+    """
+    p, wire = model.compiled, model.wire
+    if p.drives or not p.coordinates or len(times) < 3 or slopes.any():
+        return None
+    heating = heating_of_wires(values, p.wires, p.antagonistic)
+    if not passes_lines(model.config.effects, model.structure, wire, float(heating[:, :-1].max()) / wire.n):
+        return None
+    capacity = wire.volume * wire.rho * wire.c_V
+    kelvin = np.array([1.0 / (wire.n * capacity)] * p.wires + [wire.lambda_ * wire.area / capacity])
+    most = SMOOTHED * model.config.parameters['solver.rtol'] * TEMPERATURE_SCALE
+    first = np.zeros(len(times), dtype=np.int64)
+    lines, tilts = np.zeros(heating.shape), np.zeros(heating.shape)
+    count = package_compiler().function(take_together)(times, heating, kelvin, most, first, lines, tilts)
+    if count == len(times) - 1:
+        return None
+    first[count] = len(times) - 1
+    first = first[: count + 1]
+    shifts = shifts_of_lines(times, heating, row_shift, first)
+    return Stretches(times[first], lines[: count + 1], tilts[: count + 1], *shifts)
+
+
+def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
+    """The heating of the bundles, and T_E (k, wires + 1), from the columns of an input."""
+    power, T_E = values[:, :-1], values[:, -1:]
+    if antagonistic:
+        power = np.stack([power, -power], axis=2).reshape(len(values), wires)
+    return np.ascontiguousarray(np.hstack([np.maximum(power, 0.0), T_E]))
+
+
+def take_together(
+    times: Vector, heating: Matrix, kelvin: Vector, most: float, first: Integers, lines: Matrix, tilts: Matrix
+) -> int:
+    """Write the first row of every stretch, and its line; how many there are."""
+    rows = times.shape[0] - 1
+    k, count = 0, 0
+    while k < rows:
+        size = 1
+        while 2 * size <= min(rows - k, MOST_ROWS) and is_smooth(k, 2 * size, times, heating, kelvin, most):
+            size *= 2
+        first[count] = k
+        for column in range(heating.shape[1]):
+            lines[count, column], tilts[count, column] = line_through(k, size, column, times, heating)
+        k += size
+        count += 1
+    return count
+
+
+def line_through(k: int, size: int, column: int, times: Vector, heating: Matrix) -> tuple[float, float]:
+    """Value at the beginning and slope of the line with the mean and the first moment of `size` rows from row `k` on."""
+    if size == 1:
+        return heating[k, column], 0.0
+    length = times[k + size] - times[k]
+    mean, moment = 0.0, 0.0
+    for row in range(k, k + size):
+        part = heating[row, column] * (times[row + 1] - times[row])
+        mean += part
+        moment += part * (0.5 * (times[row] + times[row + 1] - times[k]) - 0.5 * length - 0.5 * times[k])
+    mean /= length
+    slope = 12.0 * moment / length**3
+    return mean - 0.5 * slope * length, slope
+
+
+def is_smooth(k: int, size: int, times: Vector, heating: Matrix, kelvin: Vector, most: float) -> bool:
+    """Whether `size` rows from row `k` on are a line to the wires, and one that is not negative."""
+    length = times[k + size] - times[k]
+    for column in range(heating.shape[1]):
+        value, slope = line_through(k, size, column, times, heating)
+        if value < 0.0 or value + slope * length < 0.0:
+            return False
+        passed = 0.0
+        for row in range(k, k + size):
+            passed += heating[row, column] * (times[row + 1] - times[row])
+            t = times[row + 1] - times[k]
+            if not abs(passed - (value + 0.5 * slope * t) * t) * kelvin[column] <= most:
+                return False
+    return True
+
+
+def shifts_of_lines(times: Vector, heating: Matrix, row_shift: Matrix, first: Integers) -> tuple[Arrays, Arrays]:
+    """Derivatives of the lines in unknowns that shift rows (k, P, columns): none where no row moves.
+
+    A row at which the heating rises by d and that comes later by s brings d s less at its time: an impulse. A stretch takes
+    those of its rows, that of its beginning too, as the line with their sum and their first moment.
+    """
+    count, columns = len(first) - 1, heating.shape[1]
+    if not row_shift.any():
+        empty = np.zeros((0, row_shift.shape[1], columns))
+        return empty, empty
+    values, slopes = np.zeros((2, count, row_shift.shape[1], columns))
+    rise = np.diff(heating, axis=0, prepend=heating[:1])
+    impulses = -row_shift[:, :, None] * rise[:, None, :]
+    for k in range(count):
+        rows = slice(first[k], first[k + 1])
+        length = times[first[k + 1]] - times[first[k]]
+        about = times[rows] - times[first[k]] - 0.5 * length
+        slopes[k] = 12.0 * np.tensordot(about, impulses[rows], 1) / length**3
+        values[k] = impulses[rows].sum(axis=0) / length - 0.5 * slopes[k] * length
+    return values, slopes
+
+
+def passes_lines(effects: Sequence[ActiveEffect], structure: Structure, wire: WireConstants, largest: float) -> bool:
+    """Whether what the wires get is linear in a command up to `largest` [W] of one wire, and nothing else depends on it.
+
+    A threshold or a saturation is not: the mean of what it passes on is not what it makes of the mean.
+    """
+    for active in effects:
+        effect = active.found.effect
+        if effect.port == PORT_NAMES[ACTUATION]:
+            if not is_linear(active, structure, wire, largest):
+                return False
+        elif 'J' in fields_read(effect.kernel) | fields_read(effect.rate):
+            return False
+    return True
+
+
+def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, largest: float) -> bool:
+    """Whether an effect on actuation, and the rates of its states, are linear in the command; not where they fail."""
+    effect = active.found.effect
+    kind = kernel_types(effect, structure if own_kernels(effect, structure) else None).state
+    parameters = record('Parameters', [p.name for p in effect.parameters])(*active.values)
+    memory = record('Memory', effect.states)
+    for part in PROBED_STATES:
+        state = kind(*[part] * len(kind._fields))._replace(T=T_E + TEMPERATURE_SCALE * part, T_E=T_E)
+        states = [state._replace(J=J) for J in largest * PROBED]
+        kept = (memory(*(part * scale for scale in effect.scale)),) if effect.states else ()
+        for kernel in (effect.kernel, effect.rate):
+            if kernel is not None and not bend(kernel, states, (wire, parameters, *kept)) <= LINEAR:
+                return False
+    return True
+
+
+def bend(kernel: Callable[..., Any], states: Sequence[Any], given: tuple[Any, ...]) -> float:
+    """How much a kernel bends over equally spaced states, relative to its values; infinite where it fails."""
+    try:
+        found = np.array([kernel(state, *given) for state in states], dtype=float)
+    except (ArithmeticError, ValueError):
+        return np.inf
+    return float(np.abs(np.diff(found, n=2, axis=0)).max()) / (float(np.abs(found).max()) or 1.0)

@@ -1,0 +1,192 @@
+"""Runs and their tangents under commands that change at every moment: at the errors of runs with few, in fewer steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loops import closed_loop
+from systems import active, make_model
+
+from sma_sim import Input, module_input, simulate
+from sma_sim.solver import smoothed_input
+from sma_sim.solver.inputs import input_between, pieces
+from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
+from sma_sim.solver.simulate import new_run, new_work
+from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, heating_of_wires, smoothed
+
+DURATION, DELTA = 20.0, 1e-6
+ROWS = 50 * DURATION
+TIMES = np.linspace(0.0, DURATION, 467)  # most within rows
+CASES = [('module', 'hybrid'), ('module', 'mas'), ('lever', 'hybrid'), ('lever', 'mas'), ('spatial', 'hybrid')]
+
+
+def exact(model, source):
+    return simulate(precise(model), source, TIMES)
+
+
+def precise(model, rtol=1e-8):
+    config = model.config
+    return type(model)(replace(config, parameters={**config.parameters, 'solver.rtol': rtol}))
+
+
+def errors(model, run, other):
+    """The largest differences of the coordinates, and of the temperatures, over their scales."""
+    coordinates = [c.column for c in model.structure.coordinates]
+    temperatures = [f'T{suffix}_K' for suffix in model.structure.wire_suffixes]
+    pose = [np.abs(run[name] - other[name]).max() / scale for name, scale in zip(coordinates, model.scales, strict=False)]
+    return max(pose), max(np.abs(run[name] - other[name]).max() / TEMPERATURE_SCALE for name in temperatures)
+
+
+def assert_exact(model, source):
+    """Temperatures to 3e-4 K, coordinates to 5e-4 of their scales: for the module's U_x, which needs most steps, 2e-8 m."""
+    run = simulate(model, source, TIMES)
+    pose, temperature = errors(model, run, exact(model, source))
+    assert run.completed and pose < 5e-4 and temperature < 1e-5
+    return run
+
+
+@pytest.mark.parametrize(('system', 'kind'), CASES)
+def test_a_closed_loop_is_as_exact_as_other_runs(system, kind):
+    model = make_model(system, kind)
+    source = closed_loop(model, DURATION, 0)
+    assert assert_exact(model, source).steps < 2.0 * ROWS
+
+
+@pytest.mark.parametrize('name', ['driver_lag', 'driver_deadband', 'resistance_feedback'])
+def test_a_driver_sees_every_row(name):
+    model = make_model('module', 'hybrid', [active(name)])
+    assert_exact(model, closed_loop(make_model(), DURATION, 1))
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_a_dense_run_in_parts_is_the_whole_to_the_last_bit(kind):
+    model = make_model('module', kind)
+    source = closed_loop(model, DURATION, 0)
+    whole, cut = simulate(model, source, TIMES), float(source.times[403])
+    k = int(np.searchsorted(TIMES, cut))
+    first = simulate(model, input_between(source, 0.0, cut), TIMES[:k])
+    rest = simulate(model, input_between(source, cut, DURATION), TIMES[k:], initial_state=first.state)
+    for name in whole.columns:
+        assert np.array_equal(np.concatenate([first[name], rest[name]]), whole[name])
+
+
+def test_few_rows_are_not_crossed_in_one_step():
+    """A row that heats a wire by much is followed by short steps, and so is one long before the next."""
+    model = make_model()
+    for times in ([0.0, 5.0, 5.02, 10.0], [0.0, 4.0, 8.0, 10.0]):
+        source = module_input(times, [0.0, 9.0, -9.0, -9.0])
+        assert simulate(model, source, 100.0).steps > 100
+
+
+# The input of tangents
+
+
+def tolerance(model):
+    return smoothed_input.SMOOTHED * model.config.parameters['solver.rtol'] * TEMPERATURE_SCALE
+
+
+def smoothed_at(model, source, shifts=None):
+    times, values, slopes = pieces(source)
+    return smoothed(model, times, values, slopes, np.zeros((len(times), 8)) if shifts is None else shifts)
+
+
+def test_stretches_keep_mean_and_first_moment_of_every_wire():
+    model = make_model(solver__rtol=1e-4)
+    source = closed_loop(model, DURATION, 0)
+    found, (times, values, _) = smoothed_at(model, source), pieces(source)
+    heating, wire = heating_of_wires(values, 2, True), model.wire
+    assert len(found.times) < 0.5 * len(times) and found.times[0] == times[0] and found.times[-1] == times[-1]
+    first = np.searchsorted(times, found.times)
+    assert np.array_equal(times[first], found.times)
+    capacity = wire.n * wire.volume * wire.rho * wire.c_V
+    for k in range(len(first) - 1):
+        rows, t = slice(first[k], first[k + 1]), times[first[k] : first[k + 1] + 1] - times[first[k]]
+        line, slope = found.values[k, :2], found.slopes[k, :2]
+        assert (line >= 0.0).all() and (line + slope * t[-1] >= 0.0).all()
+        passed = np.cumsum(heating[rows, :2] * np.diff(t)[:, None], axis=0)
+        ahead = np.vstack([np.zeros(2), passed - line * t[1:, None] - 0.5 * slope * t[1:, None] ** 2])
+        assert np.abs(ahead).max() / capacity <= tolerance(model) * (1.0 + 1e-9)
+        assert np.abs(ahead[-1]).max() < 1e-12
+        # int E dt over rows of constant power: E is a parabola in each, E'' = -slope
+        h = np.diff(t)[:, None]
+        area = (0.5 * (ahead[:-1] + ahead[1:]) * h + slope * h**3 / 12.0).sum(axis=0)
+        assert np.abs(area).max() < 1e-12
+
+
+def test_what_cannot_be_smoothed_stays():
+    """Few rows, a threshold in the driver, lines, precise runs; a driver that is linear may have states."""
+    model = make_model(solver__rtol=1e-4)
+    source = closed_loop(model, 5.0, 0)
+    assert smoothed_at(model, source) is not None
+    assert smoothed_at(precise(model), source) is None
+    assert smoothed_at(model, module_input([0.0, 1.0, 5.0], [0.0, 9.0, -9.0])) is None
+    assert smoothed_at(model, replace(source, linear=(True, False))) is None
+    for effects, kept in ((['driver_deadband'], True), (['driver_lag', 'power_scale'], False), (['gravity'], False)):
+        other = make_model('module', 'hybrid', [active(name) for name in effects], solver__rtol=1e-4)
+        assert (smoothed_at(other, source) is None) == kept, effects
+    limited = make_model('module', 'hybrid', [active('driver_lag', rise=0.5)], solver__rtol=1e-4)
+    assert smoothed_at(limited, source) is None
+
+
+def test_shifts_of_rows_are_shifts_of_moments():
+    """Against the lines through rows that are moved indeed, within the same stretches."""
+    model = make_model(solver__rtol=1e-4)
+    source = closed_loop(model, 5.0, 0)
+    times = pieces(source)[0]
+    shift = np.zeros((len(times), 8))
+    shift[1:-1, 3] = np.random.default_rng(2).uniform(0.0, 0.02, len(times) - 2)
+    found = smoothed_at(model, source, shift)
+    k = int(np.argmax(np.diff(np.searchsorted(times, found.times))))
+    rows = np.arange(*np.searchsorted(times, found.times[k : k + 2]))
+    heating = heating_of_wires(pieces(source)[1], 2, True)
+    rise, length = heating[rows] - heating[rows - 1], found.times[k + 1] - found.times[k]
+    impulses, about = -shift[rows, 3, None] * rise, (times[rows] - found.times[k])[:, None]
+    value, slope = found.value_shifts[k, 3], found.slope_shifts[k, 3]
+    assert value * length + 0.5 * slope * length**2 == pytest.approx(impulses.sum(axis=0), abs=1e-12)
+    assert 0.5 * value * length**2 + slope * length**3 / 3.0 == pytest.approx((impulses * about).sum(axis=0), abs=1e-12)
+    assert not found.value_shifts[:, :3].any() and not found.value_shifts[:, 4:].any()
+
+
+# Tangents
+
+
+def tangents_of(model, source, names, channels, moved_rows=None):
+    def started(one):
+        return new_run(one, np.asarray(source.values[0]), new_work(one))
+
+    def moved(name):
+        parameters = {**model.config.parameters, name: model.config.parameters[name] * (1.0 + DELTA)}
+        other = type(model)(replace(model.config, parameters=parameters))
+        return Neighbour(other, started(other))
+
+    beside = [moved(name) for name in names] + ([Neighbour(source=moved_rows)] if moved_rows is not None else [])
+    return simulate_with_tangents(model, source, TIMES, started(model), channels, beside, DELTA)
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_tangents_of_a_closed_loop(kind, monkeypatch):
+    """Of parameters, and of the moments at which the command had changed; the run differs by no more than is allowed."""
+    model = make_model('module', kind, solver__rtol=1e-4 if kind == 'hybrid' else 3e-5)
+    source = closed_loop(model, DURATION, 0)
+    later = source.times + DELTA * np.r_[0.0, np.full(len(source.times) - 2, 0.01), 0.0]
+    given = (model, source, ('wire.E_A', 'wire.c_V', 'wire.lambda', 'beam.E'), ('U_y', 'alpha', 'F_1', 'T_2'))
+    found = tangents_of(*given, Input(later, source.values, source.linear, source.names))
+    monkeypatch.setattr(smoothed_input, 'SMOOTHED', 0.0)
+    row_by_row = tangents_of(*given, Input(later, source.values, source.linear, source.names))
+    assert found.trajectory.steps < 0.8 * row_by_row.trajectory.steps
+    size = np.sqrt((row_by_row.tangents**2).mean(axis=2))
+    size[:-1] = size[:-1].max(axis=0)
+    error = np.sqrt(((found.tangents - row_by_row.tangents) ** 2).mean(axis=2)) / size
+    assert (error[:-1] < 2e-3).all() and (error[-1] < 0.1).all()  # what shifts rows acts by impulses
+
+
+def test_the_temperature_of_a_smoothed_run_differs_by_what_is_allowed():
+    """|D| <= 2 max |E|/C, beside the errors of both runs."""
+    model = make_model(solver__rtol=1e-4)
+    source = closed_loop(model, DURATION, 0)
+    found = tangents_of(model, source, ('wire.E_A',), ('T_1', 'T_2'))
+    allowed = 2.0 * smoothed_input.SMOOTHED * 1e-4 * TEMPERATURE_SCALE + 2e-3
+    reference = exact(model, source)
+    for name in ('T_1_K', 'T_2_K'):
+        difference = np.abs(found.trajectory[name] - reference[name])
+        assert 1e-4 < difference.max() < allowed
