@@ -55,7 +55,9 @@ class LinearProblem:
     def evidence(self, z, split=lambda run: run):
         """The evidence of a fit that has ended at z."""
         parts = tuple(normal_equations(split(run), False) for run in self.linear(z))
-        return Evidence(z, np.ones(self.size, dtype=bool), parts, (np.zeros(0),) * len(parts), 0.0, 1.0, 0.0)
+        return Evidence(
+            z, np.ones(self.size, dtype=bool), np.ones(self.size), parts, (np.zeros(0),) * len(parts), 0.0, 1.0, 0.0
+        )
 
     def stacked(self, runs):
         """a (N,) and J (N, n) of some runs."""
@@ -135,8 +137,10 @@ def log_odds(truth, runs):
     residuals = -truth * slope[0]
     part = normal_equations(LinearizedRun(np.array([0]), residuals, slope), False)
     bare = normal_equations(LinearizedRun(np.zeros(0, dtype=int), residuals, slope[:0]), False)
-    with_it = Evidence(np.zeros(1), np.array([True]), (part,) * runs, (np.zeros(0),) * runs, -SPARSITY, 1.0, 0.0)
-    without = Evidence(np.zeros(0), np.zeros(0, dtype=bool), (bare,) * runs, (np.zeros(0),) * runs, 0.0, 1.0, 0.0)
+    with_it = Evidence(np.zeros(1), np.array([True]), np.ones(1), (part,) * runs, (np.zeros(0),) * runs, -SPARSITY, 1.0, 0.0)
+    without = Evidence(
+        np.zeros(0), np.zeros(0, dtype=bool), np.ones(0), (bare,) * runs, (np.zeros(0),) * runs, 0.0, 1.0, 0.0
+    )
     return with_it.score(1.0) - without.score(1.0)
 
 
@@ -236,7 +240,8 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     def density(at):
         z = np.zeros(len(problem.unknowns))
         z[number] = at
-        return exp(realism(FitResult(problem, z, 0.0)) + norm.logpdf(at))
+        widths, cost = realism(FitResult(problem, z, 0.0))
+        return exp(norm.logpdf(at) - cost) / widths[number]
 
     width = high - low
     inside = [density(low + part * width) for part in (0.0, 0.3, 1.0)]
@@ -247,7 +252,8 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     assert quad(density, low, high)[0] + tails == pytest.approx(1.0, abs=0.01)
     z = np.zeros(len(problem.unknowns))
     z[1 - number] = 3.0  # of the nominal model: not an effect
-    assert realism(FitResult(problem, z, 0.0)) == pytest.approx(realism(FitResult(problem, 0.0 * z, 0.0)))
+    assert realism(FitResult(problem, z, 0.0))[1] == pytest.approx(realism(FitResult(problem, 0.0 * z, 0.0))[1])
+    assert realism(FitResult(problem, z, 0.0))[0][1 - number] == 1.0
 
 
 CATALOGUE = Catalogue(candidates_for(config()), ())
@@ -266,7 +272,7 @@ def model(names, squares, kinetics='mas', unlisted=-inf):
     components = tuple(component(name) for name in names)
     part = normal_equations(LinearizedRun(np.zeros(0, dtype=int), np.full((1, 1), squares**0.5), np.zeros((0, 1, 1))), False)
     evidence = Evidence(
-        np.zeros(0), np.zeros(0, dtype=bool), (part,), (np.zeros(0),), log_prior_of(components), 1.0, unlisted
+        np.zeros(0), np.zeros(0, dtype=bool), np.ones(0), (part,), (np.zeros(0),), log_prior_of(components), 1.0, unlisted
     )
     problem = SimpleNamespace(config=SimpleNamespace(simulated_kinetics=kinetics))
     return Model(components, SimpleNamespace(cost=0.5 * squares, problem=problem), evidence)

@@ -12,7 +12,7 @@ from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, better, extended, in_other_kinetics, model_of, without
 
-MAX_COMPONENTS = 4  # of a model: it bounds the time of a search
+MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: what one or two listed ones explain needs no equation
 EXCHANGED = 6  # components that are tried in place of one

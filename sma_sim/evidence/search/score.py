@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log, log1p, pi, sqrt
+from math import log1p, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,13 +45,15 @@ PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after whi
 class Evidence:
     """What the score of a fit needs, whatever the overdispersion, and whichever runs count.
 
-    `z` (n,): where it ended; `free` (n,): unknowns that no bound holds back; `parts`: squares, gradient and Hessian of every
+    `z` (n,): where it ended; `free` (n,): unknowns that no bound holds back; `width` (n,): standard deviation of the normal
+    prior that is as dense as that of each unknown; `parts`: squares, gradient and Hessian of every
     run; `profiled`: by run, information about zeros that were eliminated; `log_prior` of the components; `overdispersion` of
     its own residuals; `unlisted`: log Bayes factor of a smooth function of time in one channel beside this model.
     """
 
     z: Vector
     free: NDArray[np.bool_]
+    width: Vector
     parts: tuple[NormalEquations, ...]
     profiled: tuple[Vector, ...]
     log_prior: float
@@ -67,7 +69,9 @@ class Evidence:
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
         value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z)
         value += 0.5 * float(pull @ np.linalg.solve(precision, pull))
-        return value - 0.5 * float(np.linalg.slogdet(precision)[1]) - 0.5 * profiled + self.log_prior
+        width = self.width[self.free]
+        narrowed = np.eye(len(z)) + weight * hessian * np.outer(width, width)
+        return value - 0.5 * float(np.linalg.slogdet(narrowed)[1]) - 0.5 * profiled + self.log_prior
 
     def squares_without(self, k: float, left_out: int) -> float:
         """The squares of one run as the others predict it, to second order; its own unknowns are at their best."""
@@ -107,27 +111,29 @@ def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evi
     slope = problem.tempering**2 * z
     for part in parts:
         slope[part.indices] += part.gradient
+    width, cost = realism(fit)
     return Evidence(
-        z, off_bounds(problem, z, slope), parts, profiled_information(problem), log_prior + realism(fit),
+        z, off_bounds(problem, z, slope), width, parts, profiled_information(problem), log_prior - cost,
         overdispersion_of(problem, linear), unlisted_evidence(linear),
     )  # fmt: skip
 
 
-def realism(fit: FitResult) -> float:
-    """What the values of effects add to the log prior, beside the normal prior of a fit: this is even within what literature
-    calls realistic, and has heavy tails, so that values beyond cost nats and are not forbidden.
+def realism(fit: FitResult) -> tuple[Vector, float]:
+    """The prior of the values of effects, in place of the normal one of a fit: even within what literature calls realistic,
+    with heavy tails, so that values beyond cost nats and are not forbidden. As widths in z (n,), and that cost.
 
-    With W the width of the range in z, d the distance beyond it and w = TAIL W: density (1 + d/w)^-2/(W (1 + 2 TAIL)).
+    With W the width of the range in z, d the distance beyond it and w = TAIL W the density is (1 + d/w)^-2/(W (1 + 2 TAIL)):
+    in the range as dense as a normal one in its middle, of standard deviation W (1 + 2 TAIL)/sqrt(2 pi).
     """
-    declared, total = declared_parameters(fit.problem.config), 0.0
-    for free, z in zip(fit.problem.free, fit.z.tolist(), strict=False):
+    declared, width, cost = declared_parameters(fit.problem.config), np.ones(len(fit.z)), 0.0
+    for j, (free, z) in enumerate(zip(fit.problem.free, fit.z.tolist(), strict=False)):
         between = realistic_range(declared[free.name])
         if between is None or not free.name.startswith('effects.'):
             continue
         low, high = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
-        beyond = max(low - z, z - high, 0.0) / (TAIL * (high - low))
-        total += 0.5 * z**2 + 0.5 * log(2.0 * pi) - log((high - low) * (1.0 + 2.0 * TAIL)) - 2.0 * log1p(beyond)
-    return total
+        width[j] = (high - low) * (1.0 + 2.0 * TAIL) / sqrt(2.0 * pi)
+        cost += 2.0 * log1p(max(low - z, z - high, 0.0) / (TAIL * (high - low))) - 0.5 * z**2
+    return width, cost
 
 
 def off_bounds(problem: Problem, z: Vector, slope: Vector) -> NDArray[np.bool_]:
