@@ -8,11 +8,14 @@ from closed_loops import closed_loop
 from systems import active, make_model
 
 from sma_sim import Input, module_input, simulate
+from sma_sim.model.effects.discovery import ActiveEffect, package_effects
+from sma_sim.model.parameters import wire_constants
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver import smoothed_input
 from sma_sim.solver.inputs import input_between, pieces
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
-from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, heating_of_wires, smoothed
+from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, heating_of_wires, passes_lines, smoothed
 
 DURATION, DELTA = 20.0, 1e-6
 ROWS = 50 * DURATION
@@ -190,3 +193,13 @@ def test_the_temperature_of_a_smoothed_run_differs_by_what_is_allowed():
     for name in ('T_1_K', 'T_2_K'):
         difference = np.abs(found.trajectory[name] - reference[name])
         assert 1e-4 < difference.max() < allowed
+
+
+@pytest.mark.parametrize('system', ['module', 'spatial', 'slider', 'wire'])
+def test_every_effect_is_asked_whether_it_passes_lines(system):
+    """Kernels read the parameters of further bundles and of a plane, too."""
+    structure = package_structures()[system].structure
+    for found in package_effects().values():
+        one = found.on(structure)
+        active = ActiveEffect(one, tuple(p.default for p in one.effect.parameters))
+        assert passes_lines([active], structure, wire_constants(structure.default_values), 1.0) in (True, False)

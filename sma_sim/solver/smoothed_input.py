@@ -28,6 +28,7 @@ from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.structure import Structure, record
 from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.fields_read import fields_read
+from sma_sim.solver.kernel_text import parameter_fields
 from sma_sim.solver.kernels import kernel_types, own_kernels
 from sma_sim.solver.model import Model
 from sma_sim.solver.work import Integers, Matrix, Vector
@@ -175,7 +176,10 @@ def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, l
     """Whether an effect on actuation, and the rates of its states, are linear in the command; not where they fail."""
     effect = active.found.effect
     kind = kernel_types(effect, structure if own_kernels(effect, structure) else None).state
-    parameters = record('Parameters', [p.name for p in effect.parameters])(*active.values)
+    values = dict(zip((p.name for p in effect.parameters), active.values, strict=True))
+    further = {p.name: p.neutral for p in (*(each.parameter for each in effect.each_bundle), *effect.in_space)}
+    fields = parameter_fields(effect)
+    parameters = record('Parameters', fields)(*((further | values)[name] for name in fields))
     memory = record('Memory', effect.states)
     for part in PROBED_STATES:
         state = kind(*[part] * len(kind._fields))._replace(T=T_E + TEMPERATURE_SCALE * part, T_E=T_E)
