@@ -174,7 +174,7 @@ def test_a_freed_parameter_that_changes_nothing_is_named(dataset):
         ('wire.resistivity_A', QUICK),
         ('effects.sensor_bias.U_x', replace(QUICK, intervals=False)),
     ):
-        config = Config(effects=sma_sim.effects.sensor_bias)
+        config = Config(effects=sma_sim.effects.sensor_bias(alpha=0.0))
         found = sma_sim.calibrate(dataset, config, replace(options, free=('beam.E', name)))
         assert name in found.without_influence and 'beam.E' not in found.without_influence
         assert f'of no influence {name}' in repr(found)
