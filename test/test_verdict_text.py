@@ -66,7 +66,7 @@ def test_one_missing_effect_is_said_with_its_value_share_and_rivals():
     said = headline(diagnosis('missing_effect', candidate('gravity')))
     assert said == (
         'Your model lacks gravity: g_y = -9.8 m/s^2 (-9.9 to -9.7); it explains 99 % of the squared error in the held-out '
-        'runs; nothing else explains it as well.'
+        'runs.'
     )
     said = headline(diagnosis('missing_effect', candidate('gravity', 'sensor_bias', 'beam_creep')))
     assert said.endswith(

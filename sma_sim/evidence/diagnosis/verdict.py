@@ -70,17 +70,22 @@ def probabilities(posterior: Posterior) -> dict[str, Any]:
 
 
 def models(posterior: Posterior) -> list[dict[str, Any]]:
-    """The models that have weight, the heaviest first."""
-    return [
-        {
+    """The models that have weight, the heaviest first; both kinetics of one are together, and `kinetics` are the better."""
+    found: dict[frozenset[str], dict[str, Any]] = {}
+    for model, weight in zip(posterior.models, posterior.weights, strict=True):
+        if model.names in found:
+            found[model.names]['probability'] += weight
+            continue
+        found[model.names] = {
             'effects': [one.name for one in model.components if not (one.is_formula or one.is_difference)],
             'differences': [one.name for one in model.components if one.is_difference],
             'formula': formula_of(model).equation if has_terms(model) else None,
-            'kinetics': model.fit.problem.config.simulated_kinetics, 'probability': weight, 'error': model.fit.error,
+            'kinetics': model.fit.problem.config.simulated_kinetics,
+            'probability': weight,
+            'error': model.fit.error,
             'starts': {'agreeing': model.agreeing, 'all': model.starts},
         }
-        for model, weight in zip(posterior.models, posterior.weights, strict=True)
-    ]  # fmt: skip
+    return sorted(found.values(), key=lambda one: -float(one['probability']))
 
 
 def plain_names(names: Sequence[str]) -> tuple[str, ...]:

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
+from sma_sim.evidence.diagnosis.probability_words import probability_lines
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
-from sma_sim.evidence.diagnosis.verdict import amounts
+from sma_sim.evidence.diagnosis.verdict import amounts, models
 from sma_sim.evidence.estimation.fit_remarks import misfit_sentence, other_minima
 from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
@@ -65,6 +66,7 @@ NO_HELD_OUT = 'No run was held out: the final errors are those of the fitted run
 def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
+    yield from probability_lines({'models': models(diagnosis.posterior)})
     yield f'{"error over noise":<44} fitted  held out'
     for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'
@@ -107,7 +109,8 @@ def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
         return f'; {"together they explain" if len(phrases) > 1 else "it explains"} {share}'
     (candidate,) = candidates
     values = ', '.join(value_words(parameter, diagnosis, candidate.name) for parameter in decisive(candidate, diagnosis))
-    return f': {values}; it explains {share}; {rival_words(candidate, diagnosis)}'
+    rivals = f'; {rival_words(candidate, diagnosis)}' if candidate.indistinguishable else ''
+    return f': {values}; it explains {share}{rivals}'
 
 
 def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
@@ -304,8 +307,6 @@ def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[s
 
 def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
     """Which effects explain as well as an accepted one."""
-    if not candidate.indistinguishable:
-        return 'nothing else explains it as well'
     rivals = [f'{phrase_of(name, diagnosis)} ({name})' for name in candidate.indistinguishable]
     return f'these data do not distinguish it from {joined_words(rivals, "or")}'
 
