@@ -9,7 +9,6 @@ import numpy as np
 
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.refine import WINDOW, Model
-from sma_sim.evidence.search.score import log_sum
 
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
 
@@ -46,7 +45,8 @@ def posterior_of(book: Book) -> Posterior:
     k, ranked = book.overdispersion, book.ranked()
     scores = np.array([model.score(k) for model in ranked])
     inside = scores >= scores[0] - WINDOW
-    weights = np.exp(scores[inside] - log_sum(scores[inside]))
+    weights = np.exp(scores[inside] - scores[0])
+    weights = weights / weights.sum()
     models = [model for model, kept in zip(ranked, inside, strict=True) if kept]
     effects: dict[str, float] = {}
     none = unlisted = 0.0
@@ -56,6 +56,6 @@ def posterior_of(book: Book) -> Posterior:
         unlisted += weight * beside
         none += 0.0 if found else weight * (1.0 - beside)
         for name in {one.name for one in found if not one.is_formula}:
-            effects[name] = effects.get(name, 0.0) + weight
+            effects[name] = min(1.0, effects.get(name, 0.0) + weight)
     ordered = dict(sorted(effects.items(), key=lambda item: -item[1]))
-    return Posterior(tuple(models), tuple(weights.tolist()), none, unlisted, ordered, k)
+    return Posterior(tuple(models), tuple(weights.tolist()), min(1.0, none), min(1.0, unlisted), ordered, k)
