@@ -88,6 +88,8 @@ def test_sentences_name_the_best_the_second_and_ties():
     pair = {'effects': ['gravity', 'driver_lag'], 'formula': None, 'differences': ['the zero of alpha'], 'probability': 1.0}
     (row,) = model_rows({'models': [{**pair, 'error': 1.0}]})
     assert row.words == 'gravity + a lag of the driver + recordings that differ in the zero of alpha'
+    wire = {'models': [{**pair, 'error': 7.3}], 'probabilities': {'none': 0.0, 'unlisted': 1.0, 'effects': {}}}
+    assert probability_lines(wire)[1].startswith('Beside these, something that is not listed is left: more than 99.9 %. The')
     nothing = {'models': [{'effects': [], 'formula': None, 'probability': 0.97, 'error': 1.0}]}
     assert probability_lines(nothing) == ['Most probable: nothing missing, 97 %.'] and finding_rows(nothing) == []
 

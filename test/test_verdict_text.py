@@ -38,6 +38,9 @@ CALIBRATION = SimpleNamespace(
 )
 
 
+POSTERIOR = SimpleNamespace(models=(), weights=(), none=0.0, unlisted=0.0, effects={})
+
+
 def candidate(name, *rivals):
     return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals, plausible=True)
 
@@ -54,7 +57,7 @@ def diagnosis(verdict, *candidates, errors=(10.0, 1.0), stopped=False, **changes
     steps = [SimpleNamespace(accepted=one, candidate_fits=(one, *rivals)) for one in candidates]
     steps.append(SimpleNamespace(accepted=None, candidate_fits=()))
     given = {
-        'verdict': verdict, 'effects': tuple(names), 'selection_steps': tuple(steps), 'posterior': None,
+        'verdict': verdict, 'effects': tuple(names), 'selection_steps': tuple(steps), 'posterior': POSTERIOR,
         'stages': tuple(stage(names[:k], error, 'added' if k else 'nominal') for k, error in enumerate(errors)),
         'held_out_ratio': {}, 'confounding': {}, 'training': ('run1', 'run2'), 'held_out': ('run3',), 'noise_std': {},
         'interrupted': stopped, 'search_ended': not stopped, 'seconds': 1.0,

@@ -21,6 +21,7 @@ NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
 CERTAIN, LEAST_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
 LEAST = 1e-9  # a ratio below is not told: no model is known so well
 DIGITS = 2  # of a ratio
+EVEN = 0.5  # probability from which on something unlisted is said to be left
 TIE = math.exp(-5.0)  # of the probability of the best model, from which on another explains as well
 
 
@@ -80,17 +81,21 @@ def finding_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
 
 
 def probability_lines(found: Mapping[str, Any]) -> list[str]:
-    """A diagnosis' probabilities in one or two sentences; none where it has none."""
+    """A diagnosis' probabilities in a few sentences; none where it has none."""
     models: Sequence[Mapping[str, Any]] = found.get('models') or ()
     rows = model_rows(found)
     if not rows:
         return []
-    first = f'Most probable: {rows[0].words}, {rows[0].probability}.'
-    if len(rows) == 1:
-        return [first]
-    lines = [f'{first} Second: {rows[1].words}, {rows[1].probability}.']
+    second = f' Second: {rows[1].words}, {rows[1].probability}.' if len(rows) > 1 else ''
+    lines = [f'Most probable: {rows[0].words}, {rows[0].probability}.{second}']
     best = models[0]['probability']
     *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > TIE * best]
     if others:
         lines.append(f'These data do not decide between {"; ".join(others)} and {last}.')
+    left = (found.get('probabilities') or {}).get('unlisted', 0.0)
+    if left > EVEN and not models[0]['formula']:
+        lines.append(
+            f'Beside these, {UNLISTED} is left: {probability_words(left)}. The best model leaves {models[0]["error"]:.3g} '
+            'times the noise; the other probabilities are among the models that were tried.'
+        )
     return lines

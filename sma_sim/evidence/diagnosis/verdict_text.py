@@ -10,7 +10,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.probability_words import probability_lines
 from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
-from sma_sim.evidence.diagnosis.verdict import amounts, models
+from sma_sim.evidence.diagnosis.verdict import amounts, models, probabilities
 from sma_sim.evidence.estimation.fit_remarks import misfit_sentence, other_minima
 from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
@@ -66,7 +66,8 @@ NO_HELD_OUT = 'No run was held out: the final errors are those of the fitted run
 def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
-    yield from probability_lines({'models': models(diagnosis.posterior)})
+    known = {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
+    yield from probability_lines(known)
     yield f'{"error over noise":<44} fitted  held out'
     for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'
