@@ -57,7 +57,11 @@ def meaning_of(name: str, system: str) -> str:
 def is_simple(mapping: ColumnMap) -> bool:
     """Whether a map says no more than columns, units and factors."""
     plain = all(
-        origin.column and origin.pace is None and origin.exponent == 1.0 and not any(origin.unknown)
+        len(origin.columns) == 1
+        and not origin.where
+        and origin.pace is None
+        and origin.exponent == 1.0
+        and not any(origin.unknown)
         for origin in mapping.origins.values()
     )
     return plain and not (mapping.tests or mapping.independent_after or mapping.nuisances)

@@ -4,35 +4,42 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.table_format import BLOCK_SIZE, MAX_LINE_LENGTH, TableFormat
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-BLOCK_SIZE = 1 << 20  # characters of a file that are parsed at once: bounds the memory
-MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
 MISSING_CELLS = ('', 'nan')
 
 
 @dataclass(frozen=True)
 class CellLayout:
-    """Where to look: `names` of the columns to read, their `indices` in a row of `width` cells.
+    """Where to look: `names` of the columns to read, their `indices` in a row, and how the file is written.
 
     Columns in `full` must hold finite numbers; others may have gaps. A `tolerant` reader leaves out a last line that is
-    cut, and lets infinity pass: whoever asks for that looks at the numbers again.
+    cut, and lets infinity pass: whoever asks for that looks at the numbers again. `conversions`: by column, what makes a
+    number of a cell that is text (ValueError where it cannot).
     """
 
     path: Path
     names: Sequence[str]
     indices: Sequence[int]
-    width: int
+    format: TableFormat
     full: Sequence[str] = ()
     tolerant: bool = False
+    conversions: Mapping[str, Callable[[str], float]] = field(default_factory=dict)
+
+    @property
+    def width(self) -> int:
+        """How many cells a row has."""
+        return len(self.format.header)
 
 
 def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
@@ -40,8 +47,8 @@ def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
     path = layout.path
     try:
         table = [np.empty(max_row_count(path)) for _ in layout.names]
-        count, line, cut = 0, 2, False
-        for text, last in text_blocks(path):
+        count, line, cut = 0, layout.format.lines_before + 1, False
+        for text, last in text_blocks(path, layout.format):
             if last and layout.tolerant:
                 text, cut = without_cut_line(text, layout.width)
             block = parsed_block(text, line, layout)
@@ -66,14 +73,15 @@ def max_row_count(path: Path) -> int:
     return max(feeds, returns)
 
 
-def text_blocks(path: Path) -> Iterator[tuple[str, bool]]:
-    """Whole lines after the header, about BLOCK_SIZE characters at a time, and whether they are the last."""
+def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:
+    """Whole lines after the header as plain CSV, about BLOCK_SIZE characters at a time, and whether they are the last."""
     with path.open(encoding='utf-8-sig') as file:
-        file.readline(MAX_LINE_LENGTH)
+        for _ in range(written.lines_before):
+            file.readline(MAX_LINE_LENGTH)
         text = read_lines(file, path)
         while text:
             following = read_lines(file, path)
-            yield text, not following
+            yield written.plain(text), not following
             text = following
 
 
@@ -117,9 +125,17 @@ def parsed_at_once(text: str, layout: CellLayout) -> NDArray[np.float64] | None:
         text = text.replace(before, after)
     if text.startswith(','):
         text = 'nan' + text
+    places = dict(zip(layout.names, layout.indices, strict=True))
+    converters: dict[int | str, Callable[[str], Any]] = {places[name]: make for name, make in layout.conversions.items()}
     try:
         block: NDArray[np.float64] = np.loadtxt(
-            io.StringIO(text), delimiter=',', usecols=layout.indices, ndmin=2, comments=None
+            io.StringIO(text),
+            delimiter=',',
+            usecols=layout.indices,
+            ndmin=2,
+            comments=None,
+            converters=converters,
+            encoding='utf-8',
         )
     except ValueError:
         return None
@@ -157,10 +173,11 @@ def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: 
     if index < len(row) and name not in layout.full and cell.lower() in MISSING_CELLS:
         return float('nan')
     try:
-        value = float('x' if '_' in cell else cell)
+        value = layout.conversions.get(name, float)('x' if '_' in cell and name not in layout.conversions else cell)
     except ValueError:
         value = float('nan')
     if np.isnan(value) or np.isinf(value) and not layout.tolerant:
-        shown = repr(cell[:40] or 'nothing')
-        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number, got {shown}')
+        shown = repr(layout.format.as_written(cell[:40]) or 'nothing')
+        decimals = ' with a decimal comma, as the file has them' if layout.format.decimal_comma else ''
+        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}')
     return value

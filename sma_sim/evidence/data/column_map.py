@@ -12,11 +12,13 @@ import numpy as np
 import yaml
 
 from sma_sim.evidence.data.cells import Vector
+from sma_sim.evidence.data.table_format import is_number
 from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor')
 POSITIVE_KEYS = ENTRY_KEYS[4:]
+TIMES, NANOSEC, WHERE = 'times', 'nanosec', 'where'  # keys of an entry that name other columns
 INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the whole map: [s]; effects
 PACE_KEYS = ('path', 'rate')
 TESTS, FILES, BENCH = 'tests', 'files', 'bench'  # keys of a campaign of several kinds of tests
@@ -25,7 +27,10 @@ REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a column of the contract comes from: ``scale * column**exponent + offset``, or the constant `value` (SI units).
+    """Where a column of the contract comes from: ``scale * column**exponent * times + offset``, or the constant `value`.
+
+    `times` is another column, such as a current beside a voltage; `nanosec` one that counts the nanoseconds of a time in
+    seconds. In a long table, `where` says which rows hold the column: names of other columns, each with its cell.
 
     What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
     recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. Time of a
@@ -39,9 +44,22 @@ class Origin:
     offset: float = 0.0
     pace: float | None = None
     exponent: float = 1.0
+    times: str | None = None
+    nanosec: str | None = None
+    where: tuple[tuple[str, str], ...] = ()
     zero_std: float = 0.0
     drift_std: float = 0.0
     floor: float = 0.0
+
+    @property
+    def converts(self) -> bool:
+        """Whether the numbers of the column become others."""
+        return (self.scale, self.offset, self.exponent) != (1.0, 0.0, 1.0) or bool(self.pace or self.times or self.nanosec)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the file whose numbers are taken."""
+        return tuple(name for name in (self.column, self.times, self.nanosec) if name is not None)
 
     @property
     def unknown(self) -> tuple[float, float, float]:
@@ -161,9 +179,16 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         return parsed_pace(where, entry)
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
-    wrong = [key for key in entry if key not in ENTRY_KEYS]
+    keys = (*ENTRY_KEYS, TIMES, NANOSEC, WHERE)
+    wrong = [key for key in entry if key not in keys]
     if wrong:
-        raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(ENTRY_KEYS)}')
+        raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(keys)}')
+    if isinstance(entry.get('scale'), str) and not is_number(entry['scale']):
+        raise UserError(
+            f'{where}, scale: expected a number, got {entry["scale"]!r}; for a product of two columns: '
+            f'{{column: {entry.get("column")}, {TIMES}: {entry["scale"]}}}'
+        )
+    others = other_columns(where, name, entry)
     numbers = {key: finite_number(where, key, entry[key]) for key in ENTRY_KEYS[1:] if key in entry}
     if numbers.get('scale') == 0.0:
         raise UserError(f'{where}, scale: expected a number other than 0')
@@ -171,7 +196,30 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         checked_positive(where, key, numbers.get(key, 0.0))
     if 'value' in entry and len(entry) > 1:
         raise UserError(f'{where}: a value is in SI units already, and is not measured; remove what stands beside it')
-    return Origin(str(entry['column']) if 'column' in entry else None, **numbers)
+    column = str(entry['column']) if 'column' in entry else None
+    origin = Origin(column, times=others.get(TIMES), nanosec=others.get(NANOSEC), where=rows_where(where, entry))
+    known: dict[str, Any] = {**numbers}
+    return replace(origin, **known)
+
+
+def other_columns(where: str, name: str, entry: Mapping[str, Any]) -> dict[str, str]:
+    """The second column of a product, and that of nanoseconds. Raises UserError."""
+    found = {key: entry[key] for key in (TIMES, NANOSEC) if key in entry}
+    for key, column in found.items():
+        if not isinstance(column, str):
+            raise UserError(f'{where}, {key}: expected the name of a column, got {column!r}')
+    if NANOSEC in found and name != 'time_s':
+        raise UserError(f'{where}: {NANOSEC} belongs to time_s')
+    return found
+
+
+def rows_where(where: str, entry: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Which rows of a long table hold a column. Raises UserError."""
+    given = entry.get(WHERE, {})
+    cells = list(given.values()) if isinstance(given, dict) else [None]
+    if not all(isinstance(cell, str | int | float) for cell in cells):
+        raise UserError(f'{where}, {WHERE}: expected another column and its cell, such as {{source: 1}}, got {given!r}')
+    return tuple((str(column), str(cell)) for column, cell in given.items())
 
 
 def parsed_pace(where: str, entry: Mapping[str, Any]) -> Origin:
@@ -205,11 +253,12 @@ def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present
     """The origin of every column among `names` that the file (with the columns `present`) or the map has."""
     found = {name: Origin(name) for name in names if name in present} | dict(mapping.origins)
     for name, entry in found.items():
-        if entry.column is not None and entry.column not in present:
-            close = get_close_matches(entry.column, present, n=1)
+        missing = [column for column in (*entry.columns, *dict(entry.where)) if column not in present]
+        if missing:
+            close = get_close_matches(missing[0], present, n=1)
             hint = f' (meant {close[0]}?)' if close else ''
             raise UserError(
-                f'{path} has no column {entry.column}{hint}, which the map {mapping.path} names for {name}; '
+                f'{path} has no column {missing[0]}{hint}, which the map {mapping.path} names for {name}; '
                 f'its columns are {listed(present)}'
             )
     return found
@@ -224,10 +273,12 @@ def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vec
         return time_along(values, entry.pace)
     if entry.exponent != 1.0:
         values = np.sign(values) * np.abs(values) ** entry.exponent
-    if entry.scale == 1.0 and entry.offset == 0.0:
-        return values
-    with np.errstate(over='ignore', invalid='ignore'):  # the reader discards infinite numbers, with a note
-        return entry.scale * values + entry.offset
+    if entry.times is not None:
+        values = values * columns[entry.times]
+    if entry.scale != 1.0 or entry.offset != 0.0:
+        with np.errstate(over='ignore', invalid='ignore'):  # the reader discards infinite numbers, with a note
+            values = entry.scale * values + entry.offset
+    return values if entry.nanosec is None else values + 1e-9 * columns[entry.nanosec]
 
 
 def time_along(values: Vector, pace: float) -> Vector:

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
-from sma_sim.evidence.data.column_map import ColumnMap, column_in_si, column_origins
-from sma_sim.evidence.data.foreign_columns import hint_for
+from sma_sim.evidence.data.clocks import has_dates, seconds_of_date, unwrap_counter
+from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
+from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, hint_for, unit_of
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
-from sma_sim.evidence.data.tables import listed, read_header
+from sma_sim.evidence.data.table_format import TableFormat, is_number, table_format
+from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
@@ -53,6 +60,8 @@ def read_bag_source(
     found = read_bag(path, namespace, known_structures()[system], limits, notes)
     rows = len(found['time_s'])
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
+    if chosen := [name for name, entry in origins.items() if entry.where]:
+        raise UserError(f'the map {mapping.path}, {chosen[0]}, where: bags have topics; only CSV files are long tables')
     return {name: column_in_si(entry, found, rows) for name, entry in origins.items()}, notes
 
 
@@ -60,23 +69,43 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     """The columns of a CSV file."""
     if not path.is_dir() and path.exists() and not path.is_file():
         raise UserError(f'{path} is no regular file: expected CSV or a bag')
-    header = read_header(path)
+    written = table_format(path)
+    header = written.header
     check_header(path, header)
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
     check_complete(path, system, header, origins)
-    needed = list(dict.fromkeys(entry.column for entry in origins.values() if entry.column is not None))
+    check_units_row(path, written, origins)
+    check_clock(path, header, origins['time_s'])
+    check_long_table(path, origins)
+    needed = list(dict.fromkeys(column for entry in origins.values() for column in (*entry.columns, *dict(entry.where))))
     doubled = [name for name in needed if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
     indices = [header.index(name) for name in needed]
-    cells, cut = read_cells(CellLayout(path, needed, indices, len(header), tolerant=True))
-    notes = ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
+    labels = row_labels(path, origins)
+    conversions: dict[str, Callable[[str], float]] = {name: partial(label_index, known) for name, known in labels.items()}
+    time = origins['time_s'].column
+    if time is not None and has_dates(path, written, header.index(time)):
+        if origins['time_s'].converts:
+            raise UserError(f'{path}, column {time}: dates need no scale; name the column in the map alone: time_s: {time}')
+        conversions[time] = seconds_of_date
+    cells, cut = read_cells(CellLayout(path, needed, indices, written, tolerant=True, conversions=conversions))
+    notes = written.notes()
+    notes += ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
         notes.append(f'columns not used: {listed(unused)}')
+    if time is not None and unwrap_counter(cells[time]):
+        notes.append('the 32-bit counter of time starts again at 0: counted on')
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
+    for name, entry in origins.items():
+        for other, cell in entry.where:
+            kept = cells[other] == labels[other].index(plain_label(cell))
+            if not kept.any():
+                raise UserError(f'{path}: no row has {other} {cell}, which the map {mapping.path} names for {name}')
+            columns[name] = np.where(kept, columns[name], np.nan)
     for name, entry in origins.items():
         if users.count(entry.column) > 1 and columns[name] is cells.get(entry.column or ''):
             columns[name] = columns[name].copy()  # two columns of one origin must not share repairs
@@ -84,24 +113,75 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:
-    """Raise UserError for separators other than commas, and for a file without names."""
-    line = ','.join(header)
-    for sign, word in ((';', 'semicolons'), ('\t', 'tabs'), ('|', 'bars')):
-        if line.count(sign) > line.count(','):
-            raise UserError(
-                f'{path}, row 1: the cells are separated by {word}; expected commas between cells and points in decimals'
-            )
+    """Raise UserError for a file without names."""
     if all(is_number(name) for name in header):
-        raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {line[:60]}')
+        raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell reads as a number."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def check_units_row(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> None:
+    """Raise UserError where the row of units says another unit than the column's name, and no map converts."""
+    for name, entry in origins.items():
+        given = re.sub(r'^[\[(](.*)[\])]$', r'\1', written.units.get(entry.column or '', '')).strip()
+        unit = SPELLINGS.get(given, given)
+        if not unit or unit == '1' or entry.converts:
+            continue
+        scale, offset = UNITS[unit_of(name)].get(unit, (0.0, 0.0))
+        if (scale, offset) != (1.0, 0.0):
+            how = f'offset: {offset:g}' if offset else f'scale: {scale:.10g}' if scale else 'scale: FACTOR'
+            raise UserError(
+                f'{path}, column {entry.column}: the row of units says {given}, expected {unit_of(name)} for {name}; '
+                f'a map (--map) can convert: {name}: {{column: {entry.column}, {how}}}'
+            )
+
+
+def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
+    """Raise UserError where a stamp has two columns, seconds and nanoseconds, and only one is taken."""
+    found = re.fullmatch(r'(.*?)(nano?)?(secs?)', time.column or '')
+    if found is None or time.nanosec is not None:
+        return
+    stem = found.group(1)
+    halves = [name for name in header if re.fullmatch(re.escape(stem) + '(nano?)?secs?', name)]
+    whole = [name for name in halves if re.fullmatch(re.escape(stem) + 'secs?', name)]
+    if len(halves) == 2 and len(whole) == 1:
+        (rest,) = set(halves) - set(whole)
+        raise UserError(
+            f'{path}: time is in two columns, {whole[0]} and {rest}, of which only {time.column} is taken; '
+            f'say in a map: time_s: {{column: {whole[0]}, nanosec: {rest}}}'
+        )
+
+
+def check_long_table(path: Path, origins: Mapping[str, Origin]) -> None:
+    """Raise UserError where one column of a file is taken for two quantities: in a long table, rows tell them apart."""
+    taken: dict[Origin, str] = {}
+    for name, entry in origins.items():
+        other = taken.setdefault(replace(entry, zero_std=0.0, drift_std=0.0, floor=0.0), name)
+        if entry.column is not None and unit_of(other) != unit_of(name):
+            raise UserError(
+                f'{path}, column {entry.column}: taken for {other} and for {name}, expected one of them; in a long table a '
+                f'map says which rows hold which: {name}: {{column: {entry.column}, where: {{SOURCE_COLUMN: CELL}}}}'
+            )
+
+
+def row_labels(path: Path, origins: Mapping[str, Origin]) -> dict[str, list[str]]:
+    """By column that tells the rows of a long table apart, the cells that the map names. Raises UserError."""
+    labels: dict[str, list[str]] = {}
+    for name, entry in origins.items():
+        for column, cell in entry.where:
+            if any(column in one.columns for one in origins.values()):
+                raise UserError(f'{path}, column {column}: tells the rows of {name} apart, and is taken as numbers too')
+            labels.setdefault(column, []).append(plain_label(cell))
+    return labels
+
+
+def label_index(labels: Sequence[str], cell: str) -> float:
+    """Which of the labels a cell is, NaN for another."""
+    label = plain_label(cell)
+    return float(labels.index(label)) if label in labels else float('nan')
+
+
+def plain_label(cell: str) -> str:
+    """A cell as it is compared: 1.0 is 1."""
+    return f'{float(cell):.17g}' if is_number(cell) else cell.strip()
 
 
 def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapping[str, Any]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from sma_sim.evidence.data.cells import CellLayout, read_cells
 from sma_sim.evidence.data.cells import Vector as Vector
 from sma_sim.evidence.data.foreign_columns import hint_for
+from sma_sim.evidence.data.table_format import table_format
 from sma_sim.model.errors import UserError
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
@@ -28,20 +29,19 @@ def read_columns(
 
     `with_gaps` are optional too, and may have cells that are empty or NaN: they are NaN in the result.
     """
-    header = read_header(path)
+    written = table_format(path)
+    header = written.header
     missing = [name for name in required if name not in header]
     if missing:
         hint = hint_for(missing[0], header, (*required, *optional, *with_gaps), with_map=False)
-        only_semicolons = len(header) == 1 and ';' in header[0]
-        separated = ', separated by semicolons: expected commas, and points in numbers' if only_semicolons else ''
-        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}{separated}')
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
     present = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
     indices = [header.index(name) for name in present]
     full = [name for name in present if name not in with_gaps]
-    return read_cells(CellLayout(path, present, indices, len(header), full))[0]
+    return read_cells(CellLayout(path, present, indices, written, full))[0]
 
 
 def listed(names: Sequence[str]) -> str:
@@ -51,20 +51,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def read_header(path: Path) -> list[str]:
-    """The names in the first line."""
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            line = file.readline(1_000_000)
-    except OSError as error:
-        raise UserError(f'cannot read {path}: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise UserError(f'{path} is not a CSV file: {error}') from error
-    if not line.strip():
-        raise UserError(f'{path} is empty: expected a header and at least one row')
-    try:
-        return [name.strip() for name in next(csv.reader([line]))]
-    except csv.Error as error:
-        raise UserError(f'{path} is not a CSV file: {error}') from error
+    """The names of the columns. Raises UserError."""
+    return list(table_format(path).header)
 
 
 def write_columns(path: Path, columns: Mapping[str, Vector]) -> None:

@@ -1,0 +1,169 @@
+"""Tables as loggers write them: each gives the recording of the plain table, or one message with the cure."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+
+from sma_sim.evidence.data.recordings import read_recording
+from sma_sim.model.errors import UserError
+from sma_sim.solver.inputs import inputs_at
+
+COUNT = 200
+TIME = 0.05 * np.arange(COUNT)
+POWER = np.where((TIME > 2.0) & (TIME < 6.0), 1.2, 0.0)
+POSITION = 4e-4 + 1e-3 * np.sin(0.7 * TIME) ** 2
+NAMES = ('time_s', 'J_W', 'position_m')
+
+
+def table(*columns, header=NAMES, separator=',', decimal='.', above='', below=''):
+    rows = [
+        separator.join(f'{one:.12g}' if not isinstance(one, str) else one for one in row)
+        for row in zip(*columns, strict=True)
+    ]
+    return above + separator.join(header) + '\n' + below + ''.join(f'{row}\n'.replace('.', decimal) for row in rows)
+
+
+def read(tmp_path, text, mapping='', name='run.csv'):
+    path, way = tmp_path / name, tmp_path / 'map.yaml'
+    path.write_text(text, encoding='utf-8')
+    way.write_text(f'system: slider\n{mapping}')
+    return read_recording(path, 'slider', 298.0, way)
+
+
+def check_plain(recordings, *said, skipped=0, atol=1e-9):
+    (recording,) = recordings
+    assert np.allclose(recording.time - recording.time[0], TIME[skipped:] - TIME[skipped], rtol=0.0, atol=atol)
+    assert np.allclose(recording.channels['position'], POSITION[skipped:], rtol=1e-9)
+    power = inputs_at(recording.source, recording.time)['J_W']
+    assert np.allclose(power, POWER[skipped:], rtol=1e-9)
+    for words in said:
+        assert words in ' | '.join(recording.notes)
+
+
+def refused(tmp_path, text, mapping, *said):
+    with pytest.raises(UserError) as caught:
+        read(tmp_path, text, mapping)
+    assert '\n' not in str(caught.value)
+    for words in said:
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('separator', 'word'), [(';', 'semicolons'), ('\t', 'tabs'), ('|', 'bars'), (' ', 'spaces'), ('   ', 'spaces')]
+)
+@pytest.mark.parametrize('decimal', ['.', ','])
+def test_separators_and_decimal_commas(tmp_path, separator, word, decimal):
+    text = table(TIME, POWER, POSITION, separator=separator, decimal=decimal)
+    said = [f'separated by {word}', *(['decimals have commas'] if decimal == ',' else [])]
+    check_plain(read(tmp_path, text), *said)
+
+
+def test_a_comma_that_may_be_a_thousands_separator_is_refused(tmp_path):
+    text = 'time_s;J_W;position_m\n0;0;1,234\n1;0;1,235\n2;1;1,236\n'
+    refused(tmp_path, text, '', '1,234', 'separator of thousands', 'write them so')
+
+
+@pytest.mark.parametrize(('cell', 'decimal'), [('1.234', ','), ('1.234,5', ','), ('1,234.5', '.')])
+def test_separators_of_thousands_among_decimals_are_refused(tmp_path, cell, decimal):
+    text = table(TIME, POWER, POSITION, separator=';', decimal=decimal) + f'10;0;{cell}\n'
+    refused(tmp_path, text, '', f'row {COUNT + 2}, column position_m', repr(cell))
+
+
+def test_decimal_commas_between_commas_are_refused(tmp_path):
+    refused(tmp_path, table(TIME, POWER, POSITION, decimal=','), '', 'decimals need points')
+
+
+def test_comments_and_a_header_in_one(tmp_path):
+    text = table(TIME, POWER, POSITION, above='# bench 3\n\n# operator: x\n').replace('\n1,', '\n# halved\n1,')
+    check_plain(read(tmp_path, text), 'are comments')
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, above='# ')), 'are comments')
+    spaced = table(TIME, POWER, POSITION, above='# ', separator=' ')
+    check_plain(read(tmp_path, spaced), 'separated by spaces')
+
+
+def test_row_numbers_count_every_line(tmp_path):
+    text = table(TIME, POWER, POSITION, above='# one\n# two\n', below='s,W,m\n') + '10,0,warm\n'
+    refused(tmp_path, text, '', f'row {COUNT + 5}, column position_m')
+
+
+@pytest.mark.parametrize('units', ['[s],[W],[m]', 's,W,m', '(s),(W),(m)', 'sec,W,'])
+def test_a_row_of_units(tmp_path, units):
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, below=f'{units}\n')), 'the row of units is no sample')
+
+
+def test_a_row_of_units_that_contradicts_the_names(tmp_path):
+    text = table(TIME, POWER, 1e3 * POSITION, below='[s],[W],[mm]\n')
+    refused(tmp_path, text, '', 'says mm, expected m', 'position_m: {column: position_m, scale: 0.001}')
+    check_plain(read(tmp_path, text, 'position_m: {column: position_m, scale: 0.001}\n'))
+
+
+@pytest.mark.parametrize('form', ['{:%Y-%m-%d %H:%M:%S.%f}', '{:%Y-%m-%dT%H:%M:%S.%f}Z', '{:%Y-%m-%dT%H:%M:%S.%f}+02:00'])
+@pytest.mark.parametrize('separator', [',', ';'])
+def test_dates(tmp_path, form, separator):
+    start = datetime(2026, 7, 31, 23, 59, 58)
+    dates = [form.format(start + timedelta(seconds=float(time))) for time in TIME]
+    dates[0] = dates[0].replace('.000000', '')
+    text = table(dates, POWER, POSITION, header=('time', *NAMES[1:]), separator=separator)
+    check_plain(read(tmp_path, text, 'time_s: time\n'), atol=5e-7)
+    refused(tmp_path, text, 'time_s: {column: time, scale: 0.001}\n', 'dates need no scale')
+
+
+def test_dates_in_another_order_are_refused(tmp_path):
+    dates = [f'01/02/2026 10:00:{int(time):02d}' for time in TIME]
+    refused(tmp_path, table(dates, POWER, POSITION), '', 'row 2, column time_s')
+
+
+@pytest.mark.parametrize(('start', 'scale'), [(2**32 - 3e6, 1e-6), (2**32 - 2.5e9, 1e-9), (2**32 - 1e3, 1e-3)])
+def test_a_counter_of_32_bit_starts_again(tmp_path, start, scale):
+    counts = np.rint(start + TIME / scale) % 2**32
+    text = table([f'{int(one)}' for one in counts], POWER, POSITION, header=('count', *NAMES[1:]))
+    check_plain(
+        read(tmp_path, text, f'time_s: {{column: count, scale: {scale}}}\n'), 'counter of time starts again', atol=1e-6
+    )
+
+
+def test_a_clock_that_restarts_is_no_counter(tmp_path):
+    counts = np.concatenate([4_000_000_000 + 50_000 * np.arange(100), 50_000 * np.arange(100)])
+    text = table([f'{one}' for one in counts], POWER, POSITION, header=('count', *NAMES[1:]))
+    assert len(read(tmp_path, text, 'time_s: {column: count, scale: 1.0e-6}\n')) == 2
+
+
+@pytest.mark.parametrize(
+    ('entry', 'first', 'second'),
+    [
+        ('{column: a, times: b}', 12.0 * (POWER > 0), 0.1 * np.ones(COUNT)),
+        ('{column: b, exponent: 2, times: a}', 4.8 * np.ones(COUNT), 0.5 * (POWER > 0)),
+        ('{column: a, times: b, scale: 0.01}', 20.0 * (POWER > 0), 6.0 * np.ones(COUNT)),
+    ],
+    ids=['U and I', 'R and I^2', 'duty and supply'],
+)
+def test_power_as_a_product(tmp_path, entry, first, second):
+    text = table(TIME, first, second, POSITION, header=('time_s', 'a', 'b', 'position_m'))
+    check_plain(read(tmp_path, text, f'J_W: {entry}\n'))
+    refused(tmp_path, text, 'J_W: {column: a, scale: b}\n', 'a product of two columns', '{column: a, times: b}')
+    refused(tmp_path, text, 'J_W: {column: a, times: c}\n', 'no column c')
+
+
+def test_seconds_and_nanoseconds(tmp_path):
+    ticks = [divmod(1669882837 * 20 + 7 + k, 20) for k in range(COUNT)]
+    sec, nanosec = [f'{one}' for one, _ in ticks], [f'{50_000_000 * rest}' for _, rest in ticks]
+    text = table(sec, nanosec, POWER, POSITION, header=('stamp.sec', 'stamp.nanosec', *NAMES[1:]))
+    cure = 'time_s: {column: stamp.sec, nanosec: stamp.nanosec}'
+    check_plain(read(tmp_path, text, f'{cure}\n'), atol=1e-6)
+    refused(tmp_path, text, 'time_s: {column: stamp.nanosec, scale: 1.0e-9}\n', cure)
+    refused(tmp_path, text, 'time_s: stamp.sec\n', cure)
+
+
+@pytest.mark.parametrize('labels', [('1', '4'), ('position', 'power')])
+def test_long_tables(tmp_path, labels):
+    rows = [
+        (label, time, value)
+        for k in range(COUNT)
+        for label, time, value in ((labels[1], TIME[k], POWER[k]), (labels[0], TIME[k], POSITION[k]))
+    ]
+    text = table(*zip(*rows, strict=True), header=('source', 'time_s', 'value'))
+    where = 'J_W: {{column: value, where: {{source: {1}}}}}\nposition_m: {{column: value, where: {{source: {0}}}}}\n'
+    check_plain(read(tmp_path, text, where.format(*labels)))
+    refused(tmp_path, text, where.format('other', labels[1]), 'no row has source other', 'position_m')
+    refused(tmp_path, text, 'J_W: value\nposition_m: value\n', 'taken for J_W and for position_m', 'where:')
