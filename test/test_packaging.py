@@ -72,6 +72,7 @@ UNDECLARED = {
     'distributed',
     'llvmlite',
     'zstandard',
+    'openpyxl',
 }
 KEYS = PYTHON | {'rosbags': 'python3-rosbags-pip', 'mcap': 'mcap-ros2-support'}
 

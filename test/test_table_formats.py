@@ -1,11 +1,13 @@
 """Tables as loggers write them: each gives the recording of the plain table, or one message with the cure."""
 
+import sys
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
 
 from sma_sim.evidence.data.recordings import read_recording
+from sma_sim.evidence.data.sources import recordings_in
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 
@@ -167,3 +169,47 @@ def test_long_tables(tmp_path, labels):
     check_plain(read(tmp_path, text, where.format(*labels)))
     refused(tmp_path, text, where.format('other', labels[1]), 'no row has source other', 'position_m')
     refused(tmp_path, text, 'J_W: value\nposition_m: value\n', 'taken for J_W and for position_m', 'where:')
+
+
+def test_a_fault_of_a_spreadsheet_is_no_comment(tmp_path):
+    refused(tmp_path, table(TIME, POWER, POSITION) + '#N/A,0,0\n', '', f'row {COUNT + 2}, column time_s', '#N/A')
+
+
+def test_a_line_that_tells_excel_the_separator(tmp_path):
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, separator=';', decimal=',', above='sep=;\n')), 'semicolons')
+
+
+def test_text_in_a_folder(tmp_path):
+    for name in ('a.txt', 'b.tsv', 'c.dat', 'd.csv'):
+        (tmp_path / name).write_text(table(TIME, POWER, POSITION, separator='\t'))
+    (tmp_path / 'README.txt').write_text('Bench 3, wire 2\nMeasured on Friday, with the new supply\n')
+    (tmp_path / 'empty.txt').write_text('')
+    assert [path.name for path in recordings_in(tmp_path)] == ['a.txt', 'b.tsv', 'c.dat', 'd.csv']
+
+
+@pytest.mark.parametrize('dated', [False, True])
+def test_workbooks(tmp_path, dated):
+    openpyxl = pytest.importorskip('openpyxl')
+    book, path, way = openpyxl.Workbook(), tmp_path / 'run.xlsx', tmp_path / 'map.yaml'
+    book.create_sheet('empty')
+    start = datetime(2026, 7, 31, 23, 59, 58)
+    book.active.append(NAMES)
+    for time, power, position in zip(TIME, POWER, POSITION, strict=True):
+        book.active.append([start + timedelta(seconds=float(time)) if dated else float(time), float(power), float(position)])
+    book.save(path)
+    way.write_text('system: slider\n')
+    check_plain(read_recording(path, 'slider', 298.0, way), atol=1e-6)
+    book['empty'].append([1.0])
+    book.save(path)
+    with pytest.raises(UserError, match='several sheets, Sheet, empty; expected one'):
+        read_recording(path, 'slider', 298.0, way)
+    path.write_bytes(b'PK no workbook')
+    with pytest.raises(UserError, match='no Excel workbook.*save the sheet as CSV'):
+        read_recording(path, 'slider', 298.0, way)
+
+
+def test_workbooks_without_their_package(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'openpyxl', None)
+    (tmp_path / 'run.xlsx').write_bytes(b'PK')
+    with pytest.raises(UserError, match='pip install openpyxl, or save the sheet as CSV'):
+        read_recording(tmp_path / 'run.xlsx', 'slider', 298.0)

@@ -7,12 +7,13 @@ import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.table_format import BLOCK_SIZE, MAX_LINE_LENGTH, TableFormat
+from sma_sim.evidence.data.workbook import SUFFIX, open_text
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
@@ -65,17 +66,20 @@ def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
 
 
 def max_row_count(path: Path) -> int:
-    """At least as many as the file has rows; without decoding it."""
+    """At least as many as the file has rows; without decoding it, if it is text."""
+    if path.suffix.lower() == SUFFIX:
+        with open_text(path) as file:
+            return sum(1 for _ in file)
     feeds = returns = 1
-    with path.open('rb') as file:
-        while piece := file.read(BLOCK_SIZE):
+    with path.open('rb') as raw:
+        while piece := raw.read(BLOCK_SIZE):
             feeds, returns = feeds + piece.count(b'\n'), returns + piece.count(b'\r')
     return max(feeds, returns)
 
 
 def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:
     """Whole lines after the header as plain CSV, about BLOCK_SIZE characters at a time, and whether they are the last."""
-    with path.open(encoding='utf-8-sig') as file:
+    with open_text(path) as file:
         for _ in range(written.lines_before):
             file.readline(MAX_LINE_LENGTH)
         text = read_lines(file, path)
@@ -85,7 +89,7 @@ def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:
             text = following
 
 
-def read_lines(file: io.TextIOWrapper, path: Path) -> str:
+def read_lines(file: IO[str], path: Path) -> str:
     """The next whole lines."""
     text = file.read(BLOCK_SIZE)
     rest = '' if text.endswith('\n') else file.readline(MAX_LINE_LENGTH)

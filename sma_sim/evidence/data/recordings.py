@@ -155,7 +155,9 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
     family = known_structures()[system].family
     mapping = read_column_map(path, {**COLUMNS_BY_SYSTEM, family: COLUMNS_BY_SYSTEM[system]})
     if mapping.system not in (None, family) and not same_options(str(mapping.system), system):
-        raise UserError(f'the map {path} is for --system {mapping.system}, asked for was {system}')
+        raise UserError(
+            f'the map {path} is for --system {mapping.system}, expected one for {system}; say --system {mapping.system}'
+        )
     for test in mapping.tests or (mapping,):
         columns = COLUMNS_BY_SYSTEM[bench_of(system, test)]
         foreign = [name for name in test.origins if name not in columns]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells
+from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells, text_blocks
 from sma_sim.evidence.data.clocks import has_dates, seconds_of_date, unwrap_counter
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
 from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, hint_for, unit_of
@@ -20,12 +20,13 @@ from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSys
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
-from sma_sim.evidence.data.table_format import TableFormat, is_number, table_format
+from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
 from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
 META_FILE = 'meta.json'
+TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat')
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
 Columns = dict[str, Vector]
 
@@ -35,12 +36,30 @@ def recordings_in(path: Path) -> list[Path]:
     try:
         if is_bag(path) or not path.is_dir():
             return [path]
-        found = sorted(entry for entry in path.iterdir() if entry.suffix.lower() == '.csv' or is_bag(entry))
+        found = sorted(entry for entry in path.iterdir() if is_table(entry) or is_bag(entry))
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     if not found:
-        raise UserError(f'{path} holds no recording; expected CSV files, .mcap or .db3 files, or folders with metadata.yaml')
+        raise UserError(
+            f'{path} holds no recording; expected CSV files (also .txt, .tsv, .xlsx), .mcap or .db3 files, or folders with '
+            'metadata.yaml'
+        )
     return found
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file in a folder holds a table; text may also be notes of a person."""
+    suffix = path.suffix.lower()
+    if suffix in TEXT_SUFFIXES and path.is_file():
+        try:
+            written = table_format(path)
+            block, _ = next(text_blocks(path, written), ('', True))
+        except (UserError, OSError, UnicodeDecodeError):
+            return False
+        line = next((one for one in block.split('\n') if one.strip()), '')
+        cells = cells_of_line(line, ',')
+        return len(cells) == len(written.header) > 1 and any(is_number(cell) for cell in cells)
+    return suffix in TABLE_SUFFIXES and not path.name.startswith('~$')  # which is how Excel marks a file that it has open
 
 
 def read_source(

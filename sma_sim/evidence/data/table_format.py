@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import IO
 
 from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS
+from sma_sim.evidence.data.workbook import open_text
 from sma_sim.model.errors import UserError
 
 MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
 BLOCK_SIZE = 1 << 20  # characters of a file that are read at once: bounds the memory
 SEPARATORS = {';': 'semicolons', '\t': 'tabs', '|': 'bars', ' ': 'spaces'}
 COMMENT = '#'
+# Excel writes faults of a cell as #N/A or #REF!: they are no comments.
+COMMENT_LINE = re.compile(rf'(?m)^[ \t]*{COMMENT}(?!N/A|NAME\?|NULL!|NUM!|REF!|VALUE!|DIV/0!).*$')
+EXCEL_SEPARATOR = re.compile(r'"?sep=."?')  # a first line that tells Excel the sign between cells
 # Signs that stand for a comma or a point that cannot belong to a number of the file, so that no cell with it is one.
 FOREIGN_COMMA, FOREIGN_POINT = '\u201a', '\u00b7'
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
@@ -51,7 +55,7 @@ class TableFormat:
     def plain(self, text: str) -> str:
         """Whole lines with commas between cells and points in decimals, and no comments."""
         if COMMENT in text:
-            text = re.sub(rf'(?m)^[ \t]*{COMMENT}.*$', '', text)
+            text = COMMENT_LINE.sub('', text)
         if self.separator == ',':
             return text
         signs: dict[str, str | int | None] = {',': '.', '.': FOREIGN_POINT} if self.decimal_comma else {',': FOREIGN_COMMA}
@@ -71,7 +75,7 @@ class TableFormat:
 def table_format(path: Path) -> TableFormat:
     """How a table is written. Raises UserError where it has no header, or its commas have two meanings."""
     try:
-        with path.open(encoding='utf-8-sig') as file:
+        with open_text(path) as file:
             return format_of_lines(path, file)
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
@@ -106,9 +110,9 @@ def next_line(file: IO[str]) -> tuple[list[str], str, int]:
     comments, count = [], 0
     while line := file.readline(MAX_LINE_LENGTH):
         count += 1
-        if line.lstrip().startswith(COMMENT):
+        if COMMENT_LINE.match(line):
             comments.append(line.strip())
-        elif line.strip():
+        elif line.strip() and not EXCEL_SEPARATOR.fullmatch(line.strip()):
             return comments, line.rstrip('\n'), count
     return comments, '', count
 

@@ -1,0 +1,54 @@
+"""Excel workbooks as text of CSV; openpyxl reads them where it is installed."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from datetime import datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, Any
+from zipfile import BadZipFile
+
+from sma_sim.model.errors import UserError
+
+SUFFIX = '.xlsx'
+
+
+def open_text(path: Path) -> IO[str]:
+    """A table as text: the file itself, or the sheet of a workbook. Raises UserError and OSError."""
+    if path.suffix.lower() != SUFFIX:
+        return path.open(encoding='utf-8-sig')
+    return io.StringIO(workbook_text(path, path.stat().st_mtime_ns))
+
+
+@lru_cache(maxsize=1)
+def workbook_text(path: Path, changed: int) -> str:
+    """The only sheet of a workbook that was last `changed` [ns] as text of CSV. Raises UserError."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise UserError(
+            f'{path} is an Excel workbook, which needs a package: pip install openpyxl, or save the sheet as CSV'
+        ) from error
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheets = {sheet.title: text_of_rows(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+        book.close()
+    except (BadZipFile, KeyError, ValueError) as error:
+        raise UserError(f'{path} is no Excel workbook: {error}; save the sheet as CSV') from error
+    full = {title: text for title, text in sheets.items() if text}
+    if len(full) > 1:
+        raise UserError(f'{path} has several sheets, {", ".join(full)}; expected one: save that of the recording as CSV')
+    return next(iter(full.values()), '')
+
+
+def text_of_rows(rows: Iterable[tuple[Any, ...]]) -> str:
+    """Rows of cells as text, without those that are empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    for row in rows:
+        if any(cell is not None for cell in row):
+            writer.writerow([cell.isoformat(' ') if isinstance(cell, datetime) else cell for cell in row])
+    return text.getvalue()
