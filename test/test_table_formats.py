@@ -84,6 +84,12 @@ def test_comments_and_a_header_in_one(tmp_path):
     check_plain(read(tmp_path, spaced), 'separated by spaces')
 
 
+@pytest.mark.parametrize('sign', ['# ', '// ', '% '])
+def test_signs_of_comments(tmp_path, sign):
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, above=f'{sign}bench 3\n')), 'are comments')
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, header=('%time', *NAMES[1:])), "time_s: '%time'\n"))
+
+
 def test_row_numbers_count_every_line(tmp_path):
     text = table(TIME, POWER, POSITION, above='# one\n# two\n', below='s,W,m\n') + '10,0,warm\n'
     refused(tmp_path, text, '', f'row {COUNT + 5}, column position_m')
@@ -113,12 +119,15 @@ def test_dates(tmp_path, form, separator):
 
 def test_dates_in_another_order_are_refused(tmp_path):
     dates = [f'01/02/2026 10:00:{int(time):02d}' for time in TIME]
-    refused(tmp_path, table(dates, POWER, POSITION), '', 'row 2, column time_s')
+    refused(tmp_path, table(dates, POWER, POSITION), '', 'row 2, column time_s', 'of dates 2026-07-31')
 
 
-@pytest.mark.parametrize(('start', 'scale'), [(2**32 - 3e6, 1e-6), (2**32 - 2.5e9, 1e-9), (2**32 - 1e3, 1e-3)])
+@pytest.mark.parametrize(
+    ('start', 'scale'), [(2**32 - 3e6, 1e-6), (2**32 - 2.5e9, 1e-9), (2**32 - 1e3, 1e-3), (2**31 - 1e3, 1e-3)]
+)
 def test_a_counter_of_32_bit_starts_again(tmp_path, start, scale):
     counts = np.rint(start + TIME / scale) % 2**32
+    counts = counts - 2**32 * (counts >= 2**31) if start < 2**31 and scale == 1e-3 else counts
     text = table([f'{int(one)}' for one in counts], POWER, POSITION, header=('count', *NAMES[1:]))
     check_plain(
         read(tmp_path, text, f'time_s: {{column: count, scale: {scale}}}\n'), 'counter of time starts again', atol=1e-6
@@ -213,3 +222,18 @@ def test_workbooks_without_their_package(tmp_path, monkeypatch):
     (tmp_path / 'run.xlsx').write_bytes(b'PK')
     with pytest.raises(UserError, match='pip install openpyxl, or save the sheet as CSV'):
         read_recording(tmp_path / 'run.xlsx', 'slider', 298.0)
+
+
+def test_a_product_in_other_units_needs_a_scale(tmp_path):
+    text = table(
+        TIME, 6.0 * (POWER > 0), 200.0 + 0.0 * TIME, POSITION, header=('time_s', 'U', 'I', NAMES[2]), below='s,V,mA,m\n'
+    )
+    refused(tmp_path, text, 'J_W: {column: U, times: I}\n', 'says mA', 'times: I, scale: 0.001}')
+    check_plain(read(tmp_path, text, 'J_W: {column: U, times: I, scale: 0.001}\n'))
+
+
+@pytest.mark.parametrize('encoding', ['cp1252', 'utf-16'])
+def test_other_encodings_are_refused(tmp_path, encoding):
+    (tmp_path / 'run.csv').write_bytes(table(TIME, POWER, POSITION, header=('time_s', 'J_W', 'Weg (µm)')).encode(encoding))
+    with pytest.raises(UserError, match='UTF-8.*save it with that encoding'):
+        read_recording(tmp_path / 'run.csv', 'slider', 298.0)

@@ -183,5 +183,6 @@ def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: 
     if np.isnan(value) or np.isinf(value) and not layout.tolerant:
         shown = repr(layout.format.as_written(cell[:40]) or 'nothing')
         decimals = ' with a decimal comma, as the file has them' if layout.format.decimal_comma else ''
-        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}')
+        dates = '; of dates 2026-07-31 21:16:09.05 is read' if ':' in cell else ''
+        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}{dates}')
     return value

@@ -47,7 +47,10 @@ def unwrap_counter(values: Vector) -> bool:
     """Count on in place where a counter (k,) of 32 bit starts again at 0; whether it does."""
     rows = np.flatnonzero(np.isfinite(values))
     known = values[rows]
-    if len(known) < 3 or known.min() < 0.0 or known.max() >= COUNTS or (known != np.floor(known)).any():
+    if len(known) < 3 or (known != np.floor(known)).any():
+        return False
+    least = 0.0 if known.min() >= 0.0 else -0.5 * COUNTS  # of a counter with a sign
+    if known.min() < least or known.max() >= least + COUNTS:
         return False
     steps = np.diff(known)
     back = steps < -0.5 * COUNTS

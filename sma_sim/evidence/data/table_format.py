@@ -16,9 +16,9 @@ from sma_sim.model.errors import UserError
 MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
 BLOCK_SIZE = 1 << 20  # characters of a file that are read at once: bounds the memory
 SEPARATORS = {';': 'semicolons', '\t': 'tabs', '|': 'bars', ' ': 'spaces'}
-COMMENT = '#'
+COMMENTS = ('#', '//', '% ')  # what lines begin with that are comments; %time is a name
 # Excel writes faults of a cell as #N/A or #REF!: they are no comments.
-COMMENT_LINE = re.compile(rf'(?m)^[ \t]*{COMMENT}(?!N/A|NAME\?|NULL!|NUM!|REF!|VALUE!|DIV/0!).*$')
+COMMENT_LINE = re.compile(r'(?m)^[ \t]*(?:#(?!N/A|NAME\?|NULL!|NUM!|REF!|VALUE!|DIV/0!)|//|% ).*$')
 EXCEL_SEPARATOR = re.compile(r'"?sep=."?')  # a first line that tells Excel the sign between cells
 # Signs that stand for a comma or a point that cannot belong to a number of the file, so that no cell with it is one.
 FOREIGN_COMMA, FOREIGN_POINT = '\u201a', '\u00b7'
@@ -49,12 +49,12 @@ class TableFormat:
         if self.units:
             found.append('the row of units is no sample')
         if self.has_comments:
-            found.append(f'lines that begin with {COMMENT} are comments')
+            found.append(f'lines that begin with {", ".join(COMMENTS).rstrip()} are comments')
         return [f'{"; ".join(found)}: read so'] if found else []
 
     def plain(self, text: str) -> str:
         """Whole lines with commas between cells and points in decimals, and no comments."""
-        if COMMENT in text:
+        if any(sign in text for sign in COMMENTS):
             text = COMMENT_LINE.sub('', text)
         if self.separator == ',':
             return text
@@ -79,7 +79,9 @@ def table_format(path: Path) -> TableFormat:
             return format_of_lines(path, file)
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise UserError(f'{path} is not a CSV file in UTF-8: {error}; save it with that encoding') from error
+    except csv.Error as error:
         raise UserError(f'{path} is not a CSV file: {error}') from error
 
 
@@ -91,7 +93,7 @@ def format_of_lines(path: Path, file: IO[str]) -> TableFormat:
     later, following, passed = next_line(file)
     separator = separator_of(line, following)
     header = cells_of_line(line, separator)
-    commented = cells_of_line(comments[-1].lstrip(f'{COMMENT} \t'), separator) if comments else []
+    commented = cells_of_line(comments[-1].lstrip('#/% \t'), separator) if comments else []
     if all(is_number(cell.replace(',', '.')) for cell in header) and len(commented) == len(header) > 1:
         header, following, passed, before = commented, line, 0, before - 1  # the header is the last comment
     units = dict(zip(header, cells_of_line(following, separator), strict=False)) if following else {}
