@@ -22,7 +22,7 @@ def told(capsys, words):
 def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'command.csv').write_text('time_s,J_eq_W\n0,0\n5,0\n')
-    (tmp_path / 'german.csv').write_text('time_s;J_eq_W\n0;0\n5;0\n')
+    (tmp_path / 'german.csv').write_text('time_s;J_eq_W\n0;0\n5;1,234\n')
     (tmp_path / 'broken.yaml').write_text('wire:\n  E_A: [1.0\nbeam: 2\n')
     (tmp_path / 'run.csv').write_text('time_s,J_eq_W,alpha_rad\n' + ''.join(f'{k},0,{1e-3 * (k % 3)}\n' for k in range(20)))
 
@@ -36,7 +36,7 @@ def files(tmp_path, monkeypatch):
         ('fit --hold-out run3 runs', '--hold-out takes all names after it: give DATA before it'),
         ('simulate --input command.csv --out a.csv --set beam.e', 'such as --set beam.E=VALUE'),
         ('simulate --input command.csv --out a.csv --set beam.e=2e9', 'did you mean beam.E?'),
-        ('simulate --input german.csv --out a.csv', 'separated by semicolons: expected commas'),
+        ('simulate --input german.csv --out a.csv', 'a decimal comma or a separator of thousands'),
         (
             'simulate --input command.csv --out a.csv --config broken.yaml',
             'broken.yaml is not YAML: line 3, column 5: ',

@@ -129,7 +129,7 @@ def test_wrong_yaml(complaint, tmp_path, content, message):
             'time_ms,J_eq_W\n0,1\n1,1\n',
             'time_ms is in ms: expected time_s, which is time_ms multiplied by 0.001',
         ),
-        ('a;b\n0;1\n', 'has no column time_s, J_eq_W; its columns are a;b'),
+        ('a;b\n0;1\n', 'has no column time_s, J_eq_W; its columns are a, b'),
         ('time_s,J_eq_W,J_eq_W\n0,1,1\n1,1,1\n', 'has column J_eq_W more than once'),
         ('time_s,J_eq_W\n0,1\n1,nan\n', "row 3, column J_eq_W: expected a number, got 'nan'"),
         ('time_s,J_eq_W\n0,1\n1,inf\n', "row 3, column J_eq_W: expected a number, got 'inf'"),
