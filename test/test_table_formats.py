@@ -156,14 +156,15 @@ def test_power_as_a_product(tmp_path, entry, first, second):
     refused(tmp_path, text, 'J_W: {column: a, times: c}\n', 'no column c')
 
 
-def test_seconds_and_nanoseconds(tmp_path):
+@pytest.mark.parametrize('names', [('stamp.sec', 'stamp.nanosec'), ('field.header.stamp.secs', 'field.header.stamp.nsecs')])
+def test_seconds_and_nanoseconds(tmp_path, names):
     ticks = [divmod(1669882837 * 20 + 7 + k, 20) for k in range(COUNT)]
     sec, nanosec = [f'{one}' for one, _ in ticks], [f'{50_000_000 * rest}' for _, rest in ticks]
-    text = table(sec, nanosec, POWER, POSITION, header=('stamp.sec', 'stamp.nanosec', *NAMES[1:]))
-    cure = 'time_s: {column: stamp.sec, nanosec: stamp.nanosec}'
+    text = table(sec, nanosec, POWER, POSITION, header=(*names, *NAMES[1:]))
+    cure = f'time_s: {{column: {names[0]}, nanosec: {names[1]}}}'
     check_plain(read(tmp_path, text, f'{cure}\n'), atol=1e-6)
-    refused(tmp_path, text, 'time_s: {column: stamp.nanosec, scale: 1.0e-9}\n', cure)
-    refused(tmp_path, text, 'time_s: stamp.sec\n', cure)
+    refused(tmp_path, text, f'time_s: {{column: {names[1]}, scale: 1.0e-9}}\n', cure)
+    refused(tmp_path, text, f'time_s: {names[0]}\n', cure)
 
 
 @pytest.mark.parametrize('labels', [('1', '4'), ('position', 'power')])

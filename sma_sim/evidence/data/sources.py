@@ -162,11 +162,11 @@ def check_units_row(path: Path, written: TableFormat, origins: Mapping[str, Orig
 
 def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
     """Raise UserError where a stamp has two columns, seconds and nanoseconds, and only one is taken."""
-    found = re.fullmatch(r'(.*?)(nano?)?(secs?)', time.column or '')
+    found = re.fullmatch(r'(.*?)(n(?:ano)?)?(secs?)', time.column or '')
     if found is None or time.nanosec is not None:
         return
     stem = found.group(1)
-    halves = [name for name in header if re.fullmatch(re.escape(stem) + '(nano?)?secs?', name)]
+    halves = [name for name in header if re.fullmatch(re.escape(stem) + '(n(?:ano)?)?secs?', name)]
     whole = [name for name in halves if re.fullmatch(re.escape(stem) + 'secs?', name)]
     if len(halves) == 2 and len(whole) == 1:
         (rest,) = set(halves) - set(whole)
