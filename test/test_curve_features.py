@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sma_sim import Config, Dataset, Recording, wire_input
+from sma_sim import Config, Recording, wire_input
 from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
 from sma_sim.evidence.estimation.paper_calibration import FURTHER_NAMES, Loop, moved_to, summary, temperature
 from sma_sim.evidence.estimation.plateau_stresses import (
@@ -120,7 +120,7 @@ def test_isobaric_tests_are_read_from_recordings_by_stress():
             SimpleNamespace(name=name, system=structure.name, time=times, channels={'strain': strain}, source=source)
         )
     runs.append(SimpleNamespace(name='blind', system=structure.name, channels={}, source=source, time=times))
-    found = isobaric_tests(Dataset(tuple(runs), {}))
+    found = isobaric_tests(SimpleNamespace(recordings=tuple(runs)))
     assert [test.name for test in found] == ['low', 'high'] and found[0].temperatures[0] == pytest.approx(300.0, abs=0.6)
     lines = isobaric_as_text(found)
     assert len(lines) == 4 and lines[2].split() == [

@@ -91,7 +91,8 @@ def test_the_library_is_read_exactly():
         'stress_dependent_transformation_strain',
         'temperature_gradient',
     }
-    assert not any(uses_time(effect) for effect in effects.values())
+    timed = {'ambient_drift', 'clamp_slip', 'sensor_drift', 'sensor_jump'}
+    assert {name for name, effect in effects.items() if uses_time(effect)} == timed
     for effect in effects.values():
         check_fields(effect)
 
@@ -114,7 +115,7 @@ def test_a_declaration_is_no_longer_needed(tmp_path):
 
 
 def test_time_in_a_helper_makes_the_flow_depend_on_time(tmp_path):
-    found = own_effect(tmp_path, 'timed', 'lambda s, w, p: math.sin(s.t)', 'wire_heat')
+    found = own_effect(tmp_path, 'timed', 'lambda s, w, p: p.slope * math.sin(s.t)', 'wire_heat')
     model = make_model('wire', effects=[active('timed', {'timed': found})])
     assert model.uses_time and not make_model('wire').uses_time
     assert np.isfinite(simulate(model, wire_input([0.0, 1.0], [0.03, 0.03]), 10.0)['T_K']).all()

@@ -93,7 +93,7 @@ def test_hold_out_takes_files_outside_the_data(runs, tmp_path, capsys):
 
 
 def test_ctrl_c_leaves_the_best_so_far(runs, tmp_path, monkeypatch, capsys):
-    told, words = [], fit_command.step_words
+    told, words = [], fit_command.iteration_words
 
     def interrupting(label, iteration, cost):
         told.append(cost)
@@ -101,7 +101,7 @@ def test_ctrl_c_leaves_the_best_so_far(runs, tmp_path, monkeypatch, capsys):
             os.kill(os.getpid(), signal.SIGINT)
         return words(label, iteration, cost)
 
-    monkeypatch.setattr(fit_command, 'step_words', interrupting)
+    monkeypatch.setattr(fit_command, 'iteration_words', interrupting)
     out = tmp_path / 'best.yaml'
     assert main(['fit', str(runs), '--model', 'hybrid', '--starts', '1', '-o', str(out)]) == 130
     assert 'stopped: the best so far' in capsys.readouterr().out

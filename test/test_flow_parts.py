@@ -201,8 +201,10 @@ def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
         assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
         own = ActiveEffect(given.found.on(structure), tuple(range(len(structure.coordinates))))
         assert as_on(own, structure).values == own.values
-    for plain in (active('gravity'), active('sensor_lag')):
-        assert as_on(plain, structure) is plain
+    lag, gravity = active('sensor_lag'), active('gravity')
+    assert as_on(lag, structure) is lag
+    in_space = (0.0,) if system == 'spatial' else ()  # it has one direction more there
+    assert as_on(gravity, structure).values == (*gravity.values, *in_space)
 
 
 def test_forces_of_effects_add_up_as_long_as_there_is_room():

@@ -77,7 +77,7 @@ def test_a_recording_with_another_value_is_found_with_it(linear):
     worst = disagreement(found)
     assert worst is not None and (worst.name, worst.outlier.run) == ('wire.lambda', 'run2')
     others = np.mean([run.value for run in worst.runs if run.run != 'run2'])
-    assert worst.outlier.value / others == pytest.approx(np.exp(0.5 * shift), rel=2e-3)
+    assert worst.outlier.value / others == pytest.approx(np.exp(problem.free[k].scale * shift), rel=2e-3)
     assert worst.outlier.deviation > 5.0 and by_run_data(found)['recording'] == 'run2'
     assert 'wire.lambda' in agreement_sentence(found) and 'most of all run2' in agreement_sentence(found)
     assert len(by_run_blocks(found)) == 6

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_recordings_in_fits import module_run, problem_of
 
-from sma_sim import Config, Dataset
+from sma_sim import Config
 from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import cross_validation
 from sma_sim.evidence.estimation import starting_points as starts_of_fits
@@ -152,7 +152,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     monkeypatch.setattr(calibration, 'overdispersion', lambda *_: 2.0)
     recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
     context = SearchContext(None, Event())
-    found = calibration.multistart_search(Dataset(recordings, {}), Config(), FitOptions(starts=3), context)
+    found = calibration.multistart_search(SimpleNamespace(recordings=recordings), Config(), FitOptions(starts=3), context)
     assert sorted(made[:3], key=lambda one: one[2]) == [
         (8, FROM_PRIORS.damping, 0.0), (8, WEAKLY_DAMPED.damping, 0.1), (8, WEAKLY_DAMPED.damping, 0.2),
     ]  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from systems import active, make_model
 
-from sma_sim import find_effects, module_input, simulate
+from sma_sim import Config, Model, find_effects, module_input, simulate
 from sma_sim.model.layout import O_S_A, O_S_M, InputPoint
 from sma_sim.model.system import flow
 from sma_sim.model.transformation import half_of_height
@@ -45,7 +45,7 @@ def test_height_of_the_hysteresis_falls_smoothly_to_its_limit():
 
 
 def test_a_stalled_run_stops_and_says_why():
-    run = simulate(make_model('module', 'mas', wire__dsigma=1e2), HELD, 10.0)
+    run = simulate(Model(Config(kinetics='mas').variant({'wire.dsigma': 1e2})), HELD, 10.0)
     assert not run.completed and run.steps <= 5 * WINDOW
     for words in ('stalled', 'the hysteresis of wire 1 is only', 'check wire.dsigma', 'hybrid model'):
         assert words in run.reason

@@ -169,7 +169,7 @@ def test_an_effect_acts_where_it_has_a_meaning(name):
         assert [slot for slot in slots if slot >= 0] == list(range(count)) and len(slots) == len(structure.channels)
         assert count == 0 or effect.port == 'sensing'
         if effect.port == 'sensing':
-            acts &= count > 0
+            acts &= count > 0 or effect.clock is not None
             if set(POSE) <= set(effect.channels):
                 assert all(slots[k] >= 0 for k in range(len(structure.coordinates)))
         assert acts_on(effect, structure) == acts
@@ -203,7 +203,7 @@ def test_kernels_are_compiled_for_a_structure_where_they_read_its_coordinates():
     )  # fmt: skip
     for name, found in EFFECTS.items():
         effect = found.effect
-        assert own_kernels(effect, MODULE) == bool(effect.needs)
+        assert own_kernels(effect, MODULE) == bool(effect.needs or any(each.numbers(2) for each in effect.each_bundle))
         if not effect.needs and not effect.by_channel and effect.port == 'wire_heat':
             assert not own_kernels(effect, lever), name
         if effect.by_channel or effect.port == 'structure_force':
@@ -320,7 +320,7 @@ def test_each_channel_has_its_own_parameter(name, system):
 def test_the_state_that_a_driven_kernel_returns_is_counted():
     """One number for one, a tuple for more; on wire_strain the strain alone will do."""
     for port, outputs, may_be_one in (
-        ('wire_heat', 1, False),
+        ('wire_heat', 2, True),  # the heat, and a heat capacity
         ('transformation_stress', 2, False),
         ('wire_strain', 3, True),
     ):

@@ -14,7 +14,7 @@ from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, better, exte
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
-EQUATIONS_AFTER = 2  # components: what one or two listed ones explain needs no equation
+EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGED = 6  # components that are tried in place of one
 ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
 
@@ -76,7 +76,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
             if book.leaves_nothing(size):
                 break  # no other parent can lead lower
         improve(size, book, context)
-        if equations and size == EQUATIONS_AFTER and book.best.lacks_unlisted:
+        if equations and size == EQUATIONS_AFTER and (book.best.lacks_unlisted or len(book.best.components) == size):
             add_equations(book.ranked(0)[0], book, context)
         if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break

@@ -19,7 +19,7 @@ from sma_sim.evidence.model_selection.differing_recordings import with_differenc
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.model_selection.variants import variants_of
-from sma_sim.evidence.search.score import SPARSITY
+from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.model.effects.scope import SEPARATOR
 
@@ -109,7 +109,7 @@ def difference_component(difference: RecordingDifference, problem: Problem) -> C
 
 def formula_log_prior(terms: int, locations: int) -> float:
     """Of one term of an equation, among those of its place and all places."""
-    return -SPARSITY - log(max(1, terms)) - log(max(1, locations))
+    return -SPARSITY - UNLISTED - log(max(1, terms)) - log(max(1, locations))
 
 
 def log_prior_of(components: Sequence[Component]) -> float:
