@@ -86,11 +86,21 @@ def steps_along(
         if taken is not None:
             listed = [one for one in listed if one.names != taken.names]
         chosen = [*([taken] if taken else []), *listed[: SHOWN - (taken is not None)]]
-        fits = [candidate_fit(one, model, chosen, posterior, context) for one in chosen]
+        tied = [[added(rival, model) for rival in posterior.rivals(chosen, one)] for one in chosen]
+        if taken is not None:
+            tied[0] = in_place_of(added(taken, model), path[-1], book, posterior)
+        fits = [candidate_fit(one, model, rivals, posterior, context) for one, rivals in zip(chosen, tied, strict=True)]
         steps.append(SelectionStep(
             model.fit, tuple(fits), fits[0] if taken else None, None if after is None else after.fit
         ))  # fmt: skip
     return tuple(steps)
+
+
+def in_place_of(component: Component, best: Model, book: Book, posterior: Posterior) -> list[Component]:
+    """The listed effects that explain as well in place of one, beside all others of the best model."""
+    exchanged = [one for one in book.ranked(len(best.components)) if best.names - one.names == {component.name}]
+    found = {one.effect: one for one in (added(model, best) for model in posterior.rivals(exchanged, best))}
+    return [one for one in found.values() if not (one.is_formula or one.is_difference)]
 
 
 def added(model: Model, base: Model) -> Component:
@@ -105,18 +115,18 @@ def is_listed(model: Model, base: Model) -> bool:
 
 
 def candidate_fit(
-    model: Model, base: Model, among: Sequence[Model], posterior: Posterior, context: SearchContext
+    model: Model, base: Model, rivals: Sequence[Component], posterior: Posterior, context: SearchContext
 ) -> CandidateFit:
-    """A model with one effect more compared with its base, and with what else was fitted beside it."""
+    """A model with one effect more compared with its base; `rivals` explain as well."""
     component, k = added(model, base), posterior.overdispersion
     assert isinstance(component.start, ScreeningResult)
     found = component.start.candidate.found
-    rivals = tuple(added(one, base).effect for one in posterior.rivals(among, model))
     more = len(model.fit.problem.free) - len(base.fit.problem.free)
     delta_bic = 2.0 * (model.fit.cost - base.fit.cost) / k**2 + more * log(model.fit.problem.samples)
     return CandidateFit(
         found, model.fit, model.score(k) - base.score(k), model.fit.error / base.fit.error, delta_bic,
-        is_plausible_fit(model.fit, found), standard_errors(model.fit, k, context.pool), rivals,
+        is_plausible_fit(model.fit, found), standard_errors(model.fit, k, context.pool),
+        tuple(dict.fromkeys(one.effect for one in rivals if one.effect)),
     )  # fmt: skip
 
 
