@@ -29,7 +29,7 @@ def scripts():
     """The blocks that run: all of Python, and those of the shell that say so."""
     for language in ('python', *SHELLS):
         for name, _, mark, text in blocks(language):
-            if language == 'python' or (mark or '').startswith('run'):
+            if (mark or ('run' if language == 'python' else '')).startswith('run'):
                 marks = [pytest.mark.slow] if SEARCHES.search(text) or mark == 'run at night' else []
                 words = [sys.executable] if language == 'python' else ['bash', '-euo', 'pipefail']
                 yield pytest.param([*words, '-c', text], id=name, marks=marks)
