@@ -26,7 +26,7 @@ def blocks(*languages):
 
 
 def scripts():
-    """The blocks that run: all of Python, and those of the shell that say so."""
+    """The blocks that run: those of Python that do not say why not, and those of the shell that say so."""
     for language in ('python', *SHELLS):
         for name, _, mark, text in blocks(language):
             if (mark or ('run' if language == 'python' else '')).startswith('run'):
