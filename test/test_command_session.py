@@ -92,6 +92,7 @@ def numbers_of(message):
 def start(words, folder, domain):
     """A program as a process, which does not outlive the block: another test may use its domain."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in the background
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it, and a program that is run by it is to go on
     environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': str(ROOT)}
     words = [str(ROOT / word) if word.startswith('examples/') else word for word in words]
     with subprocess.Popen(

@@ -90,9 +90,12 @@ def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:
 
 
 def read_lines(file: IO[str], path: Path) -> str:
-    """The next whole lines."""
-    text = file.read(BLOCK_SIZE)
-    rest = '' if text.endswith('\n') else file.readline(MAX_LINE_LENGTH)
+    """The next whole lines. Raises UserError for what is no text, or no lines."""
+    try:
+        text = file.read(BLOCK_SIZE)
+        rest = '' if text.endswith('\n') else file.readline(MAX_LINE_LENGTH)
+    except UnicodeDecodeError as error:
+        raise UserError(f'{path} is not a CSV file: {error}') from error
     if len(rest) == MAX_LINE_LENGTH:
         raise UserError(f'{path} is not a CSV file: it has a line of more than {MAX_LINE_LENGTH} characters')
     return text + rest
