@@ -16,6 +16,7 @@ MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGED = 6  # components that are tried in place of one
+EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
 ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
 
 
@@ -74,7 +75,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         for parent in parents(book, size - 1):
             expand(parent, book, context)
             if book.leaves_nothing(size):
-                break  # no other parent can lead lower
+                break  # what other parents lead to has few nats to win; exchanges below look for it
         improve(size, book, context)
         if equations and size == EQUATIONS_AFTER and (book.best.lacks_unlisted or len(book.best.components) == size):
             add_equations(book.ranked(0)[0], book, context)
@@ -193,7 +194,7 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
     own = next((one.promise for one in proposals if one.component.name == component.name), 0.0)
     chosen = [
         one.component for one in proposals
-        if one.promise >= 0.5 * own and frozenset((*(r.name for r in rest), one.component.name)) not in known
+        if one.promise >= EXCHANGE_SHARE * own and frozenset((*(r.name for r in rest), one.component.name)) not in known
     ]  # fmt: skip
     if chosen and fewer is not None:
         start = Model(rest, there, fewer.evidence)
