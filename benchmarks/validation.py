@@ -1,4 +1,4 @@
-"""All measured numbers of the documentation, from one version: runs the benchmarks and writes docs/reference/validation.md.
+"""All measured numbers of the documentation, from one version: runs the benchmarks, writes docs/reference/validation.md.
 
     python benchmarks/validation.py [--parts NAME ...] [--scale 1] [--minutes 60] [--shared ../shared]
     python benchmarks/validation.py --list          # the parts, and how long they take on two free cores
@@ -7,8 +7,9 @@
 By default, parts of many cases run a share of them, drawn by a hash of each, so that the whole takes about an hour;
 `--scale 2` runs twice as many, and `--scale 20` all. Finished parts are kept in the folder and not run again; a part that
 was stopped, or is asked for at a larger scale, is continued. Results of other sources (another state of sma_sim/ or
-benchmarks/) are moved to a folder `old` and measured again. A part that is not measured keeps its section of the page, which
-says of which commit it is. Parts that need data which are not in the repository are left out where these are not at hand.
+benchmarks/) are moved to a folder `old` and measured again. A part that is not measured keeps its line and its
+file, which say of which commit they are. Parts that need data which are not in the repository are left out where these are
+not at hand.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ import argparse
 import json
 import os
 import platform
-import re
 import subprocess
 import sys
 import time
@@ -30,20 +30,32 @@ from validation_parts import PARTS, Part
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'reference' / 'validation.md'
+DETAILS = PAGE.with_suffix('')  # a file for each part
 HEAD = """# Validation
 
-All numbers on this page are measured by scripts in `benchmarks/`; each table names its command. The page is written by
+What was measured, in one line each; the linked files have the tables and the command that made them. Errors are normalized
+RMSE unless a unit stands there: RMS error divided by the standard deviation of the sensors' noise, so that 1 is the best
+possible. Intervals of shares are 95 % (Wilson). Times depend on the machine and on what else runs on it; ratios from one
+run do so much less.
+
+The page and the files are written by
 
 <!-- not run: takes an hour; it can be stopped and continued -->
 ```bash
 python benchmarks/validation.py
 ```
 
-Parts of many cases run a share of them by default; `--scale` runs more. Intervals of shares are 95 % (Wilson). Each section
-names the commit and the day of its numbers: a part that is left out keeps those that it has.
+from the parts in `benchmarks/validation_parts.py`. A new number is a new part there: a script, its subject (the section
+here), its result in a line, its table. A part that is left out keeps its line and its file, which name the commit and the
+day of the numbers. Parts of many cases run a share of them by default; `--scale` runs more.
+"""
+LINES = '| what | result | commit, day |\n| --- | --- | --- |'
+FILES = """```{toctree}
+:hidden:
+:glob:
 
-Times depend on the machine and on what else runs on it; ratios from one run do so much less. Error over noise is the RMS
-error divided by the standard deviation of the sensors' noise, so that 1 is the best possible.
+validation/*
+```
 """
 
 
@@ -88,13 +100,13 @@ class Results:
 
     def load(self, part: Part) -> Any:
         """The result of a part: an object, or a list of cases."""
-        text = (self.folder / part.file).read_text()
-        return [json.loads(line) for line in text.splitlines()] if part.file.endswith('.jsonl') else json.loads(text)
+        text = (self.folder / part.result_file).read_text()
+        return [json.loads(line) for line in text.splitlines()] if part.result_file.endswith('.jsonl') else json.loads(text)
 
 
 def run_part(part: Part, results: Results, asked: argparse.Namespace, minutes: float, now: dict[str, str]) -> None:
     """Run the script of a part for at most `minutes`, and note how that went."""
-    file = results.folder / part.file
+    file = results.folder / part.result_file
     words = part.words(asked.scale, shared=asked.shared, file=file, minutes=minutes, root=ROOT)
     print(f'--- {part.name}: python benchmarks/{" ".join(words)}', flush=True)
     t_start = time.monotonic()
@@ -103,7 +115,7 @@ def run_part(part: Part, results: Results, asked: argparse.Namespace, minutes: f
         env=os.environ | {'PYTHONPATH': str(ROOT)}, check=False,
     )  # fmt: skip
     seconds = time.monotonic() - t_start
-    if done.returncode == 0 and (results.folder / part.file).exists():
+    if done.returncode == 0 and (results.folder / part.result_file).exists():
         results.set_stamp(part, now, asked.scale, not part.resumable or seconds < 60.0 * minutes, seconds)
     else:
         print(f'{part.name} failed with exit code {done.returncode}', file=sys.stderr)
@@ -128,32 +140,44 @@ def measure(asked: argparse.Namespace, results: Results) -> None:
 
 
 def page(results: Results, present: str) -> str:
-    """The page, from the results that there are, and for other parts from the sections of the present one."""
-    kept = {
-        words.partition('\n')[0]: f'## {words.rstrip()}\n' for words in re.split(r'^## ', present, flags=re.MULTILINE)[1:]
-    }
-    text = [HEAD, f'The machine: {os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}.\n']
-    missing = []
-    for part in PARTS:
-        stamp = results.stamp(part)
-        if stamp:
-            text.append(section(part, stamp, results.load(part)))
-        elif part.title in kept:
-            text.append(kept[part.title])
-        else:
-            missing.append(part.name)
+    """The page, from the results that there are, and for other parts from the lines of the present one."""
+    text, missing = (
+        [HEAD, f'The machine: {os.cpu_count()} cores {platform.machine()}, Python {platform.python_version()}.\n'],
+        [],
+    )
+    for subject in dict.fromkeys(part.subject for part in PARTS):
+        lines = [LINES]
+        for part in (part for part in PARTS if part.subject == subject):
+            link, stamp = f'| [{part.title}](validation/{part.name}.md) |', results.stamp(part)
+            kept = [line for line in present.splitlines() if line.startswith(link)]
+            if stamp:
+                lines.append(f'{link} {part.in_a_line(results.load(part))} | {stamp["commit"]}, {stamp["date"]} |')
+            elif kept:
+                lines += kept
+            else:
+                missing.append(part.name)
+        text.append(f'## {subject}\n\n' + '\n'.join(lines) + '\n')
     if missing:
         text.append(f'## Not measured\n\nThese parts have not been measured: {", ".join(missing)}.\n')
-    return '\n'.join(text)
+    return '\n'.join([*text, FILES])
 
 
-def section(part: Part, stamp: Mapping[str, Any], result: Any) -> str:
-    """The section of a part that was measured."""
+def details(part: Part, stamp: Mapping[str, Any], result: Any) -> str:
+    """The file of a part that was measured."""
     marks = [f'commit {stamp["commit"]}', stamp['date'], f'{stamp["seconds"] / 60.0:.0f} min']
     marks += [f'{100.0 * stamp["share"]:.0f} % of its cases'] * (part.resumable and stamp['share'] < 1.0)
     marks += ['not complete'] * (not stamp['complete'])
     shown = f'`python benchmarks/{part.shown(stamp["scale"])}` ({", ".join(marks)})'
-    return f'## {part.title}\n\n{part.text}\n\n{shown}\n\n{part.table(result)}\n'
+    return f'# {part.title}\n\n{part.text}\n\n{shown}\n\n{part.table(result)}\n'
+
+
+def write(results: Results) -> None:
+    """The page, and the files of the parts that were measured."""
+    PAGE.write_text(page(results, PAGE.read_text()))
+    for part in PARTS:
+        stamp = results.stamp(part)
+        if stamp:
+            (DETAILS / f'{part.name}.md').write_text(details(part, stamp, results.load(part)))
 
 
 def main() -> None:
@@ -176,7 +200,7 @@ def main() -> None:
         return
     results = Results(asked.folder)
     measure(asked, results)
-    PAGE.write_text(page(results, PAGE.read_text()))
+    write(results)
     print(f'{PAGE} written')
 
 

@@ -1,4 +1,4 @@
-"""The parts of the validation: which script measures them, and how their results become tables."""
+"""The parts of the validation: which script measures them, and how their results become lines and tables."""
 
 from __future__ import annotations
 
@@ -42,20 +42,67 @@ def rows(head: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
 
 
 def grids(result: Mapping[str, Any]) -> str:
-    """A table for each group of numbers that a script reports."""
-    text, single = [], {}
+    """A table for each group of numbers that a script reports; groups of the same numbers are the rows of one."""
+    text: list[str] = []
+    alike: dict[tuple[str, ...], list[list[Any]]] = {}
     for name, group in result.items():
         if name == 'machine':
             continue
-        if isinstance(group, Mapping) and any(isinstance(row, Mapping) for row in group.values()):
+        if not isinstance(group, Mapping):
+            alike.setdefault((), []).append([name.replace('_', ' '), group])
+        elif any(isinstance(row, Mapping) for row in group.values()):
             columns = list(dict.fromkeys(key for row in group.values() for key in row))
             lines = ([key, *(row.get(column, '') for column in columns)] for key, row in group.items())
             text.append(rows([name, *map(heading, columns)], lines))
-        elif isinstance(group, Mapping):
-            text.append(rows([name, ''], ([key.replace('_', ' '), value] for key, value in group.items())))
         else:
-            single[name] = group
-    return '\n\n'.join([*([rows(list(single), [list(single.values())])] if single else []), *text])
+            alike.setdefault(tuple(group), []).append([name, *group.values()])
+    for columns, lines in alike.items():
+        text.append(rows(['', *map(heading, columns or ('',))], lines))
+    return '\n\n'.join(text)
+
+
+def likeness(result: Mapping[str, Any]) -> str:
+    """Of each effect its size and what it is most like, with the cosines."""
+    tables = []
+    for name, effects in result.items():
+        if name != 'machine':
+            lines = (
+                [effect, row['size'], ', '.join(f'{other} {cosine:.3f}' for other, cosine in row.items() if other != 'size')]
+                for effect, row in effects.items()
+            )
+            tables.append(rows([name, 'size', 'most alike, with the cosine'], lines))
+    return '\n\n'.join(tables)
+
+
+def every(result: Any, key: str) -> list[Any]:
+    """All values with this name, at any depth."""
+    if not isinstance(result, Mapping):
+        return []
+    return [value for name, entry in result.items() for value in ([entry] if name == key else every(entry, key))]
+
+
+def span(numbers: Iterable[float], unit: str = '') -> str:
+    """The least and the largest of some numbers."""
+    known = sorted(numbers)
+    return f'{cell(known[0])} to {cell(known[-1])}{unit}'
+
+
+def counted(results: list[Case]) -> str:
+    """Hit rates of challenges, forces and pose together."""
+    return '; '.join(f'{name}: {of(*numbers)}' for name, numbers in hit_rates(results) if numbers[1])
+
+
+def found_again(results: list[Case]) -> str:
+    """How many hidden effects were named, of those whose absence shows."""
+    shows = [case for case in results if 'failed' not in case and case['bare'] >= 1.035]
+    found = sum(case['case'][0] in case['effects'] for case in shows)
+    return f'found where the error without it is above 1.035: {of(found, len(shows))}'
+
+
+def held_out_stress(results: list[Case]) -> str:
+    """The errors of the last models."""
+    errors = (f'{case["steps"][-1]["held_out"]:.0f}' for case in results if 'failed' not in case)
+    return f'held-out RMSE by case: {", ".join(errors)} MPa'
 
 
 def challenge_tables(results: list[Case]) -> str:
@@ -103,17 +150,20 @@ def is_unknown(case: Case) -> bool:
 
 def calibration_table(results: list[Case]) -> str:
     """Reliability, scores, every case; the figure."""
-    figure = '![Share of answers that are right against their probability, with 95 % intervals](../figures/reliability.png)'
+    figure = (
+        '![Share of answers that are right against their probability, with 95 % intervals](../../figures/reliability.png)'
+    )
     return '\n'.join(calibration_rows(results)) + '\n\n' + figure
 
 
 @dataclass(frozen=True)
 class Part:
-    """One section of the page: a script with its arguments, the file of its result, and the table made of it.
+    """One line of the page: a script with its arguments, and what is made of its result.
 
-    `minutes`: about how long the whole takes on two free cores. `share` of the whole is measured by default; of a script
-    that counts something else than cases, `whole` is the number of it. `resumable`: it continues a file of cases. `needs`:
-    what must be in the folder of shared data.
+    `subject`: the section of the page. `headline`: the result in a line; without it, what the table says outside of its
+    rows. `table`: the details, in a file of their own. `minutes`: about how long the whole takes on two free cores. `share`
+    of the whole is measured by default; of a script that counts something else than cases, `whole` is the number of it.
+    `resumable`: it continues a file of cases. `needs`: what must be in the folder of shared data.
     """
 
     name: str
@@ -121,6 +171,8 @@ class Part:
     minutes: float
     command: tuple[str, ...]
     text: str
+    subject: str
+    headline: Callable[[Any], str] | None = None
     table: Callable[[Any], str] = grids
     resumable: bool = False
     needs: str = ''
@@ -128,11 +180,17 @@ class Part:
     whole: int = 0
 
     @property
-    def file(self) -> str:
+    def result_file(self) -> str:
         """The name of the result's file."""
         if self.name == 'intervals':
             return 'intervals.json'
         return f'{self.name}.jsonl' if self.resumable else f'{self.name}.json'
+
+    def in_a_line(self, result: Any) -> str:
+        """What the page says of the result."""
+        if self.headline:
+            return self.headline(result)
+        return '; '.join(line for line in self.table(result).splitlines() if line and line[0] not in '|!')
 
     def share_at(self, scale: float) -> float:
         """The share of the whole that is measured at a scale, to three digits."""
@@ -167,95 +225,330 @@ def joined(lines_of: Callable[[list[Case]], Iterable[str]]) -> Callable[[list[Ca
 
 
 MODULE_DATA = tuple(f'{{shared}}/measured/module/{name}' for name in ('e91', 'e92', 'e93'))
+SOLVER, NODE, FITS = 'The solver', 'The node', 'Fits and experiments'
+DIAGNOSIS, MEASURED = 'Diagnosis of simulated robots', 'Data of other origin'
 PARTS = (
-    Part('reference', 'Agreement with an independent implementation', 1,
-         ('reference.py', '--folder', '{shared}/reference', '--json', '{file}'),
-         'Largest differences from trajectories of another implementation with other solvers.', needs='reference'),
-    Part('order', 'Order of the solver', 1, script('order'),
-         'Error of all states relative to their scales after 1 s of equal steps, when the step is halved; '
-         '`order` is the mean '
-         'slope. The stated orders are 4 for steps and 3 for the dense output, whose error within one step '
-         'falls with the fourth '
-         'power. The stiff MAS module shows the order reduction of every Rosenbrock method, below 1e-8.'),
-    Part('speed', 'Speed and error', 5, script('speed'),
-         '30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against '
-         '`solver.rtol` 1e-9. '
-         'Ratios are from alternating runs.'),
-    Part('flow', 'Flow and samples', 2, script('flow'),
-         'One evaluation of the flow without effects beside a straight transcription of the equations, and 100 s runs by '
-         'the number of samples: of all columns, or of the channels that a recording has.'),
-    Part('startup', 'Start-up', 2, script('startup'), 'Time to the end of a small run, with an empty cache and later.'),
-    Part('solvers', 'Other solvers', 6, script('solvers', '--runs', '{count}'),
-         'The same compiled right-hand side with equivalently scaled tolerances and a restart at every change '
-         'of the command '
-         'and at every jump. `failed`: given up after 1,000 restarts or 300,000 evaluations of the right-hand side; '
-         'multistep methods take a million and more in MAS runs. CVODE needs `scikit-sundae`.', share=0.2, whole=5),
-    Part('robustness', 'Robustness', 4, script('robustness', '--runs', '{count}'),
-         'Random steps and ramps of up to 30 W with parameters 15 % off, both models, at each tolerance.',
-         share=0.25, whole=1000),
-    Part('structures', 'Structures', 4, script('structures', '--runs', '{count}'),
-         'Median time of runs of 5 s at the defaults beside the module\'s, and random runs with parameters up to 25 % off.',
-         share=0.25, whole=1000),
-    Part('node', 'The node', 1, script('node'), 'Over DDS, integrating at 1 kHz and publishing at 100 Hz.'),
-    Part('stack', 'Modules in series', 4, script('stack', '--runs', '{count}'),
-         'Time of a 100 s run by the number of modules, and random stacks with parameters up to 25 % off.',
-         share=0.25, whole=1000),
-    Part('soak', 'The node for minutes', 21, script('soak', '--seconds', '{count}'),
-         'One module, then two, each recording its own bag.',
-         share=0.1, whole=600),
-    Part('flood', 'Two nodes under a flood of commands', 39, script('flood', '--seconds', '{count}'),
-         'Two modules that record: `left` follows a /clock that stands still for 5 of 30 s, `right` the '
-         'computer\'s clock and is paused as long; 1000 commands per second to each. `wrong_statuses`: those '
-         'on /diagnostics that do not say what was done.', share=0.035, whole=1800),
-    Part('intervals', 'Calibration and intervals', 25, script('intervals', '--seeds', '{count}'),
-         'Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; '
-         'MAS data and fit. '
-         '`coverage` is the share of 95 % intervals that hold the truth.', share=0.12, whole=60),
-    Part('challenges', 'Hidden effects', 25, cases('challenges', '--part', 'library', 'nothing', '--seeds', '481'),
-         '[Challenges](challenges.md) of a seed that no development used: one effect of the library, or none. '
-         'Detectable: the held-out error without the effect is above 1.3.', challenge_tables, True, share=0.1),
-    Part('beyond_one', 'Two effects, and effects outside the library', 29,
-         cases('challenges', '--part', 'pairs', 'outside', '--seeds', '481'),
-         'Two effects of the library, or one that it does not have, without the search for an equation.',
-         challenge_tables, True, share=0.1),
-    Part('diagnosis_time', 'Where the time of a diagnosis goes', 7, script('diagnosis_time'),
-         'Robots whose pose and forces were recorded in three runs of 100 s (or thirty), by what is hidden: nothing, '
-         'effects of the library, one in a wire only, and one that asks for an equation.'),
-    Part('calibration', 'Calibration of probabilities', 60,
-         (*cases('calibration'), '--figure', '{root}/docs/figures/reliability.png'),
-         'Robots that hide nothing, one effect from invisible to plain, two, laws in another form, laws of no list: how '
-         'often the most probable answer is right. Odds: of the robot\'s own laws against models that lack one of them.',
-         calibration_table, True, share=0.1),
-    Part('laplace', 'Odds by Laplace\'s method', 20, cases('laplace'),
-         'Log odds of a model with an effect against the one without, by the search and by nested sampling (needs '
-         '`dynesty`).', joined(laplace_rows), True, share=0.25),
-    Part('invariance', 'Invariance of the diagnosis', 7, cases('invariance'),
-         'The same data with runs in another order, under foreign names and units, with other seeds, and decimated. '
-         '`same`: same verdict and first effect.', joined(invariance_rows), True, share=0.1),
-    Part('module', 'Data of another program', 4, cases('invariance', '--cases', '--folder', *MODULE_DATA),
-         'Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity '
-         'across the beam '
-         '(e92), natural convection (e93).', joined(invariance_rows), True, 'measured/module', share=0.28),
-    Part('equations', 'Equations', 25, cases('equations', '--no-known-effects', '--seeds', '41'),
-         'Effects that the library does not have, pose recorded, without the search among known effects.',
-         joined(equation_rows), True, share=0.12),
-    Part('other_forms', 'Listed effects in other forms', 27,
-         cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
-         'Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
-         'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
-         joined(other_form_rows), True, share=0.1),
-    Part('recovery', 'Recovery against magnitude', 8, cases('recovery', '--seeds', '503'),
-         'Six effects of the library whose strength is scaled until the best fit without them leaves a given error over '
-         'noise (1: nothing). Another one named: beside the hidden effect, or in its place.',
-         joined(recovery_rows), True, share=0.15),
-    Part('latent', 'Latent inputs', 12, cases('latent', '--seeds', '311', '--channels', 'pose'),
-         'The port that is named, and the error over noise without and with it (`left`).', latent_table, True, share=0.12),
-    Part('designs', 'Designed experiments', 15, cases('designs'),
-         'Log evidence ratio for the true explanation that a designed sequence adds, beside two random ones.',
-         joined(design_rows), True, share=0.1),
-    Part('similarity', 'Effects that look alike', 3, script('similarity'),
-         'RMS change over noise of each effect, and the cosines with the most similar changes.'),
-    Part('wire', 'A real superelastic wire', 15, cases('nitinol', '{shared}/measured/nitinol_wire/csv'),
-         'Stress RMSE of a NiTi wire, each case with other loops held out; see [a real wire](../explanation/nitinol.md).',
-         joined(wire_rows), True, 'measured/nitinol_wire', share=0.17),
-)  # fmt: skip
+    Part(
+        'reference',
+        'Agreement with an independent implementation',
+        minutes=1,
+        command=('reference.py', '--folder', '{shared}/reference', '--json', '{file}'),
+        text='Largest differences from trajectories of another implementation with other solvers.',
+        subject=SOLVER,
+        headline=lambda r: f'alpha differs by at most {max(every(r, "alpha [deg]")):.1g} deg',
+        needs='reference',
+    ),
+    Part(
+        'order',
+        'Order of the solver',
+        minutes=1,
+        command=script('order'),
+        text='Error of all states relative to their scales after 1 s of equal steps, when the step is halved; `order` is '
+        'the mean slope. The stated orders are 4 for steps and 3 for the dense output, whose error within one step falls '
+        'with the fourth power. The stiff MAS module shows the order reduction of every Rosenbrock method, below 1e-8.',
+        subject=SOLVER,
+        headline=lambda r: f'steps: {span(v["order"] for k, v in r["steps"].items() if "stiff" not in k)} (stated: 4)',
+    ),
+    Part(
+        'speed',
+        'Speed and error',
+        minutes=5,
+        command=script('speed'),
+        text='30 random commands of 100 s with 10 steps of up to 15 W, 501 samples each. The error is against '
+        '`solver.rtol` 1e-9. Ratios are from alternating runs.',
+        subject=SOLVER,
+        headline=lambda r: '; '.join(
+            f'{name}: {cell(row["median_ms"])} ms, error of alpha at most {row["largest_alpha_error_deg"]:.1g} deg'
+            for name, row in r['100 s runs'].items()
+        ),
+    ),
+    Part(
+        'flow',
+        'Flow and samples',
+        minutes=2,
+        command=script('flow'),
+        text='One evaluation of the flow without effects beside a straight transcription of the equations, and 100 s runs '
+        'by the number of samples: of all columns, or of the channels that a recording has.',
+        subject=SOLVER,
+        headline=lambda r: f'{span(every(r, "ratio"))} times a straight transcription of the equations',
+    ),
+    Part(
+        'startup',
+        'Start-up',
+        minutes=2,
+        command=script('startup'),
+        text='Time to the end of a small run, with an empty cache and later.',
+        subject=SOLVER,
+        headline=lambda r: f'first {span(every(r, "first_s"), " s")}, later {span(every(r, "later_s"), " s")}',
+    ),
+    Part(
+        'solvers',
+        'Other solvers',
+        minutes=6,
+        command=script('solvers', '--runs', '{count}'),
+        text='The same compiled right-hand side with equivalently scaled tolerances and a restart at every change of the '
+        'command and at every jump. `failed`: given up after 1,000 restarts or 300,000 evaluations of the right-hand side; '
+        'multistep methods take a million and more in MAS runs. CVODE needs `scikit-sundae`.',
+        subject=SOLVER,
+        headline=lambda r: f'{span(t for t in every(r, "time_over_sma_sim") if t > 1.0)} times as long, where they finish',
+        share=0.2,
+        whole=5,
+    ),
+    Part(
+        'robustness',
+        'Robustness',
+        minutes=4,
+        command=script('robustness', '--runs', '{count}'),
+        text='Random steps and ramps of up to 30 W with parameters 15 % off, both kinetics, at each tolerance.',
+        subject=SOLVER,
+        headline=lambda r: f'{sum(every(r, "failed"))} of {sum(every(r, "runs"))} runs failed',
+        share=0.25,
+        whole=1000,
+    ),
+    Part(
+        'structures',
+        'Structures',
+        minutes=4,
+        command=script('structures', '--runs', '{count}'),
+        text="Median time of runs of 5 s at the defaults beside the module's, random runs with parameters up to 25 % off.",
+        subject=SOLVER,
+        headline=lambda r: (
+            f'{sum(every(r, "failures"))} failures; {span(every(r, "times_the_module"))} times as long as the module'
+        ),
+        share=0.25,
+        whole=1000,
+    ),
+    Part(
+        'stack',
+        'Modules in series',
+        minutes=4,
+        command=script('stack', '--runs', '{count}'),
+        text='Time of a 100 s run by the number of modules, and random stacks with parameters up to 25 % off.',
+        subject=SOLVER,
+        headline=lambda r: (
+            f'{span(every(r, "milliseconds"), " ms")} with one to ten modules; {sum(every(r, "failures"))} failures'
+        ),
+        share=0.25,
+        whole=1000,
+    ),
+    Part(
+        'node',
+        'Rate and load',
+        minutes=1,
+        command=script('node'),
+        text='Over DDS, integrating at 1 kHz and publishing at 100 Hz.',
+        subject=NODE,
+        headline=lambda r: (
+            f'{r["node"]["messages_per_s"]:.0f} messages per second, {r["node"]["lost_samples"]} lost, '
+            f'{100.0 * r["node"]["share_of_a_core"]:.0f} % of a core'
+        ),
+    ),
+    Part(
+        'soak',
+        'The node for minutes',
+        minutes=21,
+        command=script('soak', '--seconds', '{count}'),
+        text='One module, then two, each recording its own bag.',
+        subject=NODE,
+        headline=lambda r: (
+            f'{sum(every(r, "samples_lost"))} of {sum(every(r, "samples"))} samples lost, '
+            f'memory grows by {span(every(r, "memory_growth_MB"), " MB")}'
+        ),
+        share=0.1,
+        whole=600,
+    ),
+    Part(
+        'flood',
+        'Two nodes under a flood of commands',
+        minutes=39,
+        command=script('flood', '--seconds', '{count}'),
+        text="Two modules that record: `left` follows a /clock that stands still for 5 of 30 s, `right` the computer's "
+        'clock and is paused as long; 1000 commands per second to each. `wrong_statuses`: those on /diagnostics that do '
+        'not say what was done.',
+        subject=NODE,
+        headline=lambda r: (
+            f'{sum(every(r, "wrong_statuses"))} of {sum(every(r, "statuses"))} statuses wrong; '
+            f'{span(every(r, "stamps_within_2_ms_percent"), " %")} of the stamps within 2 ms'
+        ),
+        share=0.035,
+        whole=1800,
+    ),
+    Part(
+        'intervals',
+        'Confidence intervals',
+        minutes=25,
+        command=script('intervals', '--seeds', '{count}'),
+        text='Parameters 5 to 15 % off, three runs of 100 s at 50 Hz with forces and noise, another one held out; MAS data '
+        'and fit. `coverage` is the share of 95 % intervals that hold the truth.',
+        subject=FITS,
+        headline=lambda r: f'95 % intervals that hold the truth: {r["pooled coverage"]}',
+        share=0.12,
+        whole=60,
+    ),
+    Part(
+        'designs',
+        'Designed experiments',
+        minutes=15,
+        command=cases('designs'),
+        text='Log evidence ratio for the true explanation that a designed sequence adds, beside two random ones.',
+        subject=FITS,
+        table=joined(design_rows),
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'similarity',
+        'Effects that look alike',
+        minutes=3,
+        command=script('similarity'),
+        text="RMS change of each effect in units of the sensors' noise, and the cosines with the most similar changes.",
+        subject=FITS,
+        headline=lambda r: f'{sum(size < 1.0 for size in every(r, "size"))} of {len(every(r, "size"))} below the noise',
+        table=likeness,
+    ),
+    Part(
+        'challenges',
+        'One hidden effect, or none',
+        minutes=25,
+        command=cases('challenges', '--part', 'library', 'nothing', '--seeds', '481'),
+        text='[Challenges](../challenges.md) of a seed that no development used: one effect of the library, or none. '
+        'Detectable: the held-out error without the effect is above 1.3.',
+        subject=DIAGNOSIS,
+        headline=counted,
+        table=challenge_tables,
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'beyond_one',
+        'Two effects, and effects outside the library',
+        minutes=29,
+        command=cases('challenges', '--part', 'pairs', 'outside', '--seeds', '481'),
+        text='Two effects of the library, or one that it does not have, without the search for an equation.',
+        subject=DIAGNOSIS,
+        headline=counted,
+        table=challenge_tables,
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'other_forms',
+        'Listed effects in other forms',
+        minutes=27,
+        command=cases('other_forms', '--seeds', '581', '--channels', 'pose', 'forces'),
+        text='Effects that the library lists, acting in another form: in one coordinate, in one wire, through air that both '
+        'wires share, with another exponent. `right`: name and scope, or exactly the true equation.',
+        subject=DIAGNOSIS,
+        table=joined(other_form_rows),
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'recovery',
+        'Recovery against magnitude',
+        minutes=8,
+        command=cases('recovery', '--seeds', '503'),
+        text='Six effects of the library whose strength is scaled until the best fit without them leaves a given normalized '
+        'RMSE (1: nothing is missing). Another one named: beside the hidden effect, or in its place.',
+        subject=DIAGNOSIS,
+        headline=found_again,
+        table=joined(recovery_rows),
+        resumable=True,
+        share=0.15,
+    ),
+    Part(
+        'calibration',
+        'Calibration of probabilities',
+        minutes=60,
+        command=(*cases('calibration'), '--figure', '{root}/docs/figures/reliability.png'),
+        text='Robots that hide nothing, one effect from invisible to plain, two, laws in another form, laws of no list: how '
+        "often the most probable answer is right. Odds: of the robot's own laws against models that lack one of them.",
+        subject=DIAGNOSIS,
+        table=calibration_table,
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'laplace',
+        "Odds by Laplace's method",
+        minutes=20,
+        command=cases('laplace'),
+        text='Log odds of a model with an effect against the one without, by the search and by nested sampling (needs '
+        '`dynesty`).',
+        subject=DIAGNOSIS,
+        table=joined(laplace_rows),
+        resumable=True,
+        share=0.25,
+    ),
+    Part(
+        'invariance',
+        'Invariance of the diagnosis',
+        minutes=7,
+        command=cases('invariance'),
+        text='The same data with runs in another order, under foreign names and units, with other seeds, and decimated. '
+        '`same`: same verdict and first effect.',
+        subject=DIAGNOSIS,
+        table=joined(invariance_rows),
+        resumable=True,
+        share=0.1,
+    ),
+    Part(
+        'equations',
+        'Equations',
+        minutes=25,
+        command=cases('equations', '--no-known-effects', '--seeds', '41'),
+        text='Effects that the library does not have, pose recorded, without the search among known effects.',
+        subject=DIAGNOSIS,
+        table=joined(equation_rows),
+        resumable=True,
+        share=0.12,
+    ),
+    Part(
+        'latent',
+        'Latent inputs',
+        minutes=12,
+        command=cases('latent', '--seeds', '311', '--channels', 'pose'),
+        text='The port that is named, and the normalized RMSE without and with it (`left`).',
+        subject=DIAGNOSIS,
+        table=latent_table,
+        resumable=True,
+        share=0.12,
+    ),
+    Part(
+        'diagnosis_time',
+        'Where the time of a diagnosis goes',
+        minutes=7,
+        command=script('diagnosis_time'),
+        text='Robots whose pose and forces were recorded in three runs of 100 s (or thirty), by what is hidden: nothing, '
+        'effects of the library, one in a wire only, and one that asks for an equation.',
+        subject=DIAGNOSIS,
+        headline=lambda r: '; '.join(f'{name}: {seconds:.0f} s' for name, seconds in r['wall [s]']['all'].items()),
+    ),
+    Part(
+        'module',
+        'Data of another program',
+        minutes=4,
+        command=cases('invariance', '--cases', '--folder', *MODULE_DATA),
+        text='Made by an independent simulation with MAS kinetics and sensor noise: nothing missing (e91), gravity across '
+        'the beam (e92), natural convection (e93).',
+        subject=MEASURED,
+        table=joined(invariance_rows),
+        resumable=True,
+        needs='measured/module',
+        share=0.28,
+    ),
+    Part(
+        'wire',
+        'A real superelastic wire',
+        minutes=15,
+        command=cases('nitinol', '{shared}/measured/nitinol_wire/csv'),
+        text='Stress RMSE of a NiTi wire, each case with other loops held out; see '
+        '[a real wire](../../explanation/nitinol.md).',
+        subject=MEASURED,
+        headline=held_out_stress,
+        table=joined(wire_rows),
+        resumable=True,
+        needs='measured/nitinol_wire',
+        share=0.17,
+    ),
+)
