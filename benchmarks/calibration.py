@@ -217,7 +217,7 @@ def evidence_with(
     fit, chosen = nominal, list(laws)
     for active in (one for law in chosen for one in law):
         values = {p.name: value for p, value in zip(active.found.effect.parameters, active.values, strict=True)}
-        problem, z = with_candidate(fit, ScreeningResult(Candidate(active.found, ()), 0.0, values, 1.0))
+        problem, z = with_candidate(fit, ScreeningResult(Candidate(active.found, ()), 0.0, values))
         fit = FitResult(problem, z, math.inf)
     starts = (fit.z, at_values(fit.problem, fit.z, robot.parameters))
     found = [one for z in starts if (one := refit(fit.problem, z, context, ADDED_EFFECT)) is not None]

@@ -150,7 +150,9 @@ def nested(
         if any(one is None for one in residuals):
             return IMPOSSIBLE
         squares = sum(float(np.vdot(one, one)) for one in residuals)
-        log_prior = -0.5 * float(at @ at) + realism(replace(fit, z=at)) - 0.5 * len(at) * math.log(2.0 * math.pi)
+        width, cost = realism(problem, at)
+        density = float(np.log(width).sum()) + 0.5 * len(at) * math.log(2.0 * math.pi)
+        log_prior = -0.5 * float(at @ at) - cost - density
         log_q = float(student.logpdf(np.linalg.solve(spread, at - z), DEGREES).sum()) - log_volume
         return -0.5 * squares / k**2 + log_prior - log_q
 

@@ -113,12 +113,12 @@ def test_a_sketch_ends_near_the_refit_for_a_part_of_its_runs(with_gravity, monke
 def test_a_second_look_begins_some_way_from_nothing():
     by_name = {one.name: one for one in candidates_for(config())}
     step = by_name['thermal_crosstalk'].families[0][0]
-    faint = ScreeningResult(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6}, 1.0)
+    faint = ScreeningResult(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6})
     for screened in (None, faint):
         assert at_finite_step(faint.candidate, screened).values == {step.parameter: step.step}
     down = {'g_y': -30.0, 'g_x': -1e-3}
-    started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down, 0.5))
-    assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and (started.gain, started.family_p) == (5.0, 0.5)
+    started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down))
+    assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and started.gain == 5.0
 
 
 def cannot_be_made(run):

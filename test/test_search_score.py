@@ -240,7 +240,7 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     def density(at):
         z = np.zeros(len(problem.unknowns))
         z[number] = at
-        widths, cost = realism(FitResult(problem, z, 0.0))
+        widths, cost = realism(problem, z)
         return exp(norm.logpdf(at) - cost) / widths[number]
 
     width = high - low
@@ -252,8 +252,8 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     assert quad(density, low, high)[0] + tails == pytest.approx(1.0, abs=0.01)
     z = np.zeros(len(problem.unknowns))
     z[1 - number] = 3.0  # of the nominal model: not an effect
-    assert realism(FitResult(problem, z, 0.0))[1] == pytest.approx(realism(FitResult(problem, 0.0 * z, 0.0))[1])
-    assert realism(FitResult(problem, z, 0.0))[0][1 - number] == 1.0
+    assert realism(problem, z)[1] == pytest.approx(realism(problem, 0.0 * z)[1])
+    assert realism(problem, z)[0][1 - number] == 1.0
 
 
 CATALOGUE = Catalogue(candidates_for(config()), ())
@@ -263,7 +263,7 @@ BY_NAME = {candidate.name: candidate for candidate in CATALOGUE.effects}
 def component(name):
     """An effect, or a difference between recordings."""
     if name in BY_NAME:
-        return CATALOGUE.component(ScreeningResult(BY_NAME[name], 1.0, {}, 1.0))
+        return CATALOGUE.component(ScreeningResult(BY_NAME[name], 1.0, {}))
     return Component(name, -SPARSITY, RecordingDifference(name, channel='U_y', std=1e-5))
 
 

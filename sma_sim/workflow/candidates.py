@@ -4,7 +4,9 @@ An effect is switched on with the values that explain most while all other param
 realistic of it, or the bounds where nothing is said of that, and with its priors. What would be left once the others were
 fitted again is said to first order. The trace is what an effect adds to the model at these values, without what the fitted
 parameters could do as well (`sma_sim.evidence.model_selection.score_tests`): a residual (measured - model) of the same shape
-asks for the effect, or for one that is alike. It says little of a model that is not calibrated.
+asks for the effect, or for one that is alike. It says little of a model that is not calibrated. How probable an effect is,
+among the models with one of these effects or none, is what the score of a diagnosis says to first order
+(`sma_sim.evidence.search.score`).
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset, in_order
+from sma_sim.evidence.diagnosis.probability_words import probability_words
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
 from sma_sim.evidence.estimation.cross_validation import own_unknowns
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -34,6 +37,8 @@ from sma_sim.evidence.model_selection.candidates import candidates_for, with_eff
 from sma_sim.evidence.model_selection.score_tests import Projection, ScreeningResult, screen
 from sma_sim.evidence.residual_analysis.compare import run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import channel_scores, total_error
+from sma_sim.evidence.search.components import Catalogue, Component
+from sma_sim.evidence.search.score import Evidence, evidence_at, probabilities
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import Parameter
@@ -66,8 +71,9 @@ class CandidateEffect:
     """One effect, switched on at `parameters`.
 
     `errors` by channel and `error`: over noise, all other parameters as they are. `expected_error`: with these fitted again,
-    to first order. `family_p`: how often, by chance, the best of all effects explains as much. `traces`: by run, an
-    array (channels, k) over noise, in the order of the run's channels and at its thinned times.
+    to first order. `evidence`: of the model with it. `traces`: by run, an array (channels, k) over noise, in the order of
+    the run's channels and at its thinned times. `probability`: among all effects that were tried and none; None until
+    these are known.
     """
 
     name: str
@@ -75,8 +81,9 @@ class CandidateEffect:
     errors: Mapping[str, float]
     error: float
     expected_error: float
-    family_p: float
+    evidence: Evidence
     traces: Mapping[str, Vector]
+    probability: float | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -84,22 +91,25 @@ class CandidateEffect:
         return {name: parameter.value for name, parameter in self.parameters.items()}
 
     def as_data(self) -> dict[str, Any]:
-        """All but the traces, for JSON."""
-        shown = {name: value for name, value in vars(self).items() if name != 'traces'}
-        return shown | {'values': self.values, 'parameters': {name: vars(one) for name, one in self.parameters.items()}}
+        """All but the traces and what the score is made of, for JSON."""
+        shown = {name: value for name, value in vars(self).items() if name not in ('traces', 'evidence')}
+        said = '' if self.probability is None else probability_words(self.probability)
+        parameters = {name: vars(one) for name, one in self.parameters.items()}
+        return shown | {'values': self.values, 'parameters': parameters, 'probability_words': said}
 
 
 @dataclass(frozen=True)
 class CandidateEffects:
     """The effects by what they would leave, the least first; `errors` and `error` over noise without any of them.
 
-    `expected_error`: without any, the parameters fitted again, to first order. `times` and `channels` by run: those of
-    the traces.
+    `expected_error`: without any, the parameters fitted again, to first order. `none`: the probability that it is none of
+    them. `times` and `channels` by run: those of the traces.
     """
 
     errors: Mapping[str, float]
     error: float
     expected_error: float
+    none: float
     effects: tuple[CandidateEffect, ...]
     times: Mapping[str, Vector]
     channels: Mapping[str, tuple[str, ...]]
@@ -108,6 +118,7 @@ class CandidateEffects:
         """All but the traces, for JSON."""
         effects = [effect.as_data() for effect in self.effects]
         without = {'errors': dict(self.errors), 'error': self.error, 'expected_error': self.expected_error}
+        without |= {'probability': self.none, 'probability_words': probability_words(self.none)}
         return without | {'effects': effects}
 
 
@@ -132,13 +143,25 @@ class LinearModel:
         """Takes from a response what the unknowns can absorb."""
         return Projection(self.linear, len(self.z), self.problem.tempering)
 
-    def expected_error(self) -> float:
-        """Error over noise with all unknowns at their optimum within the bounds, to first order."""
+    @cached_property
+    def expected(self) -> LinearModel:
+        """With all unknowns at their optimum within the bounds, to first order."""
         low, high = self.problem.limits()
-        cost, gradient, hessian = quadratic_model(self.problem, self.linear, self.z)
+        _, gradient, hessian = quadratic_model(self.problem, self.linear, self.z)
         step = bounded_step(gradient, hessian, 0.0, low - self.z, high - self.z)
-        best, at = cost + float(gradient @ step + 0.5 * step @ hessian @ step), self.z + step
-        return FitResult(self.problem, at, best).error
+        linear = (
+            replace(run, residuals=run.residuals + np.tensordot(step[run.indices], run.jacobian, 1)) for run in self.linear
+        )
+        return LinearModel(self.problem, self.z + step, tuple(linear))
+
+    def expected_error(self) -> float:
+        """Error over noise there."""
+        there = self.expected
+        return FitResult(there.problem, there.z, quadratic_model(there.problem, there.linear, there.z)[0]).error
+
+    def evidence(self, log_prior: float) -> Evidence:
+        """The evidence there."""
+        return evidence_at(self.problem, self.expected.z, self.expected.linear, log_prior)
 
     def standard_errors(self) -> Vector:
         """Standard deviations of the unknowns (n,), widened by the error that is left."""
@@ -161,23 +184,26 @@ def candidate_effects(
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     found = calibrate(fitted, config, options, executor, silent_iteration)
     base = model_at(fitted, config, found, executor)
-    candidates = [candidate for candidate in candidates_for(config, folders) if names is None or candidate.name in names]
+    catalogue = Catalogue(candidates_for(config, folders), ())
+    candidates = [candidate for candidate in catalogue.effects if names is None or candidate.name in names]
     on_progress(f'screening {len(candidates)} effects')
     screened = screen(base.problem, base.z, candidates, executor)
-    effects = []
+    effects = list[CandidateEffect]()
     for done, result in enumerate(screened, 1):
         if stop is not None and stop.is_set():
             break
         on_progress(f'switching {result.candidate.name} on ({done} of {len(screened)})')
         try:
-            effect = switched_on(fitted, base, result, rtol, executor)
+            effect = switched_on(fitted, base, catalogue.component(result), rtol, executor)
         except (UserError, SimulationError):
             continue  # the model cannot be run with it
         on_candidate(effect.as_data() | {'done': done, 'total': len(screened)})
         effects.append(effect)
     runs = base.problem.runs
+    none, *weights = probabilities([base.evidence(0.0), *(effect.evidence for effect in effects)])
+    effects = [replace(effect, probability=weight) for effect, weight in zip(effects, weights, strict=True)]
     return CandidateEffects(
-        *errors_at(fitted, base, rtol, executor), base.expected_error(),
+        *errors_at(fitted, base, rtol, executor), base.expected_error(), none,
         tuple(sorted(effects, key=lambda effect: effect.expected_error)),
         {run.name: np.asarray(run.time) for run in runs}, {run.name: tuple(run.channels) for run in runs},
     )  # fmt: skip
@@ -210,10 +236,11 @@ def model_at(fitted: Dataset, config: Config, found: Calibration, executor: Exec
 
 
 def switched_on(
-    fitted: Dataset, base: LinearModel, result: ScreeningResult, rtol: float, executor: Executor
+    fitted: Dataset, base: LinearModel, component: Component, rtol: float, executor: Executor
 ) -> CandidateEffect:
     """One effect where it explains most. Raises UserError or SimulationError where the model cannot be run with it."""
-    alone = fitted_alone(base.with_fixed_parameters, result, executor)
+    assert isinstance(component.start, ScreeningResult)
+    alone = fitted_alone(base.with_fixed_parameters, component.start, executor)
     both, own = joined(base, alone), alone.problem.free
     parameters = {}
     for free, z, std in zip(own, alone.z, both.standard_errors()[len(base.problem.free) :], strict=False):
@@ -224,8 +251,8 @@ def switched_on(
             determined=low > free.low or high < free.high,
         )  # fmt: skip
     errors, error = errors_at(fitted, alone, rtol, executor)
-    name, family_p = result.candidate.name, result.family_p
-    return CandidateEffect(name, parameters, errors, error, both.expected_error(), family_p, traces(base, alone))
+    evidence = both.evidence(component.log_prior)
+    return CandidateEffect(component.name, parameters, errors, error, both.expected_error(), evidence, traces(base, alone))
 
 
 def fitted_alone(base: LinearModel, result: ScreeningResult, executor: Executor) -> LinearModel:

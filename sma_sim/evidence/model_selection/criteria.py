@@ -25,13 +25,6 @@ class SelectionCriteria:
     most_instants: int = 2000
     tried_instants: int = 3
     """Times at which residuals may change, and at how many of them an effect with an instant is probed."""
-    bootstrap_draws: int = 999
-    """Wild-bootstrap draws: with the measurement itself 1000, so that p-values are multiples of 0.001."""
-    min_blocks: int = 8
-    max_blocks: int = 40
-    """Blocks of a run whose signs are flipped: enough to draw from, and long beside the correlation of the residuals."""
-    block_correlations: float = 4.0
-    """Length of a block in correlation times of the residuals: beyond it they count as independent."""
     min_unabsorbed: float = 1e-6
     """Fraction of a response left by what the fit can absorb, below which it is rounding error: the data cannot see it."""
 

@@ -46,5 +46,4 @@ def at_finite_step(candidate: Candidate, screened: ScreeningResult | None) -> Sc
         away = values.get(probe.parameter, probe.neutral) - probe.neutral
         if away == 0.0 or (away * probe.step > 0.0 and abs(away) < abs(probe.step)):
             values[probe.parameter] = probe.neutral + probe.step
-    family_p = screened.family_p if screened else 1.0
-    return ScreeningResult(candidate, screened.gain if screened else 0.0, values, family_p)
+    return ScreeningResult(candidate, screened.gain if screened else 0.0, values)

@@ -2,24 +2,21 @@
 
 With residuals r, derivatives J of everything that is fitted and the response s to a probe of a candidate (all over noise),
 s' = s - J^T (J J^T + 1)^-1 J s is the part of s that no fitted unknown can absorb. To first order the sum of squares
-decreases by the largest of -2 a s'r - a^2 s's' over a >= 0. What residuals as correlated as these would give by chance is
-found by flipping the signs of whole blocks of r (wild bootstrap over blocks; Cameron, Gelbach and Miller 2008).
+decreases by the largest of -2 a s'r - a^2 s's' over a >= 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
-from sma_sim.evidence.estimation.uncertainty import correlation_times
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
@@ -29,65 +26,46 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """What a candidate could explain: `gain` (decrease of the sum of squares) at `values` of its parameters.
-
-    `family_p`: how often, by chance, the best of all candidates gains as much.
-    """
+    """What a candidate could explain: `gain` (decrease of the sum of squares) at `values` of its parameters."""
 
     candidate: Candidate
     gain: float
     values: Mapping[str, float]
-    family_p: float
 
 
 @dataclass(frozen=True)
 class ProjectedResponse:
-    """The response to a probe that no fitted unknown can absorb, and its scores.
-
-    `response` (N,) over all runs; `block_scores` (blocks,): its inner product with the residuals, by blocks of time.
-    """
+    """The response (N,) to a probe, over all runs, that no fitted unknown can absorb."""
 
     probe: Probe
     response: Vector
-    block_scores: NDArray[Any]
 
 
-def screen(
-    problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor, seed: int = 0
-) -> tuple[ScreeningResult, ...]:
+def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor) -> tuple[ScreeningResult, ...]:
     """The candidates by gain, the largest first; those that the channels cannot see are left out."""
     linear = linearize(problem, z, pool)
     residuals = np.concatenate([run.residuals.ravel() for run in linear])
-    blocks = block_numbers(problem, linear)
     if any(instants_of(candidate.found) for candidate in candidates):
         instants = change_points(problem, linear)
         candidates = [at_instants(candidate, instants) for candidate in candidates]
     responses = probe_all(problem, z, candidates, linear, pool)
     project = Projection(linear, len(z), problem.tempering)
-    random = np.random.default_rng(seed)
-    signs = random.choice([-1.0, 1.0], size=(CRITERIA.bootstrap_draws, int(blocks.max()) + 1))
-    largest_by_chance = np.zeros(len(signs))
     found = []
     for candidate in candidates:
         best: tuple[float, Mapping[str, float]] = (0.0, {})
         for family in candidate.families:
             projected = [
-                projected_response(probe, response, project, residuals, blocks)
+                projected_response(probe, response, project)
                 for probe in family if (response := responses.get(id(probe))) is not None
             ]  # fmt: skip
             visible = [response for response in projected if response is not None]
             if visible:
-                gain, amounts, by_chance = explained(visible, signs)
-                largest_by_chance = np.maximum(largest_by_chance, by_chance)
+                gain, amounts = explained(visible, residuals)
                 if gain > best[0]:
                     best = gain, values_at(visible, amounts)
         if best[0] > 0.0:
-            found.append(ScreeningResult(candidate, best[0], best[1], 1.0))
-    found.sort(key=lambda result: -result.gain)
-    draws = len(signs)
-    return tuple(
-        replace(result, family_p=(1 + int(np.sum(largest_by_chance >= result.gain))) / (draws + 1)) for result in found
-    )
+            found.append(ScreeningResult(candidate, best[0], best[1]))
+    return tuple(sorted(found, key=lambda result: -result.gain))
 
 
 def change_points(problem: Problem, linear: Sequence[LinearizedRun]) -> list[float]:
@@ -166,44 +144,29 @@ class Projection:
         return np.concatenate(rest)
 
 
-def block_numbers(problem: Problem, linear: Sequence[LinearizedRun]) -> NDArray[np.int64]:
-    """The block of time, over all runs, to which each entry of the residuals belongs, (N,)."""
-    longest = max(correlation_times(problem, linear).values())
-    numbers, first = [], 0
-    for run in linear:
-        channels, k = run.residuals.shape
-        count = int(np.clip(k / (CRITERIA.block_correlations * longest), CRITERIA.min_blocks, CRITERIA.max_blocks))
-        numbers.append(np.tile(first + np.arange(k) * count // k, channels))
-        first += count
-    return np.concatenate(numbers)
-
-
-def projected_response(
-    probe: Probe, response: Vector, project: Projection, residuals: Vector, blocks: NDArray[np.int64]
-) -> ProjectedResponse | None:
+def projected_response(probe: Probe, response: Vector, project: Projection) -> ProjectedResponse | None:
     """What is left of a response; None where the channels do not see it, or all of it can be absorbed."""
     rest = project(response)
     size = float(response @ response)
     if size == 0.0 or float(rest @ rest) < CRITERIA.min_unabsorbed * size:
         return None
-    return ProjectedResponse(probe, rest, np.bincount(blocks, weights=rest * residuals))
+    return ProjectedResponse(probe, rest)
 
 
-def explained(responses: Sequence[ProjectedResponse], signs: Matrix) -> tuple[float, Vector, Vector]:
-    """Gain and amounts (>= 0) of the responses together, and the gains (draws,) under flipped signs."""
-    gram = np.array([[first.response @ second.response for second in responses] for first in responses])
-    scale = 1.0 / np.sqrt(np.diag(gram))
-    gram = gram * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    blocks = scale[:, None] * np.array([response.block_scores for response in responses])
-    targets = -np.vstack([blocks.sum(axis=1), signs @ blocks.T])
-    gains, amounts = np.zeros(len(targets)), np.zeros(targets.shape)
+def explained(responses: Sequence[ProjectedResponse], residuals: Vector) -> tuple[float, Vector]:
+    """The gain of the responses together, and their amounts (>= 0)."""
+    columns = np.array([one.response for one in responses])
+    scale = 1.0 / np.linalg.norm(columns, axis=1)
+    columns = columns * scale[:, None]
+    gram, targets = columns @ columns.T + 1e-9 * np.eye(len(scale)), -columns @ residuals
+    gain, amounts = 0.0, np.zeros(len(scale))
     for active in one_side_each([response.probe.parameter for response in responses]):
-        found = np.linalg.solve(gram[np.ix_(active, active)], targets[:, active].T).T
-        gained = np.where((found > 0.0).all(axis=1), np.sum(found * targets[:, active], axis=1), 0.0)
-        better = gained > gains
-        gains[better], amounts[better] = gained[better], 0.0
-        amounts[np.ix_(better, active)] = found[better]
-    return float(gains[0]), scale * amounts[0], gains[1:]
+        found = np.linalg.solve(gram[np.ix_(active, active)], targets[active])
+        gained = float(found @ targets[active])
+        if (found > 0.0).all() and gained > gain:
+            gain, amounts = gained, np.zeros(len(scale))
+            amounts[active] = found
+    return gain, scale * amounts
 
 
 def one_side_each(parameters: Sequence[str]) -> Iterator[NDArray[np.int64]]:

@@ -143,6 +143,6 @@ def as_effect(model: Model, context: SearchContext) -> FitResult:
             problem, z = without_effect(fit, component.effect)
             fit = FitResult(problem, z, fit.cost)
     start = {p.name: p.default for p in formula.parameters}
-    problem, z = with_candidate(fit, ScreeningResult(Candidate(formula.load(), ()), 0.0, start, 1.0))
+    problem, z = with_candidate(fit, ScreeningResult(Candidate(formula.load(), ()), 0.0, start))
     found = refit(problem, z, context)
     return found if found is not None else FitResult(problem, z, model.fit.cost)

@@ -38,7 +38,7 @@ def listed(base: FitResult, catalogue: Catalogue, taken: Collection[str], contex
     cannot be linearised."""
     candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
     try:
-        screened = screen(base.problem, base.z, candidates, context.pool, context.seed)
+        screened = screen(base.problem, base.z, candidates, context.pool)
     except SimulationError:
         return []
     return promising(

@@ -105,34 +105,45 @@ class Evidence:
 
 def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evidence:
     """The evidence of a fit, from one linearisation where it has ended. Raises SimulationError."""
-    problem, z = fit.problem, fit.z
-    linear = linearize(problem, z, context.pool)
+    return evidence_at(fit.problem, fit.z, linearize(fit.problem, fit.z, context.pool), log_prior)
+
+
+def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], log_prior: float) -> Evidence:
+    """The evidence of a model from its linearisation at z."""
     parts = tuple(normal_equations(run, problem.robust) for run in linear)
     slope = problem.tempering**2 * z
     for part in parts:
         slope[part.indices] += part.gradient
-    width, cost = realism(fit)
+    width, cost = realism(problem, z)
     return Evidence(
         z, off_bounds(problem, z, slope), width, parts, profiled_information(problem), log_prior - cost,
         overdispersion_of(problem, linear), unlisted_evidence(linear),
     )  # fmt: skip
 
 
-def realism(fit: FitResult) -> tuple[Vector, float]:
+def probabilities(evidences: Sequence[Evidence]) -> list[float]:
+    """Of several models of the same recordings, under the overdispersion of the one that leaves least."""
+    k = min(evidence.overdispersion for evidence in evidences)
+    scores = np.array([evidence.score(k) for evidence in evidences])
+    weights = np.exp(scores - scores.max())
+    return list((weights / weights.sum()).tolist())
+
+
+def realism(problem: Problem, z: Vector) -> tuple[Vector, float]:
     """The prior of the values of effects, in place of the normal one of a fit: even within what literature calls realistic,
     with heavy tails, so that values beyond cost nats and are not forbidden. As widths in z (n,), and that cost.
 
     With W the width of the range in z, d the distance beyond it and w = TAIL W the density is (1 + d/w)^-2/(W (1 + 2 TAIL)):
     in the range as dense as a normal one in its middle, of standard deviation W (1 + 2 TAIL)/sqrt(2 pi).
     """
-    declared, width, cost = declared_parameters(fit.problem.config), np.ones(len(fit.z)), 0.0
-    for j, (free, z) in enumerate(zip(fit.problem.free, fit.z.tolist(), strict=False)):
+    declared, width, cost = declared_parameters(problem.config), np.ones(len(z)), 0.0
+    for j, (free, at) in enumerate(zip(problem.free, z.tolist(), strict=False)):
         between = realistic_range(declared[free.name])
         if between is None or not free.name.startswith('effects.'):
             continue
         low, high = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
         width[j] = (high - low) * (1.0 + 2.0 * TAIL) / sqrt(2.0 * pi)
-        cost += 2.0 * log1p(max(low - z, z - high, 0.0) / (TAIL * (high - low))) - 0.5 * z**2
+        cost += 2.0 * log1p(max(low - at, at - high, 0.0) / (TAIL * (high - low))) - 0.5 * at**2
     return width, cost
 
 

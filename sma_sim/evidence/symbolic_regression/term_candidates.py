@@ -26,7 +26,7 @@ def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningRe
     effect = universal.found.effect
     parameters = tuple(declared.get(p.name, replace(p, default=values.get(p.name, p.default))) for p in effect.parameters)
     found = replace(universal.found, effect=replace(effect, parameters=parameters), plain=universal.found)
-    return ScreeningResult(Candidate(found, ()), fit.error_reduction, {name: values[name] for name in declared}, 1.0)
+    return ScreeningResult(Candidate(found, ()), fit.error_reduction, {name: values[name] for name in declared})
 
 
 def as_fitted(fit: TermFit, effect: str, fitted: FitResult) -> TermFit:

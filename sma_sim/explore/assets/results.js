@@ -146,9 +146,9 @@ const SHOWN = {
   },
   candidates({ result }, actions) {
     const channels = Object.keys(result.errors);
-    const none = ['none', '', errorCell(result.error), errorCell(result.expected_error), '', '', ...channels.map((name) => errorCell(result.errors[name]))];
+    const none = ['none', '', errorCell(result.error), errorCell(result.expected_error), '', result.probability_words, ...channels.map((name) => errorCell(result.errors[name]))];
     return [candidateTable(result.effects, [none], actions),
-      note('Values: where the effect explains most while all other parameters stay as they are, within the limits of what is realistic. Intervals: 95 %, as wide as the other parameters leave them. Chance: how often, by chance alone, the best of all effects explains as much. A small error is no proof: the diagnosis judges by runs that were not fitted.')];
+      note('Values: where the effect explains most while all other parameters stay as they are, within the limits of what is realistic. Intervals: 95 %, as wide as the other parameters leave them. Probability: among the models with one of these effects or none, to first order. The diagnosis fits them, and pairs of them too.')];
   },
 };
 
@@ -161,9 +161,9 @@ function candidateTable(effects, first, { tryEffect, keepEffect, tried, unitOf }
     const keep = element('button', { type: 'button', textContent: 'Switch on' });
     keep.addEventListener('click', () => keepEffect(effect));
     const values = Object.entries(effect.parameters).map(([name, one]) => element('div', { textContent: valueWords(name, one, unitOf(effect.name, name)) }));
-    return [element('code', { textContent: effect.name }), element('span', { className: 'pair' }, look, ' ', keep), errorCell(effect.error), errorCell(effect.expected_error), element('div', { className: 'small' }, ...values), digits(effect.family_p, 2), ...channels.map((name) => errorCell(effect.errors[name]))];
+    return [element('code', { textContent: effect.name }), element('span', { className: 'pair' }, look, ' ', keep), errorCell(effect.error), errorCell(effect.expected_error), element('div', { className: 'small' }, ...values), effect.probability_words, ...channels.map((name) => errorCell(effect.errors[name]))];
   });
-  return table(['effect', '', 'error with it', 'and parameters refitted (first order)', 'values (95 % interval)', 'chance', ...channels], [...first, ...rows], 'Error over noise with each effect switched on', 'low');
+  return table(['effect', '', 'error with it', 'and parameters refitted (first order)', 'values (95 % interval)', 'probability', ...channels], [...first, ...rows], 'Error over noise with each effect switched on', 'low');
 }
 
 /** A parameter of an effect with its interval, in the unit in which the page shows it. */
