@@ -53,7 +53,8 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
         'port': right, 'verdict': found.verdict,
-        'alike': list(found.indistinguishable), 'error': found.error, 'left': found.findings[0].error, 'p': found.p_value,
+        'alike': list(found.indistinguishable), 'error': found.error, 'left': found.findings[0].error,
+        'probability': found.probability,
         'hooks': hooks(found),
     }  # fmt: skip
 

@@ -8,8 +8,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
 # From the lowest to the highest: a room imports from itself and from those before it.
 ROOMS = (
     'model', 'solver', 'evidence.data', 'evidence.estimation', 'evidence.monitoring', 'evidence.residual_analysis',
-    'evidence.model_selection', 'evidence.latent_input', 'evidence.symbolic_regression', 'evidence.search',
-    'evidence.experiment_design', 'evidence.diagnosis', 'challenge', 'report', 'workflow', 'ros', 'explore', 'cli.common',
+    'evidence.model_selection', 'evidence.symbolic_regression', 'evidence.search', 'evidence.experiment_design',
+    'evidence.diagnosis', 'evidence.latent_input', 'challenge', 'report', 'workflow', 'ros', 'explore', 'cli.common',
     'cli',
 )  # fmt: skip
 COMPILING = {'compile.py', 'kernels.py', 'fragments.py', 'by_reference.py', 'native_code_cache.py', 'fields_read.py'}

@@ -13,7 +13,7 @@ from sma_sim.solver.compile import OUT_OF_LINE
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
 MOST_ARGUMENTS, MOST_IN_SOLVER = 7, 8
-MOST_THRESHOLDS = 18
+MOST_THRESHOLDS = 13
 ROOMS = ('search', 'diagnosis', 'model_selection')  # of a diagnosis
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}

@@ -133,25 +133,6 @@ def test_an_unknown_effect_with_and_without_an_equation():
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
 
 
-def test_an_effect_that_explains_all_with_unrealistic_values_is_left_to_people():
-    fit = SimpleNamespace(error=0.99, effects=('radiation',), values_of=lambda name: {'emissivity': 3.0})
-    beyond = SimpleNamespace(**vars(candidate('radiation')) | {'plausible': False, 'fit': fit})
-    step = SimpleNamespace(accepted=None, candidate_fits=(beyond,))
-    found = diagnosis('unknown_effect', errors=(5.0,), selection_steps=(step,))
-    (said,) = [line for line in remarks(found) if line.startswith('A listed effect')]
-    low, high = EFFECTS['radiation'].parameters[0].realistic
-    assert f'{EFFECTS["radiation"].phrase} (radiation) with emissivity = 3 (realistic: {low:g} to {high:g})' in said
-    assert '(error over noise 0.99). If they are possible on your robot' in said
-    worse = SimpleNamespace(**vars(fit) | {'error': 5.1})
-    for change in ({'plausible': True}, {'fit': worse}):
-        other = SimpleNamespace(**vars(beyond) | change)
-        quiet = replace(found, selection_steps=(SimpleNamespace(accepted=None, candidate_fits=(other,)),))
-        assert not any(line.startswith('A listed effect') for line in remarks(quiet))
-    beside = SimpleNamespace(**vars(beyond) | {'fit': SimpleNamespace(**vars(fit) | {'effects': ('gravity', 'radiation')})})
-    both = SimpleNamespace(accepted=None, candidate_fits=(candidate('gravity'), beside))
-    assert '(radiation) beside gravity with' in ' '.join(remarks(replace(found, selection_steps=(both,))))
-
-
 def test_an_effect_that_is_taken_with_unrealistic_values_is_said_to_be():
     name, low, high = 'effects.radiation.emissivity', 0.0, 1.1
     beyond = ImplausibleParameter(name, 3.0, 0.0, low, high, '-', 'realistic')

@@ -14,11 +14,10 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
-from sma_sim.evidence.search.posterior import Posterior
+from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import Model
 
 ModelPath = Sequence[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
-EVEN = 0.5  # probability above which something is said
 
 
 @dataclass(frozen=True)

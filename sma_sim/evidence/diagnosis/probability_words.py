@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.effects.scope import SEPARATOR
 
@@ -21,8 +22,6 @@ NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
 CERTAIN, LEAST_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
 LEAST = 1e-9  # a ratio below is not told: no model is known so well
 DIGITS = 2  # of a ratio
-EVEN = 0.5  # probability from which on something unlisted is said to be left
-TIE = math.exp(-5.0)  # of the probability of the best model, from which on another explains as well
 
 
 @dataclass(frozen=True)
@@ -88,8 +87,8 @@ def probability_lines(found: Mapping[str, Any]) -> list[str]:
         return []
     second = f' Second: {rows[1].words}, {rows[1].probability}.' if len(rows) > 1 else ''
     lines = [f'Most probable: {rows[0].words}, {rows[0].probability}.{second}']
-    best = models[0]['probability']
-    *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > TIE * best]
+    least = math.exp(-TIE) * models[0]['probability']
+    *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > least]
     if others:
         lines.append(f'These data do not decide between {"; ".join(others)} and {last}.')
     left = (found.get('probabilities') or {}).get('unlisted', 0.0)

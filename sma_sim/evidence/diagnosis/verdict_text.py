@@ -46,10 +46,6 @@ REMOVED = (
     'Retracted: {effects}. It does not improve the held-out prediction '
     '(error over noise {worse:.2f} with, {best:.2f} without).'
 )
-UNREALISTIC = (
-    'A listed effect explains all as well, but with values that are not realistic: {effect} ({name}){beside} with {values} '
-    '(error over noise {error:.2f}). If they are possible on your robot, that is the simpler explanation.'
-)
 TAKEN_UNREALISTIC = (
     'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
     'robot can have it.'
@@ -265,24 +261,6 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)
-    yield from unrealistic_lines(diagnosis)
-
-
-def unrealistic_lines(diagnosis: Diagnosis) -> Iterator[str]:
-    """The listed effect that leaves only noise, but with values beyond what is realistic: people know what is possible."""
-    most = (1.0 + CRITERIA.same_error) * diagnosis.stages[-1].train
-    fits = [
-        candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits
-        if not candidate.plausible and candidate.fit.error <= most
-    ]  # fmt: skip
-    if not fits:
-        return
-    best = min(fits, key=lambda candidate: candidate.fit.error)
-    others = [phrase_of(name, diagnosis) for name in best.fit.effects if name not in (best.name, *diagnosis.nominal.effects)]
-    yield UNREALISTIC.format(
-        effect=best.found.effect.phrase, name=best.name, beside=f' beside {joined_words(others)}' if others else '',
-        values=beyond_words(best, best.fit.values_of(best.name)), error=best.fit.error,
-    )  # fmt: skip
 
 
 def beyond_words(candidate: CandidateFit, values: Mapping[str, float]) -> str:

@@ -7,16 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DesignCriteria:
-    """When hypotheses are rivals, when an experiment decides between them, and how the search spends its budget.
+    """How the search for an experiment spends its budget; rivals and ties are those of a diagnosis.
 
     Attributes
     ----------
-    rival_log_evidence
-        Log evidence behind the best within which an explanation is a rival: beyond it the recordings have refuted it.
-    decisive_log_evidence
-        Expected log evidence ratio below which an experiment decides nothing: strong evidence begins at 3 (Kass and Raftery,
-        J. Am. Stat. Assoc. 90, 1995). Where equations make a pair indistinguishable, the best of many sequences promises up
-        to 2.7.
     weak_std, min_directions
         A combination of parameters is weakly known if its standard deviation exceeds this fraction of its prior's; at least
         so many are considered.
@@ -42,8 +36,6 @@ class DesignCriteria:
         As above, of the search with refits, which costs a hundred times as much by sequence.
     """
 
-    rival_log_evidence: float = 10.0
-    decisive_log_evidence: float = 3.0
     weak_std: float = 0.1
     min_directions: int = 3
     limit_margin: float = 0.1

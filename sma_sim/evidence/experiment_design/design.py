@@ -69,6 +69,7 @@ from sma_sim.evidence.experiment_design.utilities import (
     information_gain,
     weak_directions,
 )
+from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.scope import SEPARATOR
@@ -290,7 +291,7 @@ def parameter_combinations(hypothesis: ModelHypothesis, request: DesignRequest) 
 
 def counted_pairs(hypotheses: Sequence[ModelHypothesis]) -> list[RivalPair]:
     """Pairs that count: what the recordings have refuted is a rival, not taken for true."""
-    limit = max(hypothesis.log_evidence for hypothesis in hypotheses) - DESIGN_CRITERIA.rival_log_evidence
+    limit = max(hypothesis.log_evidence for hypothesis in hypotheses) - WINDOW
     return [pair for pair in all_pairs(len(hypotheses)) if hypotheses[pair.true].log_evidence > limit]
 
 

@@ -22,7 +22,6 @@ from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, decla
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.utilities import (
@@ -31,6 +30,7 @@ from sma_sim.evidence.experiment_design.utilities import (
     evidence_ratios,
     information_gain,
 )
+from sma_sim.evidence.search.posterior import TIE
 
 Matrix = NDArray[np.float64]
 MAX_SAMPLES, RTOL = 500, 1e-6  # of a recording, and of its simulation
@@ -91,7 +91,7 @@ class FurtherChannel:
     @property
     def decides(self) -> bool:
         """Whether it separates every pair."""
-        return self.least >= DESIGN_CRITERIA.decisive_log_evidence
+        return self.least >= TIE
 
 
 def further_channels(

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.calibrate import check_kinetics
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
 from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
+from sma_sim.evidence.search.posterior import TIE
 from sma_sim.model.archive import Saved
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.expected import as_folders
@@ -181,5 +181,4 @@ class Plan(Shown, Saved, Comparable):
     def indistinguishable(self) -> tuple[tuple[str, str], ...]:
         """Pairs of hypotheses that the best sequence does not tell apart, whichever is true."""
         expected = {(ratio.true, ratio.rival): ratio.designed for ratio in self.expected}
-        decisive = DESIGN_CRITERIA.decisive_log_evidence
-        return tuple((a, b) for (a, b), ratio in expected.items() if a < b and max(ratio, expected[b, a]) < decisive)
+        return tuple((a, b) for (a, b), ratio in expected.items() if a < b and max(ratio, expected[b, a]) < TIE)

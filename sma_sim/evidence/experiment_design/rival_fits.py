@@ -28,9 +28,9 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
 )
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
+from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.refit import at_finite_step, refit
@@ -38,7 +38,7 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.components import catalogue_for
-from sma_sim.evidence.search.refine import extended, model_of
+from sma_sim.evidence.search.refine import WINDOW, extended, model_of
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
@@ -167,7 +167,7 @@ def leading_rivals(base: FitResult, context: SearchContext) -> list[NamedFit]:
     """The explanations by one further effect, or none, that have weight beside the best (`search`)."""
     book = search([base], context, equations=False, most=1)
     k, ranked = book.overdispersion, [model for model in book.ranked() if not any(c.is_difference for c in model.components)]
-    limit = ranked[0].score(k) - DESIGN_CRITERIA.rival_log_evidence
+    limit = ranked[0].score(k) - WINDOW
     return [
         NamedFit(next((one.name for one in model.components), NO_EFFECT), model.fit)
         for model in ranked if model.score(k) >= limit
@@ -192,14 +192,14 @@ def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> 
 def fit_hypotheses(training: Dataset, rivals: Sequence[NamedFit], context: SearchContext) -> tuple[ModelHypothesis, ...]:
     """Each explanation at the optimum of all samples, with its posterior.
 
-    Where even the best leaves more than the noise, all weights shrink by that factor: what no rival explains must not
-    count as evidence for one of them.
+    All weights shrink by the overdispersion of what the best leaves: what no rival explains must not count as evidence for
+    one of them.
     """
     context.on_progress('the last fits, on all samples')
     jobs = [partial(refit_on_all_samples, training, rival.fitted, context) for rival in rivals]
     fits = run_in_threads(jobs, context.stop)
     raise_if_stopped(context)
-    factor = max(1.0, min(fit.error for fit in fits))
+    factor = min(overdispersion(fit.problem, fit.z, context.pool) for fit in fits)
     return tuple(
         laplace_hypothesis(NamedFit(rival.name, replace(fit, problem=fit.problem.weighted(1.0 / factor))), factor, context)
         for rival, fit in zip(rivals, fits, strict=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LatentCriteria:
-    """When an input is named, how far each hypothesis is followed, and when two cannot be told apart.
+    """How far each hypothesis is followed, and when two leave as much. Whether an input is named is decided by its odds.
 
     Attributes
     ----------
@@ -16,14 +16,8 @@ class LatentCriteria:
         the worst runs first.
     biased_fit_error
         Error over noise above which a fit is taken to be biased by what the model lacks; it is then tempered.
-    significance
-        Probability of a false alarm over the whole family of hypotheses.
-    min_error_reduction
-        Fraction of the error over noise that an input must remove to be named.
     tie_ratio
         Errors within this ratio of the least explain equally well.
-    decisive_log_evidence
-        Difference of log evidence below which data do not decide between two that explain equally well (odds of 1,000).
     reported_if_none
         Hypotheses that are reported where nothing is missing.
     max_finalists
@@ -39,10 +33,7 @@ class LatentCriteria:
 
     max_runs: int = 3
     biased_fit_error: float = 1.1
-    significance: float = 0.01
-    min_error_reduction: float = 0.03
     tie_ratio: float = 1.1
-    decisive_log_evidence: float = 7.0
     reported_if_none: int = 6
     max_finalists: int = 5
     give_up_ratios: tuple[float, ...] = (3.0, 1.3, 1.15, 1.1)

@@ -116,13 +116,13 @@ class DesignMatrix:
             score[indices.m :] += self.z
         return SufficientStatistics(gram, score, squares, count)
 
-    def scores(self, hypothesis: InputHypothesis, data: Sequence[Matrix]) -> Matrix:
-        """The scores (m + n, draws) of other residuals, (channels bins, draws) by run."""
+    def score(self, hypothesis: InputHypothesis, data: Sequence[Matrix]) -> Vector:
+        """The score (m + n,) of other residuals, (channels, bins) by run."""
         indices = self.indices(hypothesis)
-        scores = np.zeros((indices.m + len(self.z), data[0].shape[1]))
+        score = np.zeros(indices.m + len(self.z))
         for run, rows, positions, residuals in zip(self.runs, indices.rows, indices.positions, data, strict=True):
-            scores[positions] += run.rows[rows] @ residuals
-        return scores
+            score[positions] += run.rows[rows] @ residuals.ravel()
+        return score
 
     def knot_states(self, hypothesis: InputHypothesis) -> KnotStates:
         """Where the values of a hypothesis are, and the states of the model there."""

@@ -79,40 +79,29 @@ def null_log_evidence(data: SufficientStatistics, z: Vector) -> float:
     return -0.5 * misfit - 0.5 * float(np.linalg.slogdet(hessian)[1])
 
 
-def best_amplitude(gram: Matrix, scores: Matrix, description: str, covariance: Matrix) -> tuple[Prior, Vector]:
-    """A covariance at its best amplitude, and the best log evidence (draws,) for each column of the scores (m, draws).
-
-    The first column is that of the measurement: the amplitude of the prior is the best for it.
-    """
+def best_amplitude(gram: Matrix, score: Vector, description: str, covariance: Matrix) -> Prior:
+    """A covariance at its best amplitude, for a score (m,)."""
     root = covariance_root(covariance)
     information, vectors = np.linalg.eigh(root.T @ gram @ root)
-    information = np.maximum(information, 0.0)[:, None]
-    squared_scores = (vectors.T @ (root.T @ scores)) ** 2
-    log_evidences = np.array([
-        0.5 * np.sum(a**2 * squared_scores / (1.0 + a**2 * information) - np.log1p(a**2 * information), axis=0)
-        for a in AMPLITUDES
-    ])  # fmt: skip
-    best = int(np.argmax(log_evidences[:, 0]))
-    a = AMPLITUDES[best]
-    dof = float(np.sum(a**2 * information / (1.0 + a**2 * information)))
-    return Prior(description, a * root, float(log_evidences[best, 0]), dof), log_evidences.max(axis=0)
+    squared_score = (vectors.T @ (root.T @ score)) ** 2
+    seen = AMPLITUDES[:, None] ** 2 * np.maximum(information, 0.0)
+    log_evidences = 0.5 * np.sum(AMPLITUDES[:, None] ** 2 * squared_score / (1.0 + seen) - np.log1p(seen), axis=1)
+    best = int(np.argmax(log_evidences))
+    dof = float(np.sum(seen[best] / (1.0 + seen[best])))
+    return Prior(description, AMPLITUDES[best] * root, float(log_evidences[best]), dof)
 
 
-def best_prior(gram: Matrix, scores: Matrix, covariances: Mapping[str, Matrix], mixed: bool) -> tuple[Prior, Vector]:
-    """The covariance of largest evidence, or (`mixed`) the best mixture of two; and the best evidence of single ones.
-
-    The latter is (draws,), for each column of the scores (m, draws).
-    """
-    singles = {name: best_amplitude(gram, scores, name, covariance) for name, covariance in covariances.items()}
-    best_by_draw = np.max([log_evidences for _, log_evidences in singles.values()], axis=0)
-    first = max((prior for prior, _ in singles.values()), key=lambda prior: prior.log_evidence)
+def best_prior(gram: Matrix, score: Vector, covariances: Mapping[str, Matrix], mixed: bool) -> Prior:
+    """The covariance of largest evidence, or (`mixed`) the best mixture of two, for a score (m,)."""
+    singles = [best_amplitude(gram, score, name, covariance) for name, covariance in covariances.items()]
+    first = max(singles, key=lambda prior: prior.log_evidence)
     size = float(np.mean(np.sum(first.root**2, axis=1)))
     mixtures = [
-        best_amplitude(gram, scores[:, :1], f'{first.description}; {name}',
-                       first.root @ first.root.T + MIXTURE_WEIGHT * size * covariance)[0]
+        best_amplitude(gram, score, f'{first.description}; {name}',
+                       first.root @ first.root.T + MIXTURE_WEIGHT * size * covariance)
         for name, covariance in covariances.items() if mixed and name != first.description
     ]  # fmt: skip
-    return max([first, *mixtures], key=lambda prior: prior.log_evidence), best_by_draw
+    return max([first, *mixtures], key=lambda prior: prior.log_evidence)
 
 
 @dataclass(frozen=True)

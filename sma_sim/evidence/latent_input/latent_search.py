@@ -39,9 +39,9 @@ from sma_sim.evidence.latent_input.ranking import (
     errors_in_gaps,
     estimate_of,
     evidence_of,
-    family_p_value,
     kinetics_bias,
     noise_inflation,
+    probability_missing,
     rank_hypotheses,
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
@@ -50,6 +50,7 @@ from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
+from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.progress import progress_in_words
@@ -75,7 +76,7 @@ class LatentRequest:
     fit
         Whether to fit the model first, or to take it as calibrated.
     seed
-        Of the draws by chance.
+        Of the starts of the fit.
     options
         Of the fit.
     """
@@ -221,7 +222,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
     result = LatentInputs(
-        'none', {}, (), error, float('nan'), 1.0, 1.0, config, config.simulated_kinetics, problem.delay_at(z),
+        'none', {}, (), error, float('nan'), 0.0, 1.0, config, config.simulated_kinetics, problem.delay_at(z),
         tuple(run.name for run in problem.runs), False, 0.0,
     )  # fmt: skip
     if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:
@@ -241,7 +242,7 @@ def nominal_error_in_gaps(point: LinearizationPoint, context: SearchContext) -> 
     """Error over noise of a fit in gaps that are left out in turn, without any input. Raises Stopped."""
     design = design_matrix(point, (), replace(context, on_progress=lambda words: None))
     no_input = Prior('', np.zeros((0, 0)), 0.0, 0.0)
-    evidence = HypothesisEvidence(InputHypothesis('nothing', ()), design, no_input, 0.0, 0.0, np.zeros(0))
+    evidence = HypothesisEvidence(InputHypothesis('nothing', ()), design, no_input, 0.0)
     return errors_in_gaps(evidence, 1.0)[0]
 
 
@@ -249,20 +250,21 @@ def evaluate_hypotheses(
     result: LatentInputs, start: LinearizationPoint, design: DesignMatrix, ports: Sequence[Port],
     difference: Sequence[Matrix], context: SearchContext,
 ) -> LatentInputs:  # fmt: skip
-    """The evidence of all hypotheses; where the best is more than chance, the best are refined and compared again."""
+    """The evidence of all hypotheses; where one is more probable than none, the best are refined and compared again."""
     hypotheses = hypotheses_of(ports)
     context.on_progress(f'comparing {len(hypotheses)} hypotheses')
-    evidences = rank_hypotheses(design, hypotheses, difference, context)
-    result = replace(result, p_value=family_p_value(evidences))
+    evidences = rank_hypotheses(design, hypotheses, context)
+    over_nothing = [evidence.prior.log_evidence for evidence in evidences]
+    result = replace(result, probability=probability_missing(over_nothing, len(hypotheses)))
     refined: Sequence[RefinedHypothesis] = ()
-    if result.p_value <= LATENT_CRITERIA.significance:
+    if result.probability > EVEN:
         refined = refine_hypotheses(start, evidences, context)
     simulated = {hypothesis.hypothesis.name: hypothesis for hypothesis in refined}
     reported = [hypothesis.evidence for hypothesis in refined] or evidences[: LATENT_CRITERIA.reported_if_none]
     inflation = min(
         [hypothesis.inflation for hypothesis in refined] or [noise_inflation(evidence, 1.0) for evidence in reported]
     )
-    final = [evidence_of(evidence.design, evidence.hypothesis, (), inflation) for evidence in reported]
+    final = [evidence_of(evidence.design, evidence.hypothesis, inflation) for evidence in reported]
     null = null_log_evidence(design.statistics(hypotheses[0], inflation), design.z)
     findings = [
         finding_for(replace(evidence, log_evidence=evidence.log_evidence - null),
@@ -272,8 +274,9 @@ def evaluate_hypotheses(
     findings.sort(key=lambda finding: -finding.log_evidence)
     best = best_explanation(findings)
     findings.sort(key=lambda finding: finding is not best)
-    result = replace(result, findings=tuple(findings), noise_inflation=inflation)
-    if not refined or best.error > (1.0 - LATENT_CRITERIA.min_error_reduction) * result.error:
+    probability = probability_missing([finding.log_evidence for finding in findings], len(hypotheses))
+    result = replace(result, findings=tuple(findings), noise_inflation=inflation, probability=probability)
+    if not refined or probability <= EVEN:
         return result
     forces_measured = any(FORCE_SENSORS.fullmatch(port.name) for port in ports)
     return replace(result, verdict=best.name, indistinguishable=confounded_with_best(findings, forces_measured))
@@ -296,7 +299,7 @@ def confounded_with_best(findings: Sequence[InputFinding], forces_measured: bool
     least = min(finding.error for finding in findings)
     for finding in findings[1:]:
         why = confounding_reason(best.hypothesis, finding.hypothesis, forces_measured)
-        undecided = abs(best.log_evidence - finding.log_evidence) < LATENT_CRITERIA.decisive_log_evidence
+        undecided = abs(best.log_evidence - finding.log_evidence) < TIE
         if finding.error <= LATENT_CRITERIA.tie_ratio * least and (why or undecided):
             confounded[finding.name] = why or 'these recordings do not tell'
     return confounded

@@ -1,4 +1,4 @@
-"""The evidence of all hypotheses, compared with one another and with chance."""
+"""The evidence of all hypotheses, and with which probability it is one of them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
@@ -28,27 +29,24 @@ from sma_sim.evidence.latent_input.inference import (
     schur_complement,
     squares_in_gaps,
 )
+from sma_sim.evidence.search.score import SPARSITY, UNLISTED, log_sum
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 JobResult = TypeVar('JobResult')
-NULL_DRAWS = 299  # so that the smallest p-value, 1/300, lies well below the significance that is asked for
 
 
 @dataclass(frozen=True)
 class HypothesisEvidence:
-    """A hypothesis with the prior that the data prefer, and the best evidence of each draw of chance, (NULL_DRAWS,).
+    """A hypothesis with the prior of its inputs that the data prefer.
 
-    `design`: the model around which it was evaluated. `log_evidence`: comparable between designs. `single`: log evidence of
-    the best covariance by itself over u = 0, with which chance is compared.
+    `design`: the model around which it was evaluated. `log_evidence`: comparable between designs.
     """
 
     hypothesis: InputHypothesis
     design: DesignMatrix
     prior: Prior
     log_evidence: float
-    single: float
-    null_draws: Vector
 
 
 def results_of(jobs: Sequence[Callable[[], JobResult]], pool: Executor, stop: Stop) -> list[JobResult]:
@@ -64,41 +62,26 @@ def results_of(jobs: Sequence[Callable[[], JobResult]], pool: Executor, stop: St
     return results
 
 
-def null_residuals(design: DesignMatrix, kinetics_difference: Sequence[Matrix], seed: int) -> list[Matrix]:
-    """Residuals where nothing is missing, (channels bins, NULL_DRAWS) by run.
-
-    White noise, and the difference of the kinetics (channels, bins) at a random size.
-    """
-    random = np.random.default_rng(seed)
-    sizes = random.standard_normal(NULL_DRAWS)
-    return [
-        random.standard_normal((run.residuals.size, NULL_DRAWS)) + difference.ravel()[:, None] * sizes
-        for run, difference in zip(design.runs, kinetics_difference, strict=True)
-    ]
-
-
 def evidence_of(
-    design: DesignMatrix, hypothesis: InputHypothesis, null: Sequence[Matrix] = (), inflation: float = 1.0,
-    mixed: bool = True,
-) -> HypothesisEvidence:  # fmt: skip
-    """The prior that the data prefer for one hypothesis: a mixture if `mixed`, a single covariance where `null` is given."""
+    design: DesignMatrix, hypothesis: InputHypothesis, inflation: float = 1.0, mixed: bool = True
+) -> HypothesisEvidence:
+    """The prior that the data prefer for one hypothesis: a mixture of two covariances if `mixed`, else one."""
     knots = design.knot_states(hypothesis)
     data = design.statistics(hypothesis, inflation)
     m = len(data.score) - len(design.z)
     gram, elimination = schur_complement(data, m)
-    scores = np.column_stack([data.score, design.scores(hypothesis, null)]) if null else data.score[:, None]
-    prior, log_evidences = best_prior(
-        gram, elimination @ scores[m:] - scores[:m], prior_covariances(hypothesis.hook, knots), mixed and not null
-    )
-    log_evidence = prior.log_evidence + null_log_evidence(data, design.z)
-    return HypothesisEvidence(hypothesis, design, prior, log_evidence, float(log_evidences[0]), log_evidences[1:])
+    score = elimination @ data.score[m:] - data.score[:m]
+    prior = best_prior(gram, score, prior_covariances(hypothesis.hook, knots), mixed)
+    return HypothesisEvidence(hypothesis, design, prior, prior.log_evidence + null_log_evidence(data, design.z))
 
 
-def family_p_value(evidences: Sequence[HypothesisEvidence]) -> float:
-    """How often the best of all hypotheses has as much evidence by chance as the best has here."""
-    best = max(evidence.single for evidence in evidences)
-    by_chance = np.max([evidence.null_draws for evidence in evidences], axis=0)
-    return float((1 + np.sum(by_chance >= best)) / (len(by_chance) + 1))
+def probability_missing(log_evidences: Sequence[float], hypotheses: int) -> float:
+    """That one of several `hypotheses` is true, by the log evidences of the best of them over nothing missing.
+
+    Each has the prior of what no list has (`sma_sim.evidence.search.score`), shared by all of them.
+    """
+    log_odds = log_sum(log_evidences) - SPARSITY - UNLISTED - float(np.log(hypotheses))
+    return float(expit(log_odds))
 
 
 def estimate_of(evidence: HypothesisEvidence, inflation: float) -> Estimate:
@@ -122,8 +105,7 @@ def inflation_from(residuals: Sequence[Matrix]) -> float:
 def kinetics_bias(evidence: HypothesisEvidence, kinetics_difference: Sequence[Matrix], inflation: float) -> Vector:
     """The input (m,) for which the difference of the kinetics (channels, bins) would be taken."""
     data = evidence.design.statistics(evidence.hypothesis, inflation)
-    columns = [difference.reshape(-1, 1) for difference in kinetics_difference]
-    score = evidence.design.scores(evidence.hypothesis, columns)[:, 0] / inflation
+    score = evidence.design.score(evidence.hypothesis, kinetics_difference) / inflation
     m = len(evidence.prior.root)
     response = SufficientStatistics(data.gram, score, 0.0, data.count)
     return posterior(response, joint_root(evidence.prior, len(score) - m))[0][:m]
@@ -144,12 +126,8 @@ def errors_in_gaps(evidence: HypothesisEvidence, inflation: float) -> tuple[floa
 
 
 def rank_hypotheses(
-    design: DesignMatrix,
-    hypotheses: Sequence[InputHypothesis],
-    kinetics_difference: Sequence[Matrix],
-    context: SearchContext,
+    design: DesignMatrix, hypotheses: Sequence[InputHypothesis], context: SearchContext
 ) -> list[HypothesisEvidence]:
     """All hypotheses, that of most evidence first. Raises Stopped."""
-    null = null_residuals(design, kinetics_difference, context.seed)
-    jobs = [partial(evidence_of, design, hypothesis, null) for hypothesis in hypotheses]
+    jobs = [partial(evidence_of, design, hypothesis, mixed=False) for hypothesis in hypotheses]
     return sorted(results_of(jobs, context.pool, context.stop), key=lambda evidence: -evidence.log_evidence)

@@ -206,7 +206,7 @@ def trial_steps(
     point, design = refined.point, refined.evidence.design
     low, high = point.problem.limits()
     for power in powers:
-        evidence = evidence_of(design, refined.hypothesis, (), refined.inflation**power, mixed=False)
+        evidence = evidence_of(design, refined.hypothesis, refined.inflation**power, mixed=False)
         least = min(noise_inflation(evidence, 1.0), refined.inflation)
         for inflation in dict.fromkeys(np.geomspace(least, refined.inflation, INFLATION_COUNT).tolist()):
             estimate = estimate_of(evidence, inflation)

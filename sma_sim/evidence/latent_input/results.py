@@ -83,8 +83,8 @@ class LatentInputs(Shown, Saved):
         All that are reported, the best first.
     error, held_out
         Error over noise without any of them: of all data, and in gaps of the data that were left out in turn.
-    p_value
-        How often chance alone explains as much as the best does.
+    probability
+        That an input is missing at one of the ports.
     noise_inflation
         The factor on the noise variance for what no port explains.
     config, model, delay
@@ -100,7 +100,7 @@ class LatentInputs(Shown, Saved):
     findings: tuple[InputFinding, ...]
     error: float
     held_out: float
-    p_value: float
+    probability: float
     noise_inflation: float
     config: Config
     model: str
@@ -113,5 +113,5 @@ class LatentInputs(Shown, Saved):
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
         errors = ', '.join(f'{finding.error:.3g} with {finding.name}' for finding in self.findings[:3])
         found = {'verdict': self.verdict, 'error over noise': f'{self.error:.3g}{errors and f"; {errors}"}'}
-        found |= {'p': f'{self.p_value:.3g}', 'kinetics': self.model, 'recordings': listed(self.runs)}
+        found |= {'probability': f'{self.probability:.3g}', 'kinetics': self.model, 'recordings': listed(self.runs)}
         return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from sma_sim.evidence.diagnosis.probability_words import probability_words
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
 
 RANKING_HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evidence', 'depends on')
@@ -16,16 +17,17 @@ def verdict_sentences(found: LatentInputs) -> Iterator[str]:
         yield 'stopped early, before any port was evaluated'
         return
     if found.verdict == 'none':
-        yield 'none: no port shows an input that leaves its band around zero'
+        yield f'none: that an input is missing has a probability of {probability_words(found.probability)}'
     else:
         best = found.findings[0]
         what = ' and '.join(port.description for port in best.hypothesis.ports)
         yield f'{found.verdict}: a missing {what}'
+        yield f'  that an input is missing has a probability of {probability_words(found.probability)}'
         yield f'  the error over noise falls from {found.error:.2f} to {best.error:.2f} with it'
         for name, why in found.indistinguishable.items():
             yield f'  these data do not distinguish it from {name}: {why}'
     if found.findings:
-        yield f'{found.model} model, {", ".join(found.runs)}: error over noise {found.error:.2f}, p = {found.p_value:.3f}'
+        yield f'{found.model} model, {", ".join(found.runs)}: error over noise {found.error:.2f}'
     if found.interrupted:
         yield 'stopped early'
 
@@ -54,7 +56,7 @@ def latent_data(found: LatentInputs) -> dict[str, Any]:
         'model': found.model,
         'error': found.error,
         'held_out': found.held_out,
-        'p_value': found.p_value,
+        'probability': found.probability,
         'noise_widened': found.noise_inflation,
         'runs': list(found.runs),
         'ports': [finding_data(found, finding) for finding in found.findings],

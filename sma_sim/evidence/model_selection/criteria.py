@@ -28,10 +28,6 @@ class SelectionCriteria:
     min_unabsorbed: float = 1e-6
     """Fraction of a response left by what the fit can absorb, below which it is rounding error: the data cannot see it."""
 
-    # Acceptance
-    same_error: float = 0.01
-    """Relative difference of errors within which two models are equally good: far below what runs differ by."""
-
     # What counts as explained
     noise_only: float = 1.1
     """Error of the fitted runs below which nothing more is looked for in them: noise is estimated to some per cent only."""
