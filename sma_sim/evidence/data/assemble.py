@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.cleaning import forward_filled, gap_notes, outliers, rate_note, saturated
+from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.recording import (
     CHANNEL_COLUMNS,
     CHANNELS_OF,
@@ -217,6 +218,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         columns[name], unknown = forward_filled(values)
         if name in file.imposed:
             columns[name] = gaps_interpolated(columns['time_s'], values)
+            discard_noise(name, columns, notes)
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
         if empty > unknown:
@@ -255,6 +257,15 @@ def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: l
     if wrong.any():
         notes.append(f'{name}: {int(wrong.sum())} outliers, the first at {time[np.argmax(wrong)]:.6g} s: {how}')
         values[wrong] = np.nan
+
+
+def discard_noise(name: str, columns: dict[str, Vector], notes: list[str]) -> None:
+    """What was imposed in place of what its sensor has shown."""
+    columns[name], noise = without_noise(columns[name])
+    if noise > 0.0:
+        is_constant = np.ptp(columns[name]) == 0.0
+        words = f'taken as constant, {columns[name][0]:.6g}' if is_constant else 'taken without it'
+        notes.append(f'{name}: measured with a noise of {noise:.3g}, which the wire has not felt: {words}')
 
 
 def discard_saturated(name: str, time: Vector, values: Vector, notes: list[str]) -> None:

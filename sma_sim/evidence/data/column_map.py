@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from sma_sim.evidence.data.cells import Vector
+from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.table_format import is_number
 from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
@@ -270,7 +271,7 @@ def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vec
         return np.full(rows, entry.value)
     values = columns[entry.column]
     if entry.pace is not None:
-        return time_along(values, entry.pace)
+        return time_along(without_noise(values)[0], entry.pace)
     if entry.exponent != 1.0:
         values = np.sign(values) * np.abs(values) ** entry.exponent
     if entry.times is not None:

@@ -1,0 +1,62 @@
+"""What was imposed is taken without the noise of its sensor, a load cell or a thermocouple."""
+
+import numpy as np
+import pytest
+from isobaric_runs import BENCH, isobaric_tests
+
+from sma_sim import read_config, read_dataset
+from sma_sim.evidence.data.imposed import without_noise
+from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests as evaluated
+
+ROWS = 1200
+
+
+def zigzag():
+    """A temperature [K] that goes up and down twice."""
+    return 300.0 + 100.0 * (1.0 - np.abs(np.linspace(0.0, 4.0, ROWS) % 2.0 - 1.0))
+
+
+def test_a_level_that_varies_by_noise_is_constant():
+    given = 1e8 + 3e6 * np.random.default_rng(0).normal(size=ROWS)
+    given[5] = np.nan
+    level, noise = without_noise(given)
+    assert np.isnan(level[5]) and np.nanmax(level) == np.nanmin(level) == pytest.approx(np.nanmean(given))
+    assert noise == pytest.approx(3e6, rel=0.1)
+
+
+@pytest.mark.parametrize('std', [1.0, 4.0])
+def test_ramps_keep_their_turns_and_lose_the_noise(std):
+    found, noise = without_noise(zigzag() + std * np.random.default_rng(1).normal(size=ROWS))
+    assert noise == pytest.approx(std, rel=0.1)
+    assert np.sqrt(np.mean((found - zigzag()) ** 2)) < 0.3 * std
+
+
+def test_a_step_of_a_load_is_no_noise():
+    step = np.where(np.arange(ROWS) < 500, 1e8, 1.5e8)
+    found, _ = without_noise(step + 3e6 * np.random.default_rng(2).normal(size=ROWS))
+    assert np.sqrt(np.mean((found - step) ** 2)) < 3e6 and np.abs((found - step)[600:]).max() < 1e6
+
+
+@pytest.mark.parametrize(
+    'given', [zigzag(), zigzag()[::40] + np.tile([0.0, 1.0], ROWS // 80), np.full(ROWS, 5.0), np.arange(3.0)]
+)
+def test_what_seldom_turns_back_stays_as_it_is(given):
+    found, noise = without_noise(given)
+    assert (found == given).all() and noise == 0.0
+
+
+def test_a_noisy_load_cell_changes_nothing_of_isobaric_tests(tmp_path):
+    """Load cell +-3 MPa: the same temperatures by tangents, the same load for the model, and a note."""
+    truth, random = read_config(words=BENCH), np.random.default_rng(3)
+    given = isobaric_tests(truth, (1e8, 2e8))
+    for run, stress in zip(given.recordings, (1e8, 2e8), strict=True):
+        T = np.interp(run.time, run.source.times, run.source.values[:, 1])
+        columns = np.column_stack([run.time, T, stress + 3e6 * random.normal(size=len(T)), run.channels['strain']])
+        np.savetxt(tmp_path / f'{run.name}.csv', columns, delimiter=',', header='time_s,T_K,stress_Pa,strain', comments='')
+    dataset = read_dataset([tmp_path], truth.structure.structure.name)
+    for run in dataset.recordings:
+        assert any('which the wire has not felt: taken as constant' in note for note in run.notes)
+        assert np.ptp(run.source.values[:, 0]) == 0.0
+    for measured, known in zip(evaluated(dataset), evaluated(given), strict=True):
+        assert measured.stress == pytest.approx(known.stress, rel=0.01)
+        assert measured.temperatures == pytest.approx(known.temperatures, abs=0.1)
