@@ -113,18 +113,24 @@ def solve(
     part: str, hidden: Sequence[str], error: float, seed: int, forces: bool, closed: bool, pool: Executor
 ) -> dict[str, Any]:
     """Make one robot, diagnose it, and compare the answers with the truth."""
-    chosen = [truth_of(name) for name in hidden]
-    if error != AS_DRAWN:
-        chosen = [at_strength(hidden[0], error, seed, forces, PLAN, pool)[0]]
-    made = challenge_with(chosen, seed, forces, PLAN)
-    if closed:
-        made = in_closed_loop(made, seed, forces)
+    made = challenge_of(hidden, error, seed, forces, closed, pool)
     found = diagnose(made.dataset, made.nominal, executor=pool)
     return {
         'verdict': found.verdict, 'answers': answers(found.posterior), 'truth': right_answers(part, hidden, found),
         'odds': odds_of_truth(made, pool), 'k': found.posterior.overdispersion,
         'bare': found.stages[0].train, 'last': found.stages[-1].train,
     }  # fmt: skip
+
+
+def challenge_of(hidden: Sequence[str], error: float, seed: int, forces: bool, closed: bool, pool: Executor) -> Challenge:
+    """The robot of a case, with its recordings."""
+    chosen = [truth_of(name) for name in hidden]
+    if error != AS_DRAWN:
+        chosen = [at_strength(hidden[0], error, seed, forces, PLAN, pool)[0]]
+    made = challenge_with(chosen, seed, forces, PLAN)
+    if closed:
+        made = in_closed_loop(made, seed, forces)
+    return made
 
 
 def in_closed_loop(made: Challenge, seed: int, forces: bool) -> Challenge:

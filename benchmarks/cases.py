@@ -60,25 +60,33 @@ def kept(file: Path) -> list[Result]:
 
 
 def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, line_of: Callable[[Result], str]) -> list[Result]:
-    """All results in the file, after solving what is missing as long as there is time; `line_of` says how one went."""
+    """All results in the file, after solving what is missing as long as there is time; `line_of` says how one went.
+
+    Ctrl-C ends that: cases that are not finished are given up, and the results are those so far.
+    """
     done, end = kept(asked.file), time.monotonic() + 60.0 * asked.minutes
     known = {key(case['case']) for case in done}
     missing = (case for case in cases if key(case) not in known)
     threads = max(1, (os.cpu_count() or 1) // asked.at_once)
     with ProcessPoolExecutor(asked.at_once, multiprocessing.get_context('spawn')) as pool:
         waiting: set[Future[Result]] = set()
-        while True:
-            if time.monotonic() < end:
-                free = asked.at_once - len(waiting)
-                waiting |= {pool.submit(one_case, solve, case, threads) for case in islice(missing, free)}
-            if not waiting:
-                return done
-            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for case in ready:
-                done.append(case.result())
-                with asked.file.open('a') as file:
-                    file.write(json.dumps(done[-1]) + '\n')
-                print(line_of(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
+        try:
+            while True:
+                if time.monotonic() < end:
+                    free = asked.at_once - len(waiting)
+                    waiting |= {pool.submit(one_case, solve, case, threads) for case in islice(missing, free)}
+                if not waiting:
+                    return done
+                ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for case in ready:
+                    done.append(case.result())
+                    with asked.file.open('a') as file:
+                        file.write(json.dumps(done[-1]) + '\n')
+                    print(line_of(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
+        except KeyboardInterrupt:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            return done
 
 
 def one_case(solve: Solve, case: Case, threads: int) -> Result:

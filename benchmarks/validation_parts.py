@@ -16,6 +16,8 @@ from laplace import table as laplace_rows
 from latent import table as latent_table
 from nitinol import rows as wire_rows
 from other_forms import table as other_form_rows
+from peers import METHODS, NAMING, named_by
+from peers import table as peer_rows
 from recovery import table as recovery_rows
 
 Case = dict[str, Any]
@@ -154,6 +156,15 @@ def calibration_table(results: list[Case]) -> str:
         '![Share of answers that are right against their probability, with 95 % intervals](../../figures/reliability.png)'
     )
     return '\n'.join(calibration_rows(results)) + '\n\n' + figure
+
+
+def peers_named(results: list[Case]) -> str:
+    """How often the diagnosis and the others name something that is hidden, or something where nothing is."""
+    known = [case for case in results if 'failed' not in case]
+    counts = ((title, named_by(known, method)) for method, title in METHODS.items() if method in NAMING)
+    return 'something hidden named; false alarms: ' + '; '.join(
+        f'{title} {right} of {seen}; {alarms} of {nothing}' for title, (right, seen, alarms, nothing) in counts
+    )
 
 
 @dataclass(frozen=True)
@@ -479,6 +490,23 @@ PARTS = (
         table=joined(laplace_rows),
         resumable=True,
         share=0.25,
+    ),
+    Part(
+        'peers',
+        'Other programs on the same robots',
+        minutes=60,
+        command=cases('peers'),
+        text='The diagnosis beside pysindy, gplearn, sysidentpy and emcee (`benchmarks/requirements-peers.txt`), which are '
+        'made for any system and know nothing of SMA ([what for](../../explanation/alternatives.md)). All start from the '
+        'same calibrated model; equations are sought for the residual, or for the latent input that `sma-sim latent` '
+        'estimates at the place of the hidden law. An equation counts where it removes 5 % of the squares of a run that it '
+        'was not fitted to; it names something hidden if any variable of any hidden law is in it. Hits are of robots that '
+        'the calibrated model predicts with a normalized RMSE of at least 1.1.',
+        subject=DIAGNOSIS,
+        headline=peers_named,
+        table=joined(peer_rows),
+        resumable=True,
+        share=0.2,
     ),
     Part(
         'invariance',
