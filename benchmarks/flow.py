@@ -74,7 +74,7 @@ def transcription(y: Any, modes: Any, frozen: Any, mas: bool, w: WireConstants, 
         latent = w.volume * (T * gamma_T + gamma)
         capacity = w.volume * (w.rho * w.c_V - T * w.d * w.sigma_T**2 * (x - 1.0))
         J = max(HEATING if i == 0 else -HEATING, 0.0) / w.n
-        heat = J - w.lambda_ * w.area * (T - T_E)
+        heat = J - w.lambda_ * w.surface * (T - T_E)
         dx = 0.0
         if mas:
             inverse_E_I = (w.eps_T + s_M / w.E_M - s_A / w.E_A) / (s_A - s_M)

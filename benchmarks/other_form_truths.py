@@ -86,15 +86,15 @@ FORMS: dict[str, OtherForm] = {
     'wire_1_convection': form('natural_convection', ('wire_1',), law(
         'wire_1_convection', 'wire_heat', 'Q_1 = -h A_s (T - T_E)',
         (drawn_parameter('h', 'W/(m^2 K)', 40.0, 150.0, 'further convection'),),
-        lambda s, w, p: (s.wire - 1.0) * p.h * w.area * (s.T - s.T_E)), 'T'),
+        lambda s, w, p: (s.wire - 1.0) * p.h * w.surface * (s.T - s.T_E)), 'T'),
     'wire_2_free_convection': form('natural_convection', ('wire_2',), law(
         'wire_2_free_convection', 'wire_heat', 'Q_2 = -k A_s |T - T_E|^(5/4)',
         (drawn_parameter('k', 'W/(m^2 K^1.25)', 15.0, 60.0, 'free convection'),),
-        lambda s, w, p: -s.wire * p.k * w.area * abs(s.T - s.T_E) ** 0.25 * (s.T - s.T_E))),
+        lambda s, w, p: -s.wire * p.k * w.surface * abs(s.T - s.T_E) ** 0.25 * (s.T - s.T_E))),
     'square_convection': form('natural_convection', ('',), law(
         'square_convection', 'wire_heat', 'Q = -k A_s |T - T_E| (T - T_E)',
         (drawn_parameter('k', 'W/(m^2 K^2)', 1.0, 5.0, 'grows with the square'),),
-        lambda s, w, p: -p.k * w.area * abs(s.T - s.T_E) * (s.T - s.T_E)), 'T_abs', 'T_square'),  # the same above T_E
+        lambda s, w, p: -p.k * w.surface * abs(s.T - s.T_E) * (s.T - s.T_E)), 'T_abs', 'T_square'),  # the same above T_E
     'wire_1_power_loss': form('power_gain_mismatch', ('', 'wire_1'), law(
         'wire_1_power_loss', 'actuation', 'J_1 -> (1 - q) J_1',
         (drawn_parameter('q', '-', 0.06, 0.25, 'lost share'),),
@@ -134,9 +134,9 @@ FORMS: dict[str, OtherForm] = {
     'shared_air': form('ambient_heating', ('shared',), law(
         'shared_air', 'wire_heat', "C y' = n h A_s (T_1 + T_2 - 2 T_E - 2 y) - G y, Q = h A_s y in both wires",
         (drawn_parameter('G', 'W/K', 1.0, 6.0, 'to the room'), drawn_parameter('C', 'J/K', 20.0, 150.0, 'capacity')),
-        lambda s, w, p, m: w.lambda_ * w.area * m.y, states=('y',), scale=(10.0,),
+        lambda s, w, p, m: w.lambda_ * w.surface * m.y, states=('y',), scale=(10.0,),
         rate=lambda s, w, p, m: (
-            (w.n * w.lambda_ * w.area * (s.T + s.T_other - 2.0 * s.T_E - 2.0 * m.y) - p.G * m.y) / p.C,))),
+            (w.n * w.lambda_ * w.surface * (s.T + s.T_other - 2.0 * s.T_E - 2.0 * m.y) - p.G * m.y) / p.C,))),
     'one_way_exchange': form('thermal_crosstalk', ('wire_2',), law(
         'one_way_exchange', 'wire_heat', 'Q_2 = g (T_1 - T_2)',
         (drawn_parameter('g', 'W/K', 1e-3, 8e-3, 'conductance'),),
@@ -168,8 +168,8 @@ FORMS: dict[str, OtherForm] = {
     'wire_1_heating': form('ambient_heating', ('wire_1',), law(
         'wire_1_heating', 'wire_heat', "tau y' = R n h A_s (T_1 - T_E - y) - y, Q_1 = h A_s y",
         (drawn_parameter('R', 'K/W', 2.0, 12.0, 'of the air'), drawn_parameter('tau', 's', 8.0, 40.0, 'time constant')),
-        lambda s, w, p, m: (1.0 - s.wire) * w.lambda_ * w.area * m.y, states=('y',), scale=(10.0,),
-        rate=lambda s, w, p, m: ((p.R * w.n * w.lambda_ * w.area * (s.T - s.T_E - m.y) - m.y) / p.tau,))),
+        lambda s, w, p, m: (1.0 - s.wire) * w.lambda_ * w.surface * m.y, states=('y',), scale=(10.0,),
+        rate=lambda s, w, p, m: ((p.R * w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.y) - m.y) / p.tau,))),
     'wire_1_r_phase': form('r_phase', ('wire_1',), law(
         'wire_1_r_phase', 'transformation_stress', 'both stresses of wire 1 rise by q max(T_R - T, 0)',
         (drawn_parameter('q', 'Pa/K', 1e6, 4e6, 'slope'), drawn_parameter('T_R', 'K', 305.0, 320.0, 'begin')),

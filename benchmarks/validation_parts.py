@@ -343,6 +343,32 @@ PARTS = (
         whole=1000,
     ),
     Part(
+        'dense',
+        'Commands of a controller',
+        minutes=2,
+        command=script('dense'),
+        text='100 s of a PI controller at 50 Hz with a noisy sensor, 5,000 changes of the command, against the same with 10 '
+        'steps: ratios of processor times, by the standard deviation of the changes from row to row.',
+        subject=SOLVER,
+        headline=lambda r: (
+            f'{span(every(r, "simulation_ratio"))} times the time of 10 steps, tangents {span(every(r, "tangents_ratio"))}'
+        ),
+    ),
+    Part(
+        'tangents',
+        'Derivatives of a fit',
+        minutes=1,
+        command=script('tangents'),
+        text='The residuals of three recordings of 100 s in all unknowns of a fit: by tangents and by differences of runs. '
+        'Processor time; error in units of the noise per standard deviation of the prior, against extrapolated central '
+        'differences at rtol 1e-8.',
+        subject=SOLVER,
+        headline=lambda r: (
+            f'one-sided differences take {span(every(r, "one_sided_over_tangents"))} times as long as tangents, '
+            f'central ones {span(every(r, "central_over_tangents"))} times'
+        ),
+    ),
+    Part(
         'node',
         'Rate and load',
         minutes=1,

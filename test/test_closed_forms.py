@@ -50,11 +50,11 @@ def test_warm_air_settles_where_it_gives_off_what_it_takes():
     """Theta = R Q with the heat Q that all wires of the bundle give to it, [K] = [K/W] [W]."""
     R, T, T_E = 2.0, 360.0, 298.0
     memory = type('M', (), {})
-    conductance = WIRE.n * WIRE.lambda_ * WIRE.area
+    conductance = WIRE.n * WIRE.lambda_ * WIRE.surface
     memory.Theta = R * conductance * (T - T_E) / (1.0 + R * conductance)
     state = {'T': T, 'T_E': T_E}
     assert values('ambient_heating', memory, part='rate', state=state, R=R, tau=10.0) == pytest.approx(0.0, abs=1e-12)
-    assert values('ambient_heating', memory, state=state) == pytest.approx(WIRE.lambda_ * WIRE.area * memory.Theta)
+    assert values('ambient_heating', memory, state=state) == pytest.approx(WIRE.lambda_ * WIRE.surface * memory.Theta)
 
 
 def test_a_current_source_heats_by_the_resistance():

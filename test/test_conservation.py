@@ -22,7 +22,7 @@ def power_in(point, wire, extra=0.0):
     """Mechanical power, heating and convection of one wire [W]."""
     p, obs = point.p, point.obs
     work = p.wire.volume * obs[wire, O_SIGMA] * obs[wire, O_DEPS]
-    return work + obs[wire, O_J] - p.wire.lambda_ * p.wire.area * (point.y[p.first_T + wire] - point.u[-1]) + extra
+    return work + obs[wire, O_J] - p.wire.lambda_ * p.wire.surface * (point.y[p.first_T + wire] - point.u[-1]) + extra
 
 
 def points(model, mode):
@@ -82,7 +82,7 @@ def test_first_law_over_a_run(kind):
     held = np.searchsorted(times, run.time, side='right') - 1
     rate = np.diff(values[:, 0]) / np.diff(times)
     work = w.volume * run['stress_Pa'] * rate[held]
-    power = work + values[held, 1] - w.lambda_ * w.area * (run['T_K'] - values[held, 2])
+    power = work + values[held, 1] - w.lambda_ * w.surface * (run['T_K'] - values[held, 2])
     weight = (half[:, None] * weights).ravel()
     ends = simulate(model, source, np.array([0.0, 8.0]))
     strain = values[[0, -1], 0]

@@ -1,4 +1,4 @@
-"""The code blocks of the documentation run as they stand; its links and its promises hold."""
+"""The code blocks of the documentation run as they stand and print what it says; its links and its promises hold."""
 
 import ast
 import os
@@ -11,7 +11,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted(page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts)]
-BLOCK = re.compile(r'(?:<!-- (?P<mark>run(?: at night)?|not run: [^>]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
+MARK = r'(?:<!-- (?P<mark>run(?: at night)?|not run: [^>]+|printed) -->\n)?'
+BLOCK = re.compile(MARK + r'```(?P<language>\w*)\n(?P<text>.*?)```', re.S)
+NUMBER = re.compile(r'\d+(?:\.(?P<decimals>\d+))?(?:e(?P<exponent>[-+]?\d+))?')
 SHELLS = ('bash', 'console', 'sh')
 # Half a minute and more.
 SEARCHES = re.compile(r'sma-sim (?:diagnose|latent|next|tour)|(?:diagnose|propose|estimate_latent_inputs|next_experiment)\(')
@@ -26,13 +28,43 @@ def blocks(*languages):
 
 
 def scripts():
-    """The blocks that run: those of Python that do not say why not, and those of the shell that say so."""
-    for language in ('python', *SHELLS):
-        for name, _, mark, text in blocks(language):
-            if (mark or ('run' if language == 'python' else '')).startswith('run'):
-                marks = [pytest.mark.slow] if SEARCHES.search(text) or mark == 'run at night' else []
-                words = [sys.executable] if language == 'python' else ['bash', '-euo', 'pipefail']
-                yield pytest.param([*words, '-c', text], id=name, marks=marks)
+    """Blocks of Python that do not say why not, those of the shell that say so; of a tutorial all in one folder."""
+    for page in PAGES:
+        own = [block for block in map(as_script, blocks_with_output(page)) if block]
+        for together in [own] if page.parent.name == 'tutorials' and own else [[block] for block in own]:
+            takes_long = any(SEARCHES.search(command[-1]) or mark == 'run at night' for command, _, mark in together)
+            parts = [(command, output) for command, output, _ in together]
+            yield pytest.param(parts, id=f'{page.stem}-{len(parts)}', marks=[pytest.mark.slow] * takes_long)
+
+
+def blocks_with_output(page):
+    """The blocks of a page, each with what the page says that it prints."""
+    found = list(BLOCK.finditer(page.read_text()))
+    for block, after in zip(found, [*found[1:], None], strict=False):
+        yield block, after['text'] if after and after['mark'] == 'printed' else ''
+
+
+def as_script(block_and_output):
+    """Command, output and mark of a block that runs."""
+    block, output = block_and_output
+    language, mark = block['language'], block['mark'] or ('run' if block['language'] == 'python' else '')
+    if not mark.startswith('run'):
+        return None
+    words = [sys.executable] if language == 'python' else ['bash', '-euo', 'pipefail']
+    return [*words, '-c', block['text']], output, mark
+
+
+def is_said(line, said):
+    """Whether a line is what a page says, with numbers to 2 % or a unit of the last digit: processors round differently."""
+    numbers = zip(NUMBER.finditer(line), NUMBER.finditer(said), strict=False)
+    return NUMBER.sub('#', line.rstrip()) == NUMBER.sub('#', said.rstrip()) and all(
+        abs(float(one[0]) - float(other[0])) <= max(0.02 * float(other[0]), unit(other)) for one, other in numbers
+    )
+
+
+def unit(number):
+    """One in the last digit of a number, as it is written."""
+    return 10.0 ** (int(number['exponent'] or 0) - len(number['decimals'] or ''))
 
 
 def environment():
@@ -46,11 +78,20 @@ def test_every_shell_block_says_whether_it_runs():
 
 
 @pytest.mark.blocks
-@pytest.mark.parametrize('command', list(scripts()))
-def test_block(command, tmp_path):
+@pytest.mark.parametrize('parts', list(scripts()))
+def test_block(parts, tmp_path):
     (tmp_path / 'examples').symlink_to(ROOT / 'examples')
-    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
+    for command, output in parts:
+        done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, done.stderr
+        printed = iter(done.stdout.splitlines())
+        for said in output.splitlines():
+            assert said == '...' or any(is_said(line, said) for line in printed), f'{said!r} is not in\n{done.stdout}'
+
+
+def test_numbers_of_output_are_compared():
+    assert is_said('3 steps, 9.1e-06 deg', '3 steps, 9.0e-06 deg') and is_said('1.01 nats', '1.0 nats')
+    assert not is_said('83 %', '93 %') and not is_said('3 steps', '3 jumps') and not is_said('9.4e-06', '9.0e-06')
 
 
 def test_what_python_blocks_import_is_there():

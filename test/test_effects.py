@@ -352,4 +352,4 @@ def test_ports_and_channels_are_those_of_the_contract():
     wire_ports = ('wire_heat', 'wire_strain', 'transformation_stress', 'wire_force')
     assert ('actuation', *wire_ports, 'structure_force', 'sensing') == PORT_NAMES
     assert CHANNELS == ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
-    assert WireConstants._fields[-4:] == ('section', 'area', 'volume', 'd') and 'k_ya' in BeamConstants._fields
+    assert WireConstants._fields[-5:] == ('section', 'surface', 'volume', 'd', 'area') and 'k_ya' in BeamConstants._fields

@@ -123,7 +123,7 @@ def check_balance(model, y, x, u):
         at = (obs[i, O_EPS] - obs[i, O_STRAIN] - w.eps_T * x_M, T, x_M)
         along = (obs[i, O_DEPS] - strain_rates[i] - w.eps_T * obs[i, O_DX], dy[p.first_T + i], obs[i, O_DX])
         stored = internal_energy(*(a + 1e-30j * b for a, b in zip(at, along, strict=True)), w).imag / 1e-30
-        powers = np.array([w.section * sigma * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.area * (T - 298.0), heat[i],
+        powers = np.array([w.section * sigma * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.surface * (T - 298.0), heat[i],
                            -w.volume * sigma * strain_rates[i], -capacities[i] * dy[p.first_T + i]])  # fmt: skip
         exchanged = np.abs([*powers, latent_heat(T, sigma, w) * obs[i, O_DX]]).sum()
         assert stored == pytest.approx(powers.sum(), abs=1e-6 * exchanged)
@@ -200,7 +200,7 @@ def test_air_that_three_bundles_share():
     for y, x in states(model, 9, 3):
         y[-3:] = 5.0
         dy, _ = evaluated(model, y, x, u)
-        warmth = w.n * w.lambda_ * w.area * (y[p.first_T : p.first_T + 3] - 298.0 - 5.0)
+        warmth = w.n * w.lambda_ * w.surface * (y[p.first_T : p.first_T + 3] - 298.0 - 5.0)
         assert dy[-3:] == pytest.approx([(warmth.mean() - 5.0) / 20.0] * 3, rel=1e-9)
 
 

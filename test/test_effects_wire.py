@@ -45,7 +45,7 @@ def test_radiation_alone_holds_the_balance_with_heating():
     source = Input(np.array([0.0, 500.0]), np.array([[0.0, J, T_E], [0.0, J, T_E]]), (True, False, False))
     model = make_model('wire', 'hybrid', [active('radiation', emissivity=emissivity)], wire__lambda=0.0, initial__x_M_1=0.0)
     T = simulate(model, source, np.array([500.0]))['T_K'][0]
-    radiated = emissivity * STEFAN_BOLTZMANN * model.compiled.wire.area * (T**4 - T_E**4)
+    radiated = emissivity * STEFAN_BOLTZMANN * model.compiled.wire.surface * (T**4 - T_E**4)
     assert radiated == pytest.approx(J, rel=1e-5) and T > 330.0
 
 

@@ -38,7 +38,7 @@ def power(state, i, p):
     """What flows into wire i [W] without the heat of effects, and the sum of the magnitudes."""
     o, w = state.obs[i], p.wire
     T, T_E = state.y[p.first_T + i], state.u[-1]
-    terms = [w.section * o[O_SIGMA] * o[O_V], o[O_J], -w.lambda_ * w.area * (T - T_E)]
+    terms = [w.section * o[O_SIGMA] * o[O_V], o[O_J], -w.lambda_ * w.surface * (T - T_E)]
     return sum(terms), sum(abs(term) for term in terms)
 
 
@@ -47,9 +47,9 @@ def effect_heat(state, i, p, names, model):
     w, T, T_E = p.wire, state.y[p.first_T + i], state.u[-1]
     heat = 0.0
     if 'natural_convection' in names:
-        heat -= 40.0 * w.area * abs(T - T_E) ** 0.25 * (T - T_E)
+        heat -= 40.0 * w.surface * abs(T - T_E) ** 0.25 * (T - T_E)
     if 'ambient_heating' in names:
-        heat += w.lambda_ * w.area * state.y[len(model.scales) - p.wires + i]
+        heat += w.lambda_ * w.surface * state.y[len(model.scales) - p.wires + i]
     return heat
 
 
@@ -176,7 +176,7 @@ def test_first_law_over_random_runs(system, kind, seed):
     T_E = source.values[np.searchsorted(source.times, nodes, side='right') - 1, -1]
     for wire in run.wires:
         inner = {name: column[1:-1] for name, column in wire.items()}
-        powers = np.array([w.section * inner['sigma'] * inner['v'], inner['J'], -w.lambda_ * w.area * (inner['T'] - T_E)])
+        powers = np.array([w.section * inner['sigma'] * inner['v'], inner['J'], -w.lambda_ * w.surface * (inner['T'] - T_E)])
         exchanged = (np.abs(powers) @ weights).sum()
         change = energy(wire, w)[-1] - energy(wire, w)[0]
         assert change == pytest.approx((powers @ weights).sum(), abs=1e-6 * exchanged)

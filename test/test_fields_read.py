@@ -1,5 +1,7 @@
 """What a kernel of a user's own reads is inferred: x_M is then solved for, however the kernel gets at it."""
 
+import warnings
+
 import numpy as np
 import pytest
 from systems import active, make_model
@@ -112,6 +114,21 @@ def test_a_declaration_is_no_longer_needed(tmp_path):
     (tmp_path / 'old_helper.py').write_text(HELPER)
     with pytest.raises(EffectError, match='depends_on_x.*remove it: what a kernel reads is inferred'):
         find_effects([tmp_path])
+
+
+def test_the_surface_by_its_old_name_works_with_a_warning(tmp_path):
+    runs = []
+    for name in ('surface', 'area'):
+        found = own_effect(tmp_path, f'by_{name}', f'lambda s, w, p: 1e-3 * p.slope * w.{name}', 'wire_heat')
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter('always')
+            model = make_model('wire', effects=[active(f'by_{name}', {f'by_{name}': found})])
+            runs.append(simulate(model, wire_input([0.0, 1.0], [0.03, 0.03]), 10.0))
+        assert [str(one.message).partition(';')[0] for one in said if 'w.area' in str(one.message)] == (
+            ["effect 'by_area' reads w.area, which is called w.surface now: the lateral surface of a wire [m^2]"]
+            * (name == 'area')
+        )
+    assert (runs[0]['T_K'] == runs[1]['T_K']).all() and runs[0]['T_K'][-1] > 300.0
 
 
 def test_time_in_a_helper_makes_the_flow_depend_on_time(tmp_path):

@@ -183,8 +183,8 @@ def heated_martensite(max_step):
     model = make_model('wire', initial__x_M_1=1.0, solver__rtol=0.1)
     w, strain, J, T_E = model.compiled.wire, 0.0815, 0.5, 298.0
     T_jump = 323.0 + (7.8e9 * (strain - 0.067) + 6.15e6 - 121.35e6) / 2.13e6
-    T_end = T_E + J / (w.lambda_ * w.area)
-    time_constant = w.volume * w.rho * w.c_V / (w.lambda_ * w.area)
+    T_end = T_E + J / (w.lambda_ * w.surface)
+    time_constant = w.volume * w.rho * w.c_V / (w.lambda_ * w.surface)
     expected = -time_constant * np.log((T_end - T_jump) / (T_end - T_E))
     source = Input(np.array([0.0, 2.0]), np.array([[strain, J, T_E]] * 2), LINEAR_STRAIN)
     jumps = raw_run(model, source, [], max_step=max_step).jumps

@@ -153,7 +153,7 @@ def test_rates_of_transforming_wires_are_the_papers(mode):
         L_x, capacity = latent_heat(T, level, W), heat_capacity(T, x, W)
         Sigma = (W.E_A - W.E_M) * level + W.E_A * W.E_M * W.eps_T
         M = (W.E_A - W.E_M) * eps * W.sigma_T + W.E_M * W.eps_T * W.sigma_T
-        E_2, heat = W.E_A * W.E_M, J - W.lambda_ * W.area * (T - T_E)
+        E_2, heat = W.E_A * W.E_M, J - W.lambda_ * W.surface * (T - T_E)
         phi_T = (heat * Sigma**2 + E_2 * L_x * Sigma * v / W.l0) / (capacity * Sigma**2 + E_2 * L_x * M)
         phi_x = E_2 / Sigma**2 * (Sigma * v / W.l0 - M * phi_T)
         assert s.dy[0] == pytest.approx(phi_T, rel=1e-9)

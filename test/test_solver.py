@@ -51,8 +51,8 @@ def test_dense_output_between_steps():
     T = run['T_K']
     # austenite at zero strain: (rho c_V + T d sigma_T^2) Om dT/dt = -lambda A_s (T - T_E), in closed form for t(T)
     a, b = w.volume * w.rho * w.c_V, w.volume * w.d * w.sigma_T**2
-    t = -((a + b * 298.0) * np.log((T - 298.0) / (T[0] - 298.0)) + b * (T - T[0])) / (w.lambda_ * w.area)
-    slope = w.lambda_ * w.area * (T - 298.0) / (a + b * T)
+    t = -((a + b * 298.0) * np.log((T - 298.0) / (T[0] - 298.0)) + b * (T - T[0])) / (w.lambda_ * w.surface)
+    slope = w.lambda_ * w.surface * (T - 298.0) / (a + b * T)
     assert np.abs((times - 0.5 - t) * slope).max() < 2e-3
     assert run.steps < len(times) / 3
 

@@ -252,7 +252,7 @@ def test_the_beam_is_that_of_textbooks_whatever_its_size():
     assert pytest.approx(0.2 * 0.03**2 / 12.0) == b.J_H
     wire = wire_constants(MODULE.default_values)
     assert wire.section == pytest.approx(math.pi * wire.r0**2) and wire.volume == pytest.approx(wire.section * wire.l0)
-    assert wire.area == pytest.approx(2.0 * math.pi * wire.r0 * wire.l0) and wire.d == pytest.approx(
+    assert wire.surface == pytest.approx(2.0 * math.pi * wire.r0 * wire.l0) and wire.d == pytest.approx(
         1 / wire.E_M - 1 / wire.E_A
     )
 

@@ -46,7 +46,7 @@ def test_first_law_over_a_run(name, kind):
     assert run.status == 0 and all(np.ptp(wire['x_M']) > 0.05 for wire in run.wires[:1])
     powers = np.array([
         *(w.n * wire['J'][1:-1] for wire in run.wires),
-        *(-w.n * w.lambda_ * w.area * (wire['T'][1:-1] - 298.0) for wire in run.wires),
+        *(-w.n * w.lambda_ * w.surface * (wire['T'][1:-1] - 298.0) for wire in run.wires),
         friction_power(model, run.pose[1:-1], run.rates[1:-1]),
     ])  # fmt: skip
     exchanged = (np.abs(powers) @ weights).sum()

@@ -96,7 +96,7 @@ def test_first_law(name, kind):
         ends = {k: energy_of(model, y + k * h * dy, x, u) for k in (-2, -1, 1, 2)}
         stored = (8.0 * (ends[1] - ends[-1]) - (ends[2] - ends[-2])) / (12.0 * h)
         T = y[p.first_T : p.first_T + p.wires]
-        heat = w.n * sum(obs[:, O_J] - w.lambda_ * w.area * (T - 298.0))
+        heat = w.n * sum(obs[:, O_J] - w.lambda_ * w.surface * (T - 298.0))
         q, v, rest = pose(*y[:n]), pose(*y[n : 2 * n]), pose(*np.zeros(n))
         friction = [
             a - b for a, b in zip(*(numbers(structure.forces(q, s, model.constants)) for s in (v, rest)), strict=True)

@@ -100,7 +100,7 @@ def heated_part(number: int, sign: float, structure: Structure) -> float:
 def heating_of(config: Config) -> float:
     """Power [W] that warms the wires of a bundle by WARMING in the end, to two digits."""
     wire = wire_constants(config.parameters)
-    power = wire.lambda_ * wire.area * wire.n * WARMING
+    power = wire.lambda_ * wire.surface * wire.n * WARMING
     return float(f'{power:.2g}') if power > 0.0 else 1.0
 
 

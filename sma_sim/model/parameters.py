@@ -254,9 +254,10 @@ class WireConstants(NamedTuple):
     resistivity_T_A: float
     resistivity_T_M: float
     section: float  # pi r0^2 [m^2]
-    area: float  # A_s = 2 pi r0 l0 [m^2]
+    surface: float  # A_s = 2 pi r0 l0 [m^2]
     volume: float  # Om = pi r0^2 l0 [m^3]
     d: float  # 1/E_M - 1/E_A [1/Pa]
+    area: float  # the surface by its old name, which kernels may still read
 
 
 class BeamConstants(NamedTuple):
@@ -278,14 +279,15 @@ class BeamConstants(NamedTuple):
 def wire_constants(values: Mapping[str, float]) -> WireConstants:
     """Wire constants from parameters named ``wire.*``."""
     given = {p.name: float(values[f'wire.{p.name}']) for p in WIRE_PARAMETERS}
-    section = math.pi * given['r0'] ** 2
+    section, surface = math.pi * given['r0'] ** 2, 2.0 * math.pi * given['r0'] * given['l0']
     given['lambda_'] = given.pop('lambda')
     return WireConstants(
         **given,
         section=section,
-        area=2.0 * math.pi * given['r0'] * given['l0'],
+        surface=surface,
         volume=section * given['l0'],
         d=1.0 / given['E_M'] - 1.0 / given['E_A'],
+        area=surface,
     )
 
 

@@ -213,7 +213,7 @@ def wire_rates(i: int, state: SystemState, point: InputPoint, p: System, dy: Vec
         heat, capacity, latent = point.du[p.imposed_T], 1.0, 0.0
     else:
         T_E = ambient_temperature(point.u, p)
-        heat = obs[i, O_J] - w.lambda_ * w.area * (T - T_E) + extra_heat(i, dx, y, p)
+        heat = obs[i, O_J] - w.lambda_ * w.surface * (T - T_E) + extra_heat(i, dx, y, p)
         capacity = heat_capacity(T, x, w) + extra_capacity(p)
         latent = latent_heat(T, sigma, w)
         if transforming:

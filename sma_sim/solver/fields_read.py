@@ -8,6 +8,7 @@ index, unpacked, handed to a function that is not compiled from Python), the ker
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from types import FunctionType
@@ -23,13 +24,29 @@ from sma_sim.model.effects.ports import PORT_NAMES, RATE_UNKNOWN, VALUE_UNKNOWN,
 
 frontend: Any = run_frontend  # its types are not declared
 EVERY_FIELD = frozenset(State._fields)
+WIRE = 1  # position of the constants of a wire among a kernel's arguments
 Visited = set[tuple[Callable[..., Any], int]]
 
 
 @lru_cache(4096)
-def fields_read(kernel: Callable[..., Any] | None) -> frozenset[str]:
-    """Names of the fields of the state that a kernel reads, or a function that it calls; all, where that is not clear."""
-    return frozenset() if kernel is None else _read_through(kernel, 0, set())
+def fields_read(kernel: Callable[..., Any] | None, position: int = 0) -> frozenset[str]:
+    """Names of the fields that a kernel, or a function that it calls, reads of its argument at `position`: of the state.
+
+    All fields of the state, where that is not clear.
+    """
+    return frozenset() if kernel is None else _read_through(kernel, position, set())
+
+
+def warn_of_old_names(effect: Effect) -> None:
+    """Warn of constants that kernels read by a name that they had before."""
+    kernels = (effect.kernel, effect.rate, effect.start)
+    if effect.port != 'structure_force' and any('area' in fields_read(kernel, WIRE) for kernel in kernels):
+        warnings.warn(
+            f'effect {effect.name!r} reads w.area, which is called w.surface now: the lateral surface of a wire [m^2]; '
+            'its cross section is w.section',
+            FutureWarning,
+            stacklevel=2,
+        )
 
 
 def uses_time(effect: Effect) -> bool:

@@ -323,7 +323,7 @@ def keep_heat(run: Run, segment: Segment, p: System, w: Work) -> None:
 
 def heat_brought(i: int, u: Vector, p: System) -> float:
     """What an input brings to wire `i` [W], but for a constant: its heating, and from surroundings at T_E."""
-    return commanded_heating(i, u, p) + p.wire.lambda_ * p.wire.area * ambient_temperature(u, p)
+    return commanded_heating(i, u, p) + p.wire.lambda_ * p.wire.surface * ambient_temperature(u, p)
 
 
 def next_step(t: float, run: Run, segment: Segment, p: System, w: Work, limits: Limits) -> tuple[int, Step, float, float]:

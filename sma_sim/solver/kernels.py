@@ -19,7 +19,7 @@ from sma_sim.model.structures.discovery import FoundStructure, package_structure
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 from sma_sim.solver.compile import OWN, Compiler, carray, code_of, content_key, first_lines_of, write_source
-from sma_sim.solver.fields_read import check_fields, check_scope, fields_read
+from sma_sim.solver.fields_read import check_fields, check_scope, fields_read, warn_of_old_names
 from sma_sim.solver.kernel_text import (
     FUNCTIONS,
     KernelTypes,
@@ -73,6 +73,8 @@ def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> Nativ
 def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffect:
     effect = found.effect
     check_fields(effect)
+    if found.packages != OWN:
+        warn_of_old_names(effect)
     files, packages = (on.files, on.packages) if on else ((), ())
     code = code_of(effect.kernel, effect.rate, effect.start, *(functions_on(on.structure) if on else ()))
     compiler = Compiler(content_key(*found.files, *files, code=code), (*found.packages, *packages))

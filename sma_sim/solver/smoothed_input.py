@@ -65,7 +65,7 @@ def smoothed(model: Model, times: Vector, values: Matrix, slopes: Matrix, row_sh
     if not passes_lines(model.config.effects, model.structure, wire, float(heating[:, :-1].max()) / wire.n):
         return None
     capacity = wire.volume * wire.rho * wire.c_V
-    kelvin = np.array([1.0 / (wire.n * capacity)] * p.wires + [wire.lambda_ * wire.area / capacity])
+    kelvin = np.array([1.0 / (wire.n * capacity)] * p.wires + [wire.lambda_ * wire.surface / capacity])
     most = SMOOTHED * model.config.parameters['solver.rtol'] * TEMPERATURE_SCALE
     first = np.zeros(len(times), dtype=np.int64)
     lines, tilts = np.zeros(heating.shape), np.zeros(heating.shape)

@@ -17,7 +17,7 @@ EFFECT = Effect(
     ),
     states=('theta',),
     scale=(10.0,),
-    rate=lambda s, w, p, m: ((w.n * w.lambda_ * w.area * (s.T - s.T_E - m.theta) - p.G * m.theta) / p.C,),
-    kernel=lambda s, w, p, m: w.lambda_ * w.area * m.theta,
+    rate=lambda s, w, p, m: ((w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.theta) - p.G * m.theta) / p.C,),
+    kernel=lambda s, w, p, m: w.lambda_ * w.surface * m.theta,
 )
 TRUTHS = (simulated_truth(EFFECT, library='ambient_heating', variables=('T', 'memory'), file=__file__),)

@@ -17,6 +17,6 @@ EFFECT = Effect(
         drawn_parameter('h', 'W/(m^2 K)', 30.0, 250.0, 'coefficient that the fan adds'),
         drawn_parameter('t_on', 's', 20.0, 70.0, 'instant, counted from the beginning of the run'),
     ),
-    kernel=lambda s, w, p: -p.h * w.area * (s.T - s.T_E) * 0.5 * (1.0 + math.tanh((s.t - p.t_on) / 0.3)),
+    kernel=lambda s, w, p: -p.h * w.surface * (s.T - s.T_E) * 0.5 * (1.0 + math.tanh((s.t - p.t_on) / 0.3)),
 )
 TRUTHS = (simulated_truth(EFFECT, variables=('t', 'T'), file=__file__),)

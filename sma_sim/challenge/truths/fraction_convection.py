@@ -12,6 +12,6 @@ EFFECT = Effect(
     equation='Q = -h A_s x_M (T - T_E)',
     source='contact with a heat sink that depends on the phase',
     parameters=(drawn_parameter('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),),
-    kernel=lambda s, w, p: -p.h * w.area * s.x * (s.T - s.T_E),
+    kernel=lambda s, w, p: -p.h * w.surface * s.x * (s.T - s.T_E),
 )
 TRUTHS = (simulated_truth(EFFECT, variables=('x', 'T'), file=__file__),)

@@ -16,7 +16,7 @@ EFFECT = Effect(
         drawn_parameter('m', '-', 0.15, 0.33, 'exponent'),
     ),
     kernel=lambda s, w, p: (
-        -p.h_50 * (abs(s.T - s.T_E) / 50.0) ** p.m * (0.5 * (s.T + s.T_E) / 323.0) ** 0.8 * w.area * (s.T - s.T_E)
+        -p.h_50 * (abs(s.T - s.T_E) / 50.0) ** p.m * (0.5 * (s.T + s.T_E) / 323.0) ** 0.8 * w.surface * (s.T - s.T_E)
     ),
 )
 TRUTHS = (simulated_truth(EFFECT, library='natural_convection', variables=('T',), file=__file__),)

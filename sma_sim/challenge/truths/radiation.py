@@ -14,6 +14,8 @@ EFFECT = Effect(
     equation='Q = -(1 - reflectivity) sigma_SB (T^2 + T_E^2)(T + T_E) A_s (T - T_E)',
     source="Kirchhoff's and Stefan and Boltzmann's laws",
     parameters=(drawn_parameter('reflectivity', '-', 0.1, 0.8, 'of the surface in the infrared'),),
-    kernel=lambda s, w, p: -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.area * (s.T - s.T_E),
+    kernel=lambda s, w, p: (
+        -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.surface * (s.T - s.T_E)
+    ),
 )
 TRUTHS = (simulated_truth(EFFECT, library='radiation', variables=('T',), file=__file__),)

@@ -15,7 +15,7 @@ EFFECT = Effect(
     parameters=(
         Parameter('c', 0.02, 'K/s', (-10.0, 10.0), 'rate at which the air around the wires warms', '', 0.0, (-0.05, 0.05)),
     ),
-    kernel=lambda s, w, p: w.lambda_ * w.area * p.c * s.t,
+    kernel=lambda s, w, p: w.lambda_ * w.surface * p.c * s.t,
     tried='timed',
     energy='heat that a wire loses less to air that is warmer',
     description='whatever the wires do; radiation and natural convection keep the ambient temperature of the input',

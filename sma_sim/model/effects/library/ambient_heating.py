@@ -20,8 +20,8 @@ EFFECT = Effect(
     ),  # fmt: skip
     states=('Theta',),
     scale=(10.0,),
-    rate=lambda s, w, p, m: (p.R * w.n * w.lambda_ * w.area * (s.T - s.T_E - m.Theta) - m.Theta) / p.tau,
-    kernel=lambda s, w, p, m: w.lambda_ * w.area * m.Theta,
+    rate=lambda s, w, p, m: (p.R * w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.Theta) - m.Theta) / p.tau,
+    kernel=lambda s, w, p, m: w.lambda_ * w.surface * m.Theta,
     energy='heat that the wire gave to the air and that the air gives back in part',
     description='one thermal node of air per bundle, at T_E at the start',
     signature='slow drift of all that depends on temperature, up under heating and back after it',

@@ -16,7 +16,7 @@ EFFECT = Effect(
         Parameter('k', 40.0, 'W/(m^2 K^(1+m))', (0.0, 1e4), 'coefficient; larger for thinner wires', '', 0.0, (5.0, 300.0)),
         Parameter('m', 0.25, '-', (0.0, 1.0), '1/4 laminar, less for thin wires, 0 in a draught', '', None, (0.0, 0.34)),
     ),
-    kernel=lambda s, w, p: -p.k * w.area * abs(s.T - s.T_E) ** p.m * (s.T - s.T_E),
+    kernel=lambda s, w, p: -p.k * w.surface * abs(s.T - s.T_E) ** p.m * (s.T - s.T_E),
     energy='heat to the air, cools a wire above T_E always',
     description='free convection on top of the constant lambda',
     signature='cooling is faster when hot; the time to cool depends on how hot the wire was',

@@ -17,7 +17,7 @@ EFFECT = Effect(
     parameters=(
         Parameter('emissivity', 0.7, '-', (0.0, 1.0), 'of the surface: 0.1 polished, 0.9 oxidised', '', 0.0, (0.05, 0.95)),
     ),
-    kernel=lambda s, w, p: -p.emissivity * SIGMA_SB * w.area * (s.T**4 - s.T_E**4),
+    kernel=lambda s, w, p: -p.emissivity * SIGMA_SB * w.surface * (s.T**4 - s.T_E**4),
     energy='heat to the room, cools a wire above T_E always',
     description='one or two per cent of the convection of thin wires',
     signature='a hot wire cools a little faster; the share grows with about T^3',
