@@ -232,7 +232,10 @@ PRESENT = [case for case in SAME if truths()[case[0]].library in find_effects()]
 
 @pytest.mark.parametrize(('name', 'values', 'same'), PRESENT, ids=[case[0] for case in PRESENT])
 def test_truth_and_library_mean_the_same_physics(name, values, same):
-    """Where the law is one and the same, two ways of writing it agree."""
+    """Where the law is one and the same, two ways of writing it agree, and the answer has the library's parameters."""
+    if truths()[name].listed is not None:
+        listed = truths()[name].listed(values, default_parameters())
+        assert listed.keys() & same.keys() and {**same, **listed} == pytest.approx({**listed, **same})
     time, channels = measure([(name, values)])
     found = find_effects()[truths()[name].library]
     active = ActiveEffect(found, tuple(same.get(p.name, p.default) for p in found.effect.parameters))

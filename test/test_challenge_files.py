@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 import zlib
 from pathlib import Path
 
@@ -185,6 +186,7 @@ def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
     assert len((tmp_path / 'case' / 'run1.csv').read_text().splitlines()) >= 1 + 40 * 25
     assert main(['challenge', 'reveal', 'case']) == 0
     told = capsys.readouterr().out
+    assert re.search(r'as gravity of the library: g_x = -?[\d.]+ m/s\^2, g_y = -?[\d.]+ m/s\^2', told)
     assert 'gravity (structure_force)' in told and 'wire.E_A' in told and 'over the noise' in told
     verdict = {'verdict': 'missing_effect', 'effects': ['gravity'], 'ranking': [{'effect': 'gravity'}],
                'error': [{'effects': [], 'held_out': 6.0}, {'effects': ['gravity'], 'held_out': 1.1}]}  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 NOTHING_MISSING, MISSING_EFFECT, UNKNOWN_EFFECT = 'none', 'missing_effect', 'unknown_effect'
@@ -15,6 +15,7 @@ class HiddenEffect:
     """A hidden effect: `library` is the package's name for it, '' if it has none; `parameters` are (value, unit) by name.
 
     `influence` is the root mean square of what it changes, over the noise, by channel and for `all` recorded ones.
+    `listed` are the parameters of the package's effect that come nearest, (value, unit) by name.
     """
 
     name: str
@@ -23,6 +24,7 @@ class HiddenEffect:
     variables: tuple[str, ...]
     parameters: Mapping[str, tuple[float, str]]
     influence: Mapping[str, float]
+    listed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -51,14 +53,24 @@ class Answer:
         return asdict(self)
 
 
+def with_units(data: Mapping[str, Any]) -> dict[str, tuple[float, str]]:
+    """Values and units by name, of plain data."""
+    return {name: (float(value), str(unit)) for name, (value, unit) in data.items()}
+
+
 def answer_from(data: Mapping[str, Any]) -> Answer:
     """The answer of plain data."""
     effects = tuple(
         HiddenEffect(
-            effect['name'], effect['library'], effect['port'], tuple(effect['variables']),
-            {name: (float(value), str(unit)) for name, (value, unit) in effect['parameters'].items()}, effect['influence'],
+            effect['name'],
+            effect['library'],
+            effect['port'],
+            tuple(effect['variables']),
+            with_units(effect['parameters']),
+            effect['influence'],
+            with_units(effect.get('listed', {})),
         )
         for effect in data['effects']
-    )  # fmt: skip
+    )
     offsets = {name: (float(nominal), float(true)) for name, (nominal, true) in data['parameters'].items()}
     return Answer(int(data['seed']), effects, offsets, data['noise_std'])

@@ -14,6 +14,7 @@ from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import Truth, Vector
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.config import Config, default_parameters
+from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import Shown
 from sma_sim.solver.inputs import Input
@@ -209,5 +210,19 @@ def hidden_effect(
     influence['all'] = float(np.sqrt(np.mean([influence[name] ** 2 for name in (NOISE_STD if forces else POSE_CHANNELS)])))
     values = {p.name: (hidden.values[p.name], p.unit) for p in hidden.truth.parameters}
     return HiddenEffect(
-        hidden.truth.name, hidden.truth.library, hidden.truth.port, hidden.truth.variables, values, influence
+        hidden.truth.name,
+        hidden.truth.library,
+        hidden.truth.port,
+        hidden.truth.variables,
+        values,
+        influence,
+        listed_parameters(hidden, robot.parameters),
     )
+
+
+def listed_parameters(hidden: Hidden, parameters: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    """The parameters of the package's effect that come nearest to a hidden one, with their units."""
+    if hidden.truth.listed is None:
+        return {}
+    units = {p.name: p.unit for p in package_effects()[hidden.truth.library].effect.parameters}
+    return {name: (value, units[name]) for name, value in hidden.truth.listed(hidden.values, parameters).items()}

@@ -27,6 +27,7 @@ Vector = NDArray[np.float64]
 Channels = Mapping[str, Vector]
 Values = Mapping[str, float]
 Sensor = Callable[[Vector, Channels, Values], dict[str, Vector]]
+Listed = Callable[[Values, Values], dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Truth:
     `parameters` that it declares. Instead, `sensor(time, channels, values)` makes the shown channels, (k,) each, of the
     true ones, sampled at times (k,) [s]; it returns those that it changes. A parameter is drawn from its realistic range;
     `signed` names those of either sign. `T_E` is the ambient temperature [K] without which it cannot show, if there is one.
+    `listed(values, parameters)` are the parameters of the package's effect that come nearest, from the truth's own and those
+    of the robot by full name.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Truth:
     signed: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
     T_E: float | None = None
+    listed: Listed | None = None
 
     def active(self, values: Values) -> tuple[ActiveEffect, ...]:
         """Its effects with these values of the parameters, by name."""
@@ -76,12 +80,22 @@ def simulated_truth(
     file: str,
     signed: tuple[str, ...] = (),
     T_E: float | None = None,
+    listed: Listed | None = None,
 ) -> Truth:
     """A truth made of effects that are simulated; `file` is the one that declares them."""
     parameters = {p.name: p for effect in effects for p in effect.parameters}
     first = effects[0]
     return Truth(
-        first.name, library, variables, first.port, tuple(parameters.values()), effects, None, signed, (Path(file),), T_E
+        first.name,
+        library,
+        variables,
+        first.port,
+        tuple(parameters.values()),
+        effects,
+        signed=signed,
+        files=(Path(file),),
+        T_E=T_E,
+        listed=listed,
     )
 
 
@@ -92,9 +106,10 @@ def sensor_truth(
     library: str = '',
     variables: tuple[str, ...],
     signed: tuple[str, ...] = (),
+    listed: Listed | None = None,
 ) -> Truth:
     """A truth of the sensors, applied to the samples."""
-    return Truth(name, library, variables, 'sensing', parameters, (), sensor, signed)
+    return Truth(name, library, variables, 'sensing', parameters, sensor=sensor, signed=signed, listed=listed)
 
 
 def drawn_parameter(name: str, unit: str, low: float, high: float, description: str) -> Parameter:

@@ -87,6 +87,9 @@ def answer_text(answer: Answer) -> list[str]:
     for effect in answer.effects:
         lines.append(f'  {effect.library or effect.name} ({effect.port}{"" if effect.library else ", not in the library"})')
         lines += [f'    {name:<12} {value:.4g} {unit}' for name, (value, unit) in effect.parameters.items()]
+        if effect.listed:
+            values = ', '.join(f'{name} = {value:.4g} {unit}' for name, (value, unit) in effect.listed.items())
+            lines.append(f'    as {effect.library} of the library: {values}')
         influence = ', '.join(f'{name} {size:.2g}' for name, size in effect.influence.items())
         lines.append(f'    changes, over the noise: {influence}')
     lines.append('Parameters of the robot, and how far they are from those of the model:')

@@ -20,4 +20,12 @@ EFFECT = Effect(
     rate=lambda s, w, p, m: ((w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.theta) - p.G * m.theta) / p.C,),
     kernel=lambda s, w, p, m: w.lambda_ * w.surface * m.theta,
 )
-TRUTHS = (simulated_truth(EFFECT, library='ambient_heating', variables=('T', 'memory'), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='ambient_heating',
+        variables=('T', 'memory'),
+        file=__file__,
+        listed=lambda p, of: {'R': 1.0 / p['G'], 'tau': p['C'] / p['G']},
+    ),
+)

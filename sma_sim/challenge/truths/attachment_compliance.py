@@ -27,4 +27,12 @@ EFFECT = Effect(
     kernel=clamp_strain,
     energy='the work that the clamps store and give back does not enter',
 )
-TRUTHS = (simulated_truth(EFFECT, library='attachment_compliance', variables=('sigma',), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='attachment_compliance',
+        variables=('sigma',),
+        file=__file__,
+        listed=lambda p, of: {'C': of['wire.n'] / p['k_c']},
+    ),
+)

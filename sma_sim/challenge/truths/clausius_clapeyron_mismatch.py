@@ -15,4 +15,12 @@ EFFECT = Effect(
     kernel=lambda s, w, p: (p.excess * w.sigma_T * (s.T - 310.0), 0.0),
     energy='latent heat stays that of sigma_MW',
 )
-TRUTHS = (simulated_truth(EFFECT, library='clausius_clapeyron_mismatch', variables=('T',), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='clausius_clapeyron_mismatch',
+        variables=('T',),
+        file=__file__,
+        listed=lambda p, of: {'delta': p['excess'] * of['wire.sigma_T']},
+    ),
+)

@@ -25,4 +25,16 @@ EFFECT = Effect(
         0.0,
     ),
 )
-TRUTHS = (simulated_truth(EFFECT, library='gravity', variables=('constant',), file=__file__, signed=('lean',)),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='gravity',
+        variables=('constant',),
+        file=__file__,
+        listed=lambda p, of: {
+            'g_x': -p['share'] * STANDARD_GRAVITY * math.cos(p['lean']),
+            'g_y': p['share'] * STANDARD_GRAVITY * math.sin(p['lean']),
+        },
+        signed=('lean',),
+    ),
+)

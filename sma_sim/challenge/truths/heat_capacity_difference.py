@@ -29,4 +29,13 @@ EFFECT = Effect(
     rate=lambda s, w, p, m: ((enthalpy(s, w, p.f) - m.z) / FOLLOWS,),
     kernel=lambda s, w, p, m: (m.z - enthalpy(s, w, p.f)) / FOLLOWS,
 )
-TRUTHS = (simulated_truth(EFFECT, library='heat_capacity_difference', variables=('x', 'T'), file=__file__, signed=('f',)),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='heat_capacity_difference',
+        variables=('x', 'T'),
+        file=__file__,
+        listed=lambda p, of: {'r': p['f']},
+        signed=('f',),
+    ),
+)

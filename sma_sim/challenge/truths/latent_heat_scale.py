@@ -23,4 +23,13 @@ EFFECT = Effect(
         p.f * w.volume * s.T * w.sigma_T * (w.eps_T + w.d * (w.sigma_MW0 + w.sigma_T * (s.T - w.T0))) * (s.x - m.z) / FOLLOWS
     ),
 )
-TRUTHS = (simulated_truth(EFFECT, library='latent_heat_scale', variables=('dx',), file=__file__, signed=('f',)),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='latent_heat_scale',
+        variables=('dx',),
+        file=__file__,
+        listed=lambda p, of: {'k': 1.0 + p['f']},
+        signed=('f',),
+    ),
+)

@@ -21,4 +21,12 @@ EFFECT = Effect(
     ),
     energy='latent heat at the shifted stress',
 )
-TRUTHS = (simulated_truth(EFFECT, library='polycrystal', variables=('x',), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='polycrystal',
+        variables=('x',),
+        file=__file__,
+        listed=lambda p, of: {'spread': p['H']},
+    ),
+)

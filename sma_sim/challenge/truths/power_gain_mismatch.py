@@ -15,4 +15,12 @@ EFFECT = Effect(
     stage='gain',
     kernel=lambda s, w, p: s.J / (1.0 + p.r * s.wire),
 )
-TRUTHS = (simulated_truth(EFFECT, library='power_gain_mismatch', variables=('J', 'wire'), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='power_gain_mismatch',
+        variables=('J', 'wire'),
+        file=__file__,
+        listed=lambda p, of: {'ratio': 1.0 + p['r']},
+    ),
+)

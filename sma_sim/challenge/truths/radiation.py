@@ -18,4 +18,12 @@ EFFECT = Effect(
         -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.surface * (s.T - s.T_E)
     ),
 )
-TRUTHS = (simulated_truth(EFFECT, library='radiation', variables=('T',), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='radiation',
+        variables=('T',),
+        file=__file__,
+        listed=lambda p, of: {'emissivity': 1.0 - p['reflectivity']},
+    ),
+)

@@ -77,21 +77,25 @@ TRUTHS = (
         drawn_parameter('zero_U_y', 'm', 3e-5, 4e-4, 'zero error of U_y'),
         drawn_parameter('zero_alpha', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'zero error of alpha'),
         library='sensor_bias', variables=('constant',), signed=('zero_U_x', 'zero_U_y', 'zero_alpha'),
+        listed=lambda p, of: {name: p[f'zero_{name}'] for name in ('U_x', 'U_y', 'alpha')},
     ),
     sensor_truth(
         'truth_sensor_gain', scale_error,
         drawn_parameter('pixel', '-', 0.01, 0.06, 'size of a pixel over what was thought, less one'),
         drawn_parameter('radius', '-', 0.01, 0.06, "the encoder's radius over what was thought, less one"),
         library='sensor_gain', variables=('value',), signed=('pixel', 'radius'),
+        listed=lambda p, of: {
+            'U_x': 1.0 / (1.0 + p['pixel']), 'U_y': 1.0 / (1.0 + p['pixel']), 'alpha': 1.0 / (1.0 + p['radius']),
+        },
     ),
     sensor_truth(
         'truth_sensor_lag', low_pass, drawn_parameter('cut_off', 'Hz', 0.3, 5.0, 'cut-off frequency'),
-        library='sensor_lag', variables=('value', 'memory'),
+        library='sensor_lag', variables=('value', 'memory'), listed=lambda p, of: {'tau': 0.5 / math.pi / p['cut_off']},
     ),
     sensor_truth(
         'truth_sensor_misalignment', turned_camera,
         drawn_parameter('turn', 'rad', 0.3 * DEGREE, 4.0 * DEGREE, 'angle by which the camera is turned'),
-        library='sensor_misalignment', variables=('value',), signed=('turn',),
+        library='sensor_misalignment', variables=('value',), signed=('turn',), listed=lambda p, of: {'theta': p['turn']},
     ),
     sensor_truth(
         'truth_backlash', play, drawn_parameter('play', 'rad', 0.1 * DEGREE, 0.8 * DEGREE, 'play'),
@@ -117,5 +121,6 @@ TRUTHS = (
         drawn_parameter('off_alpha', 'rad', 0.05 * DEGREE, 0.6 * DEGREE, 'turn of the picture'),
         drawn_parameter('t_bump', 's', 20.0, 80.0, 'instant'),
         library='sensor_jump', variables=('t',), signed=('off_U_x', 'off_U_y', 'off_alpha'),
+        listed=lambda p, of: {name: p[f'off_{name}'] for name in ('U_x', 'U_y', 'alpha')} | {'t_slip': p['t_bump']},
     ),
 )  # fmt: skip

@@ -18,4 +18,12 @@ EFFECT = Effect(
     kernel=lambda s, w, p: (p.a_A * (1.0 - s.x) + p.a_M * s.x) * (s.T - 298.0),
     energy='does not enter',
 )
-TRUTHS = (simulated_truth(EFFECT, library='thermal_expansion', variables=('T', 'x'), file=__file__),)
+TRUTHS = (
+    simulated_truth(
+        EFFECT,
+        library='thermal_expansion',
+        variables=('T', 'x'),
+        file=__file__,
+        listed=lambda p, of: {'a': 0.5 * (p['a_A'] + p['a_M']), 'T_ref': 298.0},
+    ),
+)
