@@ -50,7 +50,7 @@ def of(count: int, total: int) -> str:
 
 
 def held_out(stage: dict[str, Any]) -> float:
-    """The error over noise of the held-out run, infinite for a model that cannot make it."""
+    """The normalized RMSE of the held-out run, infinite for a model that cannot make it."""
     return inf if stage['held_out'] is None else float(stage['held_out'])
 
 

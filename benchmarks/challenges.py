@@ -24,7 +24,7 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.model_selection.criteria import fits_all
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
-DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
+DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 PAIRS = (
     ('gravity', 'natural_convection'), ('joint_friction', 'ambient_heating'), ('polycrystal', 'gravity'),
     ('beam_creep', 'driver_lag'), ('power_gain_mismatch', 'natural_convection'), ('guide_friction', 'gravity'),
@@ -97,7 +97,7 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     yield f'detectable, the right effect first: {sum(map(is_right, seen))} of {len(seen)}'
     right_after = [one['last'] for one in seen if is_right(one)]
     if right_after:
-        yield f'  held-out error over noise after adding: median {np.median(right_after):.2f}, worst {max(right_after):.2f}'
+        yield f'  held-out normalized RMSE after adding: median {np.median(right_after):.2f}, worst {max(right_after):.2f}'
     fine = sum(not one['effects'] or is_right(one) for one in unseen)
     yield f'undetectable, nothing or the right one: {fine} of {len(unseen)}'
     nothing = part_of('nothing')

@@ -26,7 +26,7 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.search.components import Catalogue
 
-DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
+DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states
 
 

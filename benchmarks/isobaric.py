@@ -111,7 +111,7 @@ def diagnosed(dataset: Dataset, held_out: str) -> dict[str, Any]:
     bare, last = found.nominal, found.stages[-1]
     return {
         'held_out': held_out, 'verdict': found.verdict, 'effects': sorted(found.effects),
-        'taken_back': sorted(found.taken_back), 'fitted': [percent * bare.train, percent * last.train],
+        'retracted': sorted(found.retracted), 'fitted': [percent * bare.train, percent * last.train],
         'predicted': [percent * bare.held_out, percent * last.held_out], 'cpu_seconds': time.process_time() - start,
     }  # fmt: skip
 

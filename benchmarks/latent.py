@@ -23,7 +23,7 @@ KINDS = (
     'backlash', 'leaking_hinge', 'fan', 'shaking_table', 'drying_film', 'ageing', 'supply_limit', 'sensor_ripple',
     'sensor_drift', 'none',
 )  # fmt: skip
-DETECTABLE = 1.3  # error over noise
+DETECTABLE = 1.3  # normalized RMSE
 
 
 def main() -> None:

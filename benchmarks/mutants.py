@@ -80,9 +80,9 @@ SLOW_AS_PYTHON = (
     'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
     'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
 )  # fmt: skip
-LONGEST, LONGEST_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
+LONGEST, MAX_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
 OF_DECLARATIONS = 'test_parameters_are_those_of_the_declarations'  # reads what every file declares
-MOST_WAITING = 2.0  # times its processor time, which a mutant may take on the clock
+MAX_WAITING = 2.0  # times its processor time, which a mutant may take on the clock
 CODES = {0: 'survived', 1: 'killed', 2: 'killed', 5: 'not covered'}
 
 
@@ -94,7 +94,7 @@ class Recorder:
 
     def __init__(self, times: Path, coverage: Coverage) -> None:
         """`times` gets a line of JSON for each test."""
-        self.end = time.process_time() + LONGEST_FILE
+        self.end = time.process_time() + MAX_FILE
         self.times, self.coverage, self.failed = times, coverage, set[str]()
         self.runs = False
         signal.signal(signal.SIGPROF, self.stop_test)
@@ -114,7 +114,7 @@ class Recorder:
             with self.times.open('a') as out:
                 out.write(json.dumps({'test': item.nodeid, 'cpu': time.process_time() - begin}) + '\n')
         if time.process_time() > self.end:
-            item.session.shouldstop = f'{LONGEST_FILE} s are over'
+            item.session.shouldstop = f'{MAX_FILE} s are over'
 
     @pytest.hookimpl(hookwrapper=True)
     def pytest_pyfunc_call(self) -> Iterator[None]:
@@ -225,7 +225,7 @@ class Fork:
         self.log = Path(tempfile.mkstemp(suffix='.log')[1])
         self.cache = Path(tempfile.mkdtemp()) if way == NATIVE and record is None else None
         self.begin = time.monotonic()
-        self.end = self.begin + MOST_WAITING * limit if limit else inf
+        self.end = self.begin + MAX_WAITING * limit if limit else inf
         self.process = os.fork()
         if not self.process:
             code = 3

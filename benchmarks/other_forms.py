@@ -24,8 +24,8 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
-DETECTABLE = 1.3  # held-out error over noise of the best fit without the effect
-GOOD = 1.1  # held-out error over noise that a right explanation leaves
+DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
+GOOD = 1.1  # held-out normalized RMSE that a right explanation leaves
 CHANNELS = ('forces', 'pose')  # what is recorded: the forces too, or the pose alone
 
 
@@ -42,7 +42,7 @@ def solve(name: str, seed: int, forces: bool, variants: bool, pool: Executor) ->
         'last': held_out(last), 'train': last['train'],
         'formula': proposed['formula'] if proposed else None, 'terms': proposed['term'] if proposed else [],
         'place': proposed['place'] if proposed else None, 'processor_seconds': used,
-        'taken_back': data['taken_back'],
+        'retracted': data['retracted'],
     }  # fmt: skip
 
 

@@ -31,8 +31,8 @@ Vector = NDArray[np.float64]
 GUARDS_PER_MODE = 2
 RTOL = 1e-4  # of the other solvers; ours takes its default
 EXACT = 1e-9
-MOST_RESTARTS = 1000  # of a run, which needs some 40: a solver may find the same event again and again
-MOST_CALLS = 300_000  # of the right-hand side in a run: one-step methods need some 10,000, others may take minutes
+MAX_RESTARTS = 1000  # of a run, which needs some 40: a solver may find the same event again and again
+MAX_CALLS = 300_000  # of the right-hand side in a run: one-step methods need some 10,000, others may take minutes
 
 
 class Problem:
@@ -61,8 +61,8 @@ class Problem:
     def write_rhs(self, t: float, y: Vector, dy: Vector) -> None:
         """dy/dt into `dy` (a copy of y, since some solvers hand out a read-only one)."""
         self.calls += 1
-        if self.calls > MOST_CALLS:
-            raise RuntimeError(f'{MOST_CALLS} evaluations of the right-hand side, at {t:g} s')
+        if self.calls > MAX_CALLS:
+            raise RuntimeError(f'{MAX_CALLS} evaluations of the right-hand side, at {t:g} s')
         self.compiled[0](t, self.state._replace(y=np.array(y)), dy, self.u, self.obs)
 
     def guards(self, t: float, y: Vector, g: Vector) -> None:
@@ -199,7 +199,7 @@ def run_other(solve: Solve, problem: Problem, source: Input, rtol: float) -> tup
             first = int(np.argmax(inside)) if inside.any() else 0
             rows[:, first : first + count] = seen[:, :count]
             t, restarts = t_new, restarts + 1
-            if restarts > MOST_RESTARTS:
+            if restarts > MAX_RESTARTS:
                 raise RuntimeError(f'no progress at {t:g} s')
             if fired:
                 problem.take_jumps(t, y, fired)

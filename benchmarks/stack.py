@@ -18,7 +18,7 @@ from common import report
 from structures import random_input, varied
 
 from sma_sim import Config, Model, simulate
-from sma_sim.model.structures.stack import MOST_MODULES, stack_of
+from sma_sim.model.structures.stack import MAX_MODULES, stack_of
 
 TIMED, REPEATS = 5, 7  # runs of which the time is taken, and how often each
 HANGING, LEANING = 9.81, 1.0  # [m/s^2] along the stack, and either way across it
@@ -55,7 +55,7 @@ def random_runs(kind: str, count: int) -> dict[str, Any]:
     failures = []
     for seed in range(count):
         random = np.random.default_rng(seed)
-        structure = stack_of(int(random.integers(1, MOST_MODULES + 1)))
+        structure = stack_of(int(random.integers(1, MAX_MODULES + 1)))
         values = varied(structure, random)
         values |= {'stack.g_x': random.uniform(0.0, HANGING), 'stack.g_y': random.uniform(-LEANING, LEANING)}
         run = simulate(Model(Config(values, 'stack', kind)), random_input(structure, values['wire.n'], random), 5.0)
@@ -70,7 +70,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for kind in ('hybrid', 'mas'):
         for together in (False, True):
-            for modules in range(1, MOST_MODULES + 1):
+            for modules in range(1, MAX_MODULES + 1):
                 name = f'{kind}, {"one command, " if together else ""}modules {modules}'
                 result[name] = scaling(modules, kind, together)
         result[f'{kind}, random stacks'] = random_runs(kind, arguments.runs)

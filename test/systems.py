@@ -13,7 +13,7 @@ from sma_sim.model.material import fraction_at_stress, sigma_A, sigma_M
 from sma_sim.model.system import flow
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.compile import package_compiler
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 from sma_sim.solver.integrate import (
     PER_WIRE,
     WIRE_COLUMNS,
@@ -112,7 +112,7 @@ def new_log(where, sample_times=()):
 
 def raw_run(model, source, sample_times, max_step=np.inf, max_steps=10_000_000):
     """Run and keep every column of the samples."""
-    stretches = InputStretches(*pieces(source), model.uses_time)
+    stretches = InputStretches(*segments(source), model.uses_time)
     work = new_work(model)
     run = new_run(model, stretches.values[0], work)
     where = sample_columns(model.structure)

@@ -38,7 +38,7 @@ from sma_sim.solver.compile import (
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.fragments import ENTRY, FRAGMENT, NOT_NEEDED, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
-from sma_sim.solver.records import keep_record, kept_records, record_at
+from sma_sim.solver.records import pin_system, pinned_systems, record_at
 
 ROOT = Path(__file__).resolve().parents[1]
 # A function with large records, one inside the other, that calls another with a constant and with a number.
@@ -192,13 +192,13 @@ def test_compiled_code_calls_by_address_and_reads_kept_records(tmp_path, monkeyp
     second = first._replace(factor=0.5, large=first.large._replace(table=2.0 * table, count=11))
     made, numbers = Compiler('own', (__name__, helpers.__name__, 'sma_sim.')), np.array([1.0, 2.0, 3.0, 4.0])
     native = made.native(sum_of_others, doubled)
-    kept = kept_records([first, second, None], made.function(keep_record), False)
+    kept = pinned_systems([first, second, None], made.function(pin_system), False)
     assert kept.addresses[2] == 0 and len(set(kept.addresses.tolist())) == 3
     for like in (first, second):
         out = np.zeros(3)
         made.function(called_and_kept)(native.address, numbers, kept.addresses, like, out)
         assert out.tolist() == [1234.0, 4.0, 0.5 * 10.0 * 11 + 3.0 * 7 + 2.5 + 2.0]
-    plain = kept_records([first, second, None], None, True)
+    plain = pinned_systems([first, second, None], None, True)
     assert record_at(plain.addresses[1], first) is second and plain.addresses[2] == 0
 
 

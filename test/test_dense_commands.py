@@ -12,7 +12,7 @@ from sma_sim.model.effects.discovery import ActiveEffect, package_effects
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver import smoothed_input
-from sma_sim.solver.inputs import input_between, pieces
+from sma_sim.solver.inputs import input_between, segments
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
 from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, heating_of_wires, passes_lines, smoothed
@@ -89,14 +89,14 @@ def tolerance(model):
 
 
 def smoothed_at(model, source, shifts=None):
-    times, values, slopes = pieces(source)
+    times, values, slopes = segments(source)
     return smoothed(model, times, values, slopes, np.zeros((len(times), 8)) if shifts is None else shifts)
 
 
 def test_stretches_keep_mean_and_first_moment_of_every_wire():
     model = make_model(solver__rtol=1e-4)
     source = closed_loop(model, DURATION, 0)
-    found, (times, values, _) = smoothed_at(model, source), pieces(source)
+    found, (times, values, _) = smoothed_at(model, source), segments(source)
     heating, wire = heating_of_wires(values, 2, True), model.wire
     assert len(found.times) < 0.5 * len(times) and found.times[0] == times[0] and found.times[-1] == times[-1]
     first = np.searchsorted(times, found.times)
@@ -135,13 +135,13 @@ def test_shifts_of_rows_are_shifts_of_moments():
     """Against the lines through rows that are moved indeed, within the same stretches."""
     model = make_model(solver__rtol=1e-4)
     source = closed_loop(model, 5.0, 0)
-    times = pieces(source)[0]
+    times = segments(source)[0]
     shift = np.zeros((len(times), 8))
     shift[1:-1, 3] = np.random.default_rng(2).uniform(0.0, 0.02, len(times) - 2)
     found = smoothed_at(model, source, shift)
     k = int(np.argmax(np.diff(np.searchsorted(times, found.times))))
     rows = np.arange(*np.searchsorted(times, found.times[k : k + 2]))
-    heating = heating_of_wires(pieces(source)[1], 2, True)
+    heating = heating_of_wires(segments(source)[1], 2, True)
     rise, length = heating[rows] - heating[rows - 1], found.times[k + 1] - found.times[k]
     impulses, about = -shift[rows, 3, None] * rise, (times[rows] - found.times[k])[:, None]
     value, slope = found.value_shifts[k, 3], found.slope_shifts[k, 3]

@@ -200,7 +200,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(tmp_path):
     quick = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False), equation=False)
     found = diagnose(levelled, config(), request=quick)
     assert found.selection_steps[0].accepted.name == 'gravity'
-    assert found.taken_back == ('gravity',) == tuple(as_data(found)['taken_back'])
+    assert found.retracted == ('gravity',) == tuple(as_data(found)['retracted'])
     assert found.verdict == 'unknown_effect' and found.effects == found.calibration.config.effects == ()
     bare, worse, last = found.stages
     assert worse.effects == ('gravity',) and worse.held_out > 1.3 > bare.held_out and last.effects == ()

@@ -59,7 +59,7 @@ def test_a_room_that_is_warmer_acts_like_an_input_that_says_so():
 
 @pytest.mark.parametrize('side', [1, -1])
 def test_power_that_is_lost(side):
-    run = replace(fit_data(recorded(0), NOISE), lost_side=side)
+    run = replace(fit_data(recorded(0), NOISE), unpowered_side=side)
     command = planned_run(run, Nuisance())[0].values[:, 0]
     assert (np.sign(command) != side).all() and (np.sign(command) == -side).any()
 

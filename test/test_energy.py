@@ -13,7 +13,7 @@ from systems import COMBINATIONS, active, evaluate, make_model, random_state, ra
 from sma_sim import Input
 from sma_sim.model.layout import O_DEPS, O_DL, O_DX, O_EPS, O_F, O_J, O_S_A, O_SIGMA, O_STRAIN, O_V, O_X
 from sma_sim.model.material import gamma, internal_energy, latent_heat, sigma_MW
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 
 COMPLEX_STEP = 1e-30  # derivatives of rational functions by complex steps are exact to rounding
 ENERGETIC = [
@@ -170,7 +170,7 @@ def test_first_law_over_random_runs(system, kind, seed):
     model = make_model(system, kind, solver__rtol=1e-9)
     w = model.compiled.wire
     jumps = raw_run(model, source, [0.0]).jumps[:, 0]
-    breaks = np.unique(np.concatenate([pieces(source)[0], jumps]))  # heating has a kink where J_eq changes sign
+    breaks = np.unique(np.concatenate([segments(source)[0], jumps]))  # heating has a kink where J_eq changes sign
     nodes, weights = quadrature(breaks)
     run = raw_run(model, source, np.concatenate([[0.0], nodes, [breaks[-1]]]))
     T_E = source.values[np.searchsorted(source.times, nodes, side='right') - 1, -1]

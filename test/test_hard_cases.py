@@ -10,7 +10,7 @@ from systems import COMBINATIONS, active, make_model
 from sma_sim import Config, Input, Model, UserError, find_effects, simulate
 from sma_sim.cli.main import main
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 from sma_sim.solver.simulate import PIECES_AT_ONCE
 
 HOUR = 3600.0
@@ -204,7 +204,7 @@ def test_chattering_is_counted_and_the_run_ends(tmp_path):
 
 
 def test_ramp_through_zero_is_split_there():
-    times, values, slopes = pieces(module_input([0, 1, 3, 4], [1.0, -3.0, 1.0, 1.0], ramps=True))
+    times, values, slopes = segments(module_input([0, 1, 3, 4], [1.0, -3.0, 1.0, 1.0], ramps=True))
     assert times.tolist() == [0.0, 0.25, 1.0, 2.5, 3.0, 4.0]
     assert values[:, 0].tolist() == [1.0, 0.0, -3.0, 0.0, 1.0, 1.0]
     assert slopes[:, 0].tolist() == [-4.0, -4.0, 2.0, 2.0, 0.0, 0.0]
@@ -220,7 +220,7 @@ def test_ramp_through_zero_heats_one_bundle_and_then_the_other():
 
 
 def test_equal_rows_are_joined():
-    times, values, _ = pieces(module_input([0, 1, 2, 3, 4], [5, 5, 5, 2, 2]))
+    times, values, _ = segments(module_input([0, 1, 2, 3, 4], [5, 5, 5, 2, 2]))
     assert times.tolist() == [0, 3, 4]
     assert values[:, 0].tolist() == [5, 2, 2]
 

@@ -125,7 +125,7 @@ def test_limits_are_the_users():
     assert found.values['beam.E'] == pytest.approx(1.95e9) and found.delay == pytest.approx(0.2)
     assert set(found.at_bound) == {'beam.E', 'delay'} and found.uncertainty.intervals[0].low == pytest.approx(1.95e9)
     said = ' '.join(remarks_on(found))
-    assert 'times the noise. The intervals' in said and '--limit beam.E=LOW:HIGH' in said
+    assert 'more than noise. The intervals' in said and '--limit beam.E=LOW:HIGH' in said
     free = calibrate(data, config(), replace(options, limits={}))
     assert not free.at_bound and free.delay == pytest.approx(0.3, abs=0.01) and 'finding' not in ' '.join(remarks_on(free))
 

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 from sma_sim.ros.graph_check import GraphCheck  # noqa: E402
-from sma_sim.ros.inbox import MOST_AT_ONCE, Inbox, clock_inbox  # noqa: E402
+from sma_sim.ros.inbox import MAX_AT_ONCE, Inbox, clock_inbox  # noqa: E402
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -87,7 +87,7 @@ def test_a_message_that_cannot_be_read_is_logged(node):
     assert [message.data for message in seen] == [3.0] and len(logged) == 1
 
 
-@pytest.mark.parametrize(('history', 'most'), [(HistoryPolicy.KEEP_LAST, 10), (HistoryPolicy.KEEP_ALL, MOST_AT_ONCE)])
+@pytest.mark.parametrize(('history', 'most'), [(HistoryPolicy.KEEP_LAST, 10), (HistoryPolicy.KEEP_ALL, MAX_AT_ONCE)])
 def test_a_flood_ends_with_what_could_wait(node, history, most):
     """Messages that arrive faster than they are taken: steps must be made between them."""
     seen = []

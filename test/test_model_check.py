@@ -139,7 +139,7 @@ def test_a_robot_that_is_the_model_leaves_little_when_it_moves():
 def test_an_effect_that_the_model_lacks_is_noticed_at_rest():
     with robot('-p', 'effects.active:=[gravity]') as one, beside(one) as log:
         one.until(lambda: status(one).level == DiagnosticStatus.WARN)
-        assert 'the model has left the measurement: error over noise' in status(one).message
+        assert 'the model has left the measurement: normalized RMSE' in status(one).message
     assert 'U_y' in log[0].split('has left the measurement')[1].splitlines()[0]
 
 
@@ -220,7 +220,7 @@ def test_it_leaves_and_comes_back_and_outliers_do_not_count():
         fake.until(lambda: status(one).values)
         assert status(one).level == DiagnosticStatus.OK, status(one)
         fake.until(lambda: status(one).level == DiagnosticStatus.WARN, position=(rest()[0], rest()[1], rest()[2] + 0.01))
-        assert status(one).message.count('the model has left the measurement: error over noise alpha') == 1
+        assert status(one).message.count('the model has left the measurement: normalized RMSE alpha') == 1
         fake.until(lambda: status(one).level == DiagnosticStatus.OK)
     assert log[0].index('has left the measurement') < log[0].index('the model is back in the measurement')
 
@@ -230,7 +230,7 @@ def test_it_says_that_the_model_follows():
         one = fake.one
         fake.until(lambda: value(one, 'verdict on the model') == 'follows the measurement')
         assert status(one).message == 'comparing; the model follows the measurement' and value(one, 'state') == 'comparing'
-    assert 'the model follows the measurement: error over noise U_x 0, U_y 0, alpha 0 over the last 1 s' in log[0]
+    assert 'the model follows the measurement: normalized RMSE U_x 0, U_y 0, alpha 0 over the last 1 s' in log[0]
 
 
 def test_an_offset_at_rest_is_said_before_the_burn_in_is_over():

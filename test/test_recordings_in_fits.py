@@ -34,9 +34,9 @@ from sma_sim.evidence.estimation.residuals import (
     ZERO_LIMIT,
     ZERO_STDS,
     Nuisance,
-    as_it_acted,
     baseline,
     compared,
+    effective_input,
     fit_data,
     held_until,
     offsets,
@@ -117,10 +117,10 @@ def test_samples_before_the_input_show_its_beginning():
 @pytest.mark.parametrize('side', [-1, 0, 1])
 def test_power_that_is_lost_on_one_side_heats_nothing(side):
     source = module_input([0.0, 1.0, 2.0, 3.0], [4.0, -3.0, 0.0, 2.0], 300.0)
-    acted = as_it_acted(source, side, 1.5)
+    acted = effective_input(source, side, 1.5)
     assert acted.values[:, 0].tolist() == [0.0 if np.sign(J) == side else J for J in (4.0, -3.0, 0.0, 2.0)]
     assert (acted.values[:, 1] == 301.5).all() and source.values[0].tolist() == [4.0, 300.0]
-    assert as_it_acted(source, 0, 0.0) is source
+    assert effective_input(source, 0, 0.0) is source
 
 
 def test_many_sampled_changes_share_one_fraction():
@@ -250,19 +250,19 @@ def replace_uncertainty(found):
 def test_differences_between_recordings_are_those_of_their_runs():
     recording = Recording('x', 'module', TIMES, {'alpha': np.zeros(81)}, module_input([2.0, 6.0], [1.0, 1.0]))
     zero = RecordingDifference('zero', channel='alpha', std=0.2)
-    room, lost = RecordingDifference('room', ambient=True), RecordingDifference('lost', lost_side=-1, recordings=('x',))
+    room, lost = RecordingDifference('room', ambient=True), RecordingDifference('lost', unpowered_side=-1, recordings=('x',))
     (found,) = with_differences(Dataset((recording,), {'alpha': 1.0}), (zero, room, lost)).recordings
-    assert (found.zero_std, found.ambient_std, found.lost_side) == ({'alpha': 0.2}, AMBIENT_STD, -1)
+    assert (found.zero_std, found.ambient_std, found.unpowered_side) == ({'alpha': 0.2}, AMBIENT_STD, -1)
     run = fit_data(recording, {'alpha': 1.0})
     for difference in (zero, room, lost):
         run = difference.in_run(run)
     again = fit_data(found, {'alpha': 1.0})
-    assert (run.zero_std, run.drift_std, run.ambient_std, run.lost_side) == ((0.2,), (0.0,), AMBIENT_STD, -1)
-    assert (again.zero_std, again.drift_std, again.ambient_std, again.lost_side) == ((0.2,), (0.0,), AMBIENT_STD, -1)
+    assert (run.zero_std, run.drift_std, run.ambient_std, run.unpowered_side) == ((0.2,), (0.0,), AMBIENT_STD, -1)
+    assert (again.zero_std, again.drift_std, again.ambient_std, again.unpowered_side) == ((0.2,), (0.0,), AMBIENT_STD, -1)
     assert (
-        lost.in_recording(replace(recording, name='y')).lost_side
+        lost.in_recording(replace(recording, name='y')).unpowered_side
         == 0
-        == lost.in_run(replace(run, name='y', lost_side=0)).lost_side
+        == lost.in_run(replace(run, name='y', unpowered_side=0)).unpowered_side
     )
 
 

@@ -23,7 +23,7 @@ from sma_sim.report.html.figures import envelope, log_axis, new_figure, stretche
 from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, elapsed_words, write_page
 
 PATIENCE = 60.0  # [s]
-MOST_BYTES = 3e6
+MAX_BYTES = 3e6
 
 
 @pytest.fixture(scope='module')
@@ -63,7 +63,7 @@ def test_page_is_one_file_that_loads_nothing(page):
         'How well it fits', 'Parameters', 'Where the error is', 'Measured against model', 'Hysteresis',
         'Residual over state', 'Data', 'How this page was made',
     ]  # fmt: skip
-    assert page.stat().st_size < MOST_BYTES
+    assert page.stat().st_size < MAX_BYTES
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_page_of_thirty_runs_stays_small(tmp_path):
     write_module_runs(tmp_path, truth(), count=30, seconds=100.0)
     path = tmp_path / 'many.html'
     assert main(['compare', str(tmp_path), '--no-nuisance', '--report', str(path)]) == 0
-    assert path.stat().st_size < MOST_BYTES
+    assert path.stat().st_size < MAX_BYTES
 
 
 def until(driver, script, what):

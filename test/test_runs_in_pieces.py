@@ -5,7 +5,7 @@ import pytest
 from systems import make_model
 
 from sma_sim import Input, UserError, module_input, simulate
-from sma_sim.solver.inputs import pieces, requested_times
+from sma_sim.solver.inputs import requested_times, segments
 from sma_sim.solver.integrate import InputStretches, stretch
 from sma_sim.solver.simulate import PIECES_AT_ONCE
 
@@ -14,11 +14,11 @@ MANY = np.linspace(0.0, 9.0, ROWS)
 
 
 def test_equal_rows_of_a_held_input_are_joined():
-    times, values, slopes = pieces(module_input([0.0, 1.0, 2.0, 3.0, 4.0], [5.0, 5.0, 5.0, -2.0, -2.0]))
+    times, values, slopes = segments(module_input([0.0, 1.0, 2.0, 3.0, 4.0], [5.0, 5.0, 5.0, -2.0, -2.0]))
     assert times.tolist() == [0.0, 3.0, 4.0] and values[:, 0].tolist() == [5.0, -2.0, -2.0] and not slopes.any()
-    one = pieces(module_input([0.0, 1.0], [5.0, 5.0]))
+    one = segments(module_input([0.0, 1.0], [5.0, 5.0]))
     assert one[0].tolist() == [0.0, 1.0]
-    moving = pieces(module_input([0.0, 1.0, 2.0], [5.0, 5.0, 5.0], T_E=[290.0, 291.0, 291.0]))
+    moving = segments(module_input([0.0, 1.0, 2.0], [5.0, 5.0, 5.0], T_E=[290.0, 291.0, 291.0]))
     assert moving[0].tolist() == [0.0, 1.0, 2.0]
 
 

@@ -122,7 +122,7 @@ def test_errors_of_runs_are_pooled_by_channel():
 
 
 def fit_of(problem, error, cost=1.0, model='hybrid'):
-    """A fit with this error over noise, at z = 0."""
+    """A fit with this normalized RMSE, at z = 0."""
     problem = replace(problem, config=replace(problem.config, kinetics=model))
     z = np.zeros(len(problem.unknowns))
     return FitResult(problem, z, 0.5 * problem.samples * error**2 if cost is None else cost, 3)

@@ -14,7 +14,7 @@ from sma_sim.solver import integrate as integration
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.events import evaluate_guards
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 from sma_sim.solver.integrate import InputStretches, Limits
 from sma_sim.solver.model import new_findings
 from sma_sim.solver.rosenbrock import RODAS4P2
@@ -126,7 +126,7 @@ def followed(monkeypatch, model, source, times=(), limits=Limits(np.inf, 100_000
         return steps[-1][-1]
 
     monkeypatch.setattr(integration, 'rosenbrock_step', noted)
-    stretches, work = InputStretches(*pieces(source), model.uses_time), new_work(model)
+    stretches, work = InputStretches(*segments(source), model.uses_time), new_work(model)
     run, log = new_run(model, stretches.values[0], work), new_log(sample_columns(model.structure), times)
     status = integration.integrate(stretches, run, own_scratch(model.compiled), work, limits, log)
     assert status == integration.COMPLETED

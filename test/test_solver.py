@@ -9,7 +9,7 @@ from sma_sim.model.automaton import EDGES, INNER
 from sma_sim.model.errors import UserError
 from sma_sim.model.material import sigma_A
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.inputs import input_between, pieces
+from sma_sim.solver.inputs import input_between, segments
 from sma_sim.solver.rosenbrock import RODAS4P2
 
 
@@ -196,7 +196,7 @@ def test_parameters_that_leave_no_heat_capacity_are_named():
 
 
 def test_ramp_is_split_where_it_crosses_zero():
-    times, values, slopes = pieces(module_input([0, 4, 8], [2, -6, -6], linear=True))
+    times, values, slopes = segments(module_input([0, 4, 8], [2, -6, -6], linear=True))
     assert times == pytest.approx([0, 1, 4, 8]) and values[1, 0] == 0.0
     assert slopes[:, 0] == pytest.approx([-2, -2, 0, 0])
 

@@ -18,7 +18,7 @@ from sma_sim.solver.columns import named_columns, new_samples, places, sample_co
 from sma_sim.solver.effect_table import channel_scales, own_scratch, state_scales
 from sma_sim.solver.events import remember_fraction
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WINDOW, PER_WIRE, WIRE_COLUMNS, observe, of_wire
 from sma_sim.solver.linear import DENSE, eliminate, elimination, solve_eliminated
 from sma_sim.solver.model import inertia_of
@@ -125,7 +125,7 @@ def test_samples_leave_nothing_behind(kind, effect):
 @pytest.mark.parametrize(('first', 'last'), [(-1e-300, 1.0), (1.0, -1e-300), (1e-300, -1.0), (-1.0, 1e-300)])
 def test_a_ramp_that_all_but_begins_or_ends_at_zero_is_not_split(first, last):
     """The crossing is a row's own time within rounding: a stretch without length would have no slope."""
-    times, values, slopes = pieces(module_input([1.0, 2.0, 3.0], [first, last, last], linear=True))
+    times, values, slopes = segments(module_input([1.0, 2.0, 3.0], [first, last, last], linear=True))
     assert (np.diff(times) > 0.0).all() and np.isfinite(slopes).all() and times[0] == 1.0 and times[-1] == 3.0
     assert values[0, 0] == first and slopes[0] == pytest.approx([last - first, 0.0], abs=1e-12)
 

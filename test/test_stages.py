@@ -127,11 +127,11 @@ def test_what_is_exported_does_the_same(engine, monkeypatch):
     finally:
         engine.session.go_to(1)
     assert '1. the model that the session began with' in exported.shell and '--free beam.E' in exported.shell
-    subprocess.run(['sh', '-n', exported.folder / 'again.sh'], check=True)
+    subprocess.run(['sh', '-n', exported.folder / 'reproduce.sh'], check=True)
     monkeypatch.chdir(exported.folder)
     commands = [shlex.split(line) for line in exported.shell.splitlines() if line.startswith('sma-sim ')]
     assert [words[1] for words in commands] == ['fit', 'compare'] and all(main(words[1:]) == 0 for words in commands)
-    runpy.run_path('again.py')
+    runpy.run_path('reproduce.py')
     again, wanted = exported.folder / 'again', compared.result()
     for name in ('comparison.json', 'comparison_by_python.json'):
         found = json.loads((again / name).read_text())

@@ -8,7 +8,7 @@ import pytest
 from sma_sim import Input, UserError, module_input, wire_input
 from sma_sim.solver import integrate as integration
 from sma_sim.solver.fixed_rate import first_steps, held_inputs, steps_per_sample
-from sma_sim.solver.inputs import input_between, inputs_at, pieces, regular_times, requested_times
+from sma_sim.solver.inputs import input_between, inputs_at, regular_times, requested_times, segments
 from sma_sim.solver.integrate import (
     C_BURST,
     C_DWELL,
@@ -170,7 +170,7 @@ def test_stretches_of_an_input_say_the_same_as_its_rows(linear):
     for count in (1, 2, 3, 30):
         values = random.integers(-2, 3, (count, 2)).astype(float)
         source = Input(np.cumsum(random.uniform(0.1, 1.0, count)), values, linear)
-        times, starts, slopes = pieces(source)
+        times, starts, slopes = segments(source)
         assert (times[0], times[-1]) == (source.times[0], source.times[-1]) and (np.diff(times) > 0.0).all()
         asked = np.unique(np.concatenate([np.linspace(times[0], times[-1], 97), times]))
         at = np.searchsorted(times, asked, side='right') - 1
@@ -185,7 +185,10 @@ def test_stretches_of_an_input_say_the_same_as_its_rows(linear):
         )
         assert not same.any()
     held = module_input([0.0, 1.0, 2.0, 3.0], [4.0, 4.0, 4.0, 5.0])
-    assert pieces(held)[0].tolist() == [0.0, 3.0] and pieces(module_input([0.0, 1.0], [2.0, 2.0]))[0].tolist() == [0.0, 1.0]
+    assert segments(held)[0].tolist() == [0.0, 3.0] and segments(module_input([0.0, 1.0], [2.0, 2.0]))[0].tolist() == [
+        0.0,
+        1.0,
+    ]
 
 
 def test_times_of_samples():

@@ -12,8 +12,8 @@ from sma_sim.evidence.model_selection.criteria import SelectionCriteria
 from sma_sim.solver.compile import OUT_OF_LINE
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'sma_sim'
-MOST_ARGUMENTS, MOST_IN_SOLVER = 7, 8
-MOST_THRESHOLDS = 13
+MAX_ARGUMENTS, MAX_IN_SOLVER = 7, 8
+MAX_THRESHOLDS = 13
 ROOMS = ('search', 'diagnosis', 'model_selection')  # of a diagnosis
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}
@@ -33,7 +33,7 @@ def argument_count(function):
 def long_signatures(folder):
     """Functions with too many arguments, as `file:name`."""
     for file in sorted(folder.rglob('*.py')):
-        most = MOST_IN_SOLVER if file.relative_to(folder).parts[0] == 'solver' else MOST_ARGUMENTS
+        most = MAX_IN_SOLVER if file.relative_to(folder).parts[0] == 'solver' else MAX_ARGUMENTS
         for function in functions(ast.parse(file.read_text())):
             if argument_count(function) > most:
                 yield f'{file.relative_to(folder).as_posix()}:{function.name}'
@@ -81,7 +81,7 @@ def test_numbers_that_decide_in_a_diagnosis_have_names_and_reasons():
     assert len(files) > 25
     found = {file.name: list(thresholds_in(file.read_text())) for file in files}
     assert {name: numbers for name, numbers in found.items() if numbers} == {}
-    assert np.hstack(astuple(SelectionCriteria())).size <= MOST_THRESHOLDS
+    assert np.hstack(astuple(SelectionCriteria())).size <= MAX_THRESHOLDS
 
 
 def test_a_threshold_without_a_reason_is_found():

@@ -18,7 +18,7 @@ from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.drawing import SPACING, Sketch, axis_of, projected
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.series import in_series
-from sma_sim.model.structures.structure import MOST_WIRES, numbers, record
+from sma_sim.model.structures.structure import MAX_WIRES, numbers, record
 from sma_sim.model.system import update_flow
 from sma_sim.solver.compile import reachable
 from sma_sim.solver.effect_table import channel_codes, channel_scales, state_scales, states_together
@@ -78,13 +78,13 @@ def test_noise_of_a_coordinate_is_a_hundredth_of_its_usual_change():
 
 def test_what_cannot_be_a_structure():
     for wrong, words in (
-        ({'wires': 0}, 'expected 1 to'), ({'wires': MOST_WIRES + 1}, 'expected 1 to'),
+        ({'wires': 0}, 'expected 1 to'), ({'wires': MAX_WIRES + 1}, 'expected 1 to'),
         ({'antagonistic': True}, 'of 2 wires, got 1'), ({'inertia': None}, 'need lengths, forces and inertia'),
         ({'lengths': None}, 'need lengths'),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             one_coordinate(**wrong)
-    assert one_coordinate(MOST_WIRES).wires == MOST_WIRES
+    assert one_coordinate(MAX_WIRES).wires == MAX_WIRES
     assert one_coordinate(inertia=None, accelerations=lambda q, v, f, p: f.x).accelerations
 
 

@@ -8,7 +8,7 @@ from test_order import HALVINGS, fixed_steps, orders
 from test_structures import HEATING, MOVING, command_of, model_of
 
 from sma_sim.model.structures.structure import numbers, record
-from sma_sim.solver.inputs import pieces
+from sma_sim.solver.inputs import segments
 
 KINDS = ['hybrid', 'mas']
 ENERGETIC = sorted(name for name, found in MOVING.items() if found.structure.energy)
@@ -40,7 +40,7 @@ def test_first_law_over_a_run(name, kind):
     """Energy at the end less energy at the start is what was exchanged, to 1e-6 of its magnitude."""
     model, source = model_of(name, kind, solver__rtol=1e-9), command_of(name, 12.0)
     p, w = model.compiled, model.compiled.wire
-    breaks = np.unique(np.concatenate([pieces(source)[0], raw_run(model, source, [0.0]).jumps[:, 0]]))
+    breaks = np.unique(np.concatenate([segments(source)[0], raw_run(model, source, [0.0]).jumps[:, 0]]))
     nodes, weights = quadrature(breaks)
     run = raw_run(model, source, np.concatenate([[0.0], nodes, [breaks[-1]]]))
     assert run.status == 0 and all(np.ptp(wire['x_M']) > 0.05 for wire in run.wires[:1])

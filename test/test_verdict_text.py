@@ -126,9 +126,9 @@ def test_an_unknown_effect_with_and_without_an_equation():
         'error in the held-out runs.'
     )
     assert headline(diagnosis('unknown_effect', errors=(5.0,))) == 'Something is missing that no known effect explains.'
-    assert any(line.startswith('Known effects leave 5.0 times the noise in alpha') for line in remarks(found))
+    assert any(line.startswith('With known effects, the normalized RMSE of alpha is 5.0') for line in remarks(found))
     proposal = SimpleNamespace(formula=SimpleNamespace(equation='F_alpha = k alpha^3'))
-    stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'taken_back'), stage((), 1.0, 'formula'))
+    stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'retracted'), stage((), 1.0, 'formula'))
     said = headline(replace(found, proposal=proposal, effects=(), stages=stages))
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
 
@@ -167,15 +167,15 @@ def test_a_search_that_was_stopped_says_what_it_found(candidates, expected):
 
 def test_effects_that_held_out_runs_contradict_are_named():
     found = diagnosis('missing_effect', candidate('gravity'), candidate('radiation'), errors=(5.0, 2.0, 1.0))
-    stages = (*found.stages[:2], stage(['gravity'], 1.0, 'taken_back'))
-    removed = replace(found, verdict='unknown_effect', effects=('gravity',), taken_back=('radiation',), stages=stages)
+    stages = (*found.stages[:2], stage(['gravity'], 1.0, 'retracted'))
+    removed = replace(found, verdict='unknown_effect', effects=('gravity',), retracted=('radiation',), stages=stages)
     said = ' '.join(remarks(removed))
     assert 'Retracted: heat lost by radiation.' in said and '2.00 with, 1.00 without' in said
 
 
 def test_runs_that_one_model_explains_together():
     found = diagnosis('none', errors=(3.0,), pooled_errors=PooledErrors(1.01, 1.04))
-    assert any('error over noise 1.04 held out, 1.01 others' in line for line in remarks(found))
+    assert any('normalized RMSE 1.04 held out, 1.01 others' in line for line in remarks(found))
     assert 'ambient' not in ' '.join(remarks(found))
     warmer = replace(found, pooled_errors=PooledErrors(1.01, 1.04, {'run1': 0.02, 'run2': -1.26}))
     assert 'differ from those of the input, by run1 +0.02 and run2 -1.3 [K]' in ' '.join(remarks(warmer))

@@ -12,7 +12,7 @@ from sma_sim.challenge.answer import MISSING_EFFECT, NOTHING_MISSING, UNKNOWN_EF
 from sma_sim.model.errors import UserError
 
 RIGHT, PARTIAL, WRONG = 'right', 'partial', 'wrong'
-DETECTABLE = 1.3  # held-out error over noise above which something is seen to be missing
+DETECTABLE = 1.3  # held-out normalized RMSE above which something is seen to be missing
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Verdict:
 
     @property
     def nominal_error(self) -> float | None:
-        """Held-out error over noise of the fitted model without effects."""
+        """Held-out normalized RMSE of the fitted model without effects."""
         return next((held_out for effects, held_out in self.error if not effects), None)
 
     @property
     def final_error(self) -> float | None:
-        """Held-out error over noise with all effects that were accepted."""
+        """Held-out normalized RMSE with all effects that were accepted."""
         return self.error[-1][1] if self.error else None
 
     def names(self, effect: str) -> str | None:
@@ -156,7 +156,7 @@ def outcome_of_names(answer: Answer, verdict: Verdict, found: Sequence[str], mis
 
 
 def is_within_noise(error: float | None) -> bool:
-    """Whether a held-out error over noise shows nothing that is missing."""
+    """Whether a held-out normalized RMSE shows nothing that is missing."""
     return error is not None and error <= DETECTABLE
 
 

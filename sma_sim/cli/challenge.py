@@ -111,5 +111,5 @@ def score_text(score: VerdictScore) -> list[str]:
     lines += [f'  {name}: {f"rank {rank}" if rank else "not ranked"}' for name, rank in score.ranks.items()]
     for model, error in (('nominal model', score.nominal_error), ('last model', score.final_error)):
         if error is not None:
-            lines.append(f'  held-out error over noise, {model}: {error:.3g}')
+            lines.append(f'  held-out normalized RMSE, {model}: {error:.3g}')
     return lines

@@ -111,7 +111,7 @@ def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
         f'Fitted the {found.config.simulated_kinetics} model in {found.iterations} iterations ({found.seconds:.1f} s)'
         + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else '') + '.',
         '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
-        table_text(('error over noise', *found.channel_errors, 'all'), error_rows(found, predicted)),
+        table_text(('normalized RMSE', *found.channel_errors, 'all'), error_rows(found, predicted)),
     ]  # fmt: skip
     remarks = remarks_on(found)
     return '\n'.join([*lines, *([''] if remarks else []), *remarks])

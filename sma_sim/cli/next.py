@@ -159,7 +159,7 @@ def rival_text(plan: Plan) -> Iterator[str]:
     """What the recordings say of the rivals, and what the experiment is expected to say."""
     best = max(hypothesis.log_evidence for hypothesis in plan.hypotheses)
     yield table_text(
-        ('explanation', 'kinetics', 'error over noise', 'log evidence behind the best'),
+        ('explanation', 'kinetics', 'normalized RMSE', 'log evidence behind the best'),
         [
             (
                 hypothesis.name,

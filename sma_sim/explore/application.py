@@ -19,7 +19,7 @@ from sma_sim.explore.differences import Value
 from sma_sim.explore.live_verbs import LiveVerbs
 from sma_sim.explore.overlay import display_of
 from sma_sim.explore.packing import Numbers
-from sma_sim.explore.request_values import Body, Reply, json_number, pixels_in, text, whole, window_in
+from sma_sim.explore.request_values import Body, Reply, as_int, json_number, pixels_in, text, window_in
 from sma_sim.explore.runs import ShownRun, curves_data, frames_data, run_of
 from sma_sim.explore.session import Session
 from sma_sim.explore.stages import Engine
@@ -94,7 +94,7 @@ class Application:
         beside = body.get('beside')
         other = None
         if beside is not None:
-            other = curves_data(self.run(self.session.config(whole(beside, 'beside'))), window, pixels, numbers)
+            other = curves_data(self.run(self.session.config(as_int(beside, 'beside'))), window, pixels, numbers)
         return numbers.message({'shown': shown, 'beside': other})
 
     def frames(self, body: Body) -> Reply:
@@ -103,14 +103,14 @@ class Application:
         shown = frames_data(self.run(self.config_in(body)), numbers)
         other = None
         if beside is not None:
-            other = frames_data(self.run(self.session.config(whole(beside, 'beside'))), numbers)
+            other = frames_data(self.run(self.session.config(as_int(beside, 'beside'))), numbers)
         return numbers.message({'shown': shown, 'beside': other})
 
     def change(self, body: Body) -> Reply:
         """A new version."""
         values, effects = self.values_in(body), self.effects_in(body)
         expected = body.get('expected')
-        self.session.change(values, effects, expected=None if expected is None else whole(expected, 'expected'))
+        self.session.change(values, effects, expected=None if expected is None else as_int(expected, 'expected'))
         return self.changed()
 
     def undo(self, _: Body) -> Reply:
@@ -125,17 +125,17 @@ class Application:
 
     def go_to(self, body: Body) -> Reply:
         """Any version."""
-        self.session.go_to(whole(body.get('number'), 'number'))
+        self.session.go_to(as_int(body.get('number'), 'number'))
         return self.changed()
 
     def rename(self, body: Body) -> Reply:
         """A name for a version."""
-        self.session.rename(whole(body.get('number'), 'number'), text(body.get('name'), 'name'))
+        self.session.rename(as_int(body.get('number'), 'number'), text(body.get('name'), 'name'))
         return self.changed()
 
     def differences(self, body: Body) -> Reply:
         """In what two versions differ."""
-        found = self.session.differences(whole(body.get('before'), 'before'), whole(body.get('after'), 'after'))
+        found = self.session.differences(as_int(body.get('before'), 'before'), as_int(body.get('after'), 'after'))
         return {
             'differences': [
                 {name: json_number(getattr(one, name)) for name in ('name', 'unit', 'before', 'after', 'meaning')}
@@ -186,7 +186,7 @@ class Application:
         """The configuration that a request is about."""
         version = body.get('version')
         if version is not None:
-            return self.session.config(whole(version, 'version'))
+            return self.session.config(as_int(version, 'version'))
         values, effects = self.values_in(body), self.effects_in(body)
         return self.session.preview(values, effects) if values or effects is not None else self.session.config()
 

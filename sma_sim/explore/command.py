@@ -22,7 +22,7 @@ from sma_sim.solver.inputs import Input
 Vector = NDArray[np.float64]
 KINDS = ('steps', 'sine', 'file')
 SINE_POINTS = 64  # per period
-MOST_ROWS, LONGEST, MOST_TEXT = 20_000, 1e6, 20_000_000  # rows, [s], characters of a file
+MAX_ROWS, LONGEST, MAX_TEXT = 20_000, 1e6, 20_000_000  # rows, [s], characters of a file
 WARMING = 60.0  # [K] by which the first command heats a wire in the end
 DRIVEN = {'strain': (0.0, 0.06), 'stress_Pa': (20e6, 200e6), 'T_K': (298.0, 398.0)}  # from and to, of a first command
 FALLBACK_DRIVE = (0.0, 1.0)
@@ -112,18 +112,18 @@ def command_from(data: Any, structure: Structure) -> Command:
     numbers = {name: number(data.get(name), name) for name in ('duration', 'offset', 'amplitude', 'period')}
     if not 0.0 < numbers['duration'] <= LONGEST:
         raise UserError(f'command: expected a duration above 0 and at most {LONGEST:g} s, got {numbers["duration"]:g} s')
-    if not numbers['period'] > 0.0 or numbers['duration'] / numbers['period'] * SINE_POINTS > MOST_ROWS:
+    if not numbers['period'] > 0.0 or numbers['duration'] / numbers['period'] * SINE_POINTS > MAX_ROWS:
         raise UserError(
-            f'command: expected a period above 0 with at most {MOST_ROWS // SINE_POINTS} periods in all, '
+            f'command: expected a period above 0 with at most {MAX_ROWS // SINE_POINTS} periods in all, '
             f'got {numbers["period"]:g} s in {numbers["duration"]:g} s'
         )
     rows, column, texts = data.get('rows'), data.get('column'), (data.get('name', ''), data.get('text', ''))
-    if not isinstance(rows, list | tuple) or not 2 <= len(rows) <= MOST_ROWS:
-        raise UserError(f'command: expected 2 to {MOST_ROWS} rows of steps; the last one gives the end')
+    if not isinstance(rows, list | tuple) or not 2 <= len(rows) <= MAX_ROWS:
+        raise UserError(f'command: expected 2 to {MAX_ROWS} rows of steps; the last one gives the end')
     if column not in columns:
         raise UserError(f'command: expected column to be one of {", ".join(columns)}, got {column!r}')
-    if not all(isinstance(text, str) for text in texts) or len(texts[1]) > MOST_TEXT:
-        raise UserError(f'command: expected the name and the text of a file, at most {MOST_TEXT // 1_000_000} MB')
+    if not all(isinstance(text, str) for text in texts) or len(texts[1]) > MAX_TEXT:
+        raise UserError(f'command: expected the name and the text of a file, at most {MAX_TEXT // 1_000_000} MB')
     return Command(
         data['kind'], rows=tuple(row_from(row, columns) for row in rows), column=str(column), name=texts[0], text=texts[1],
         **numbers,

@@ -16,7 +16,7 @@ from sma_sim.explore.export import export
 from sma_sim.explore.jobs import FILES, new_folder
 from sma_sim.explore.overlay import Overlay, View, overlay_data
 from sma_sim.explore.packing import Numbers
-from sma_sim.explore.request_values import Body, Reply, number, pixels_in, text, whole, window_in
+from sma_sim.explore.request_values import Body, Reply, as_int, number, pixels_in, text, window_in
 from sma_sim.explore.session import Session
 from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.explore.stages import Engine
@@ -28,7 +28,7 @@ from sma_sim.workflow.data_request import DataRequest
 MAP = 'map.yaml'  # columns that were chosen on the page
 BAG = 'robot'  # what the name of such a bag begins with
 CURVE_KINDS = ('measured', 'model', 'residual')
-MOST_HELD_OUT = 200
+MAX_HELD_OUT = 200
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
     'compare': ('comparisons', 'noise_std'), 'check': ('runs', 'noise_std', 'notes', 'system'),
     'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
@@ -88,8 +88,8 @@ class DataVerbs:
 
     def job(self, body: Body) -> Reply:
         """How a step proceeds: its state, events from number `since` on, and with `result` what came out of it."""
-        job = self.engine.job(whole(body.get('number'), 'number'))
-        events = job.events(max(whole(body.get('since', 0), 'since'), 0))
+        job = self.engine.job(as_int(body.get('number'), 'number'))
+        events = job.events(max(as_int(body.get('since', 0), 'since'), 0))
         answer: dict[str, Any] = {'job': job.as_data(), 'events': events}
         if body.get('result') and 'result' in job.files:
             content = job.result()
@@ -108,7 +108,7 @@ class DataVerbs:
         view = View(window_in(body), pixels_in(body), curves_in(body))
         content = overlay_data(self._overlay.beside(config), view, numbers)
         if (beside := body.get('beside')) is not None:
-            other = self._session.config(whole(beside, 'beside'))
+            other = self._session.config(as_int(beside, 'beside'))
             shown = overlay_data(self._overlay.beside(other), replace(view, curves=('model',)), numbers)
             for run, same in zip(content['runs'], shown['runs'], strict=True):
                 run['beside'] = same['channels']
@@ -129,7 +129,7 @@ class DataVerbs:
     def accept(self, body: Body) -> Reply:
         """The model of a calibration or diagnosis as the current version."""
         given = body.get('number')
-        self.engine.accept(None if given is None else whole(given, 'number'))
+        self.engine.accept(None if given is None else as_int(given, 'number'))
         return self._changed()
 
     def export(self, _: Body) -> Reply:
@@ -149,13 +149,13 @@ class DataVerbs:
             raise UserError('recordings: a step is running on those that are there: wait for it, or stop it')
         request = self._session.data
         if (batch := body.get('batch')) is not None:
-            request = self._uploads.request(whole(batch, 'batch'))
+            request = self._uploads.request(as_int(batch, 'batch'))
         if body.get('recorded') is True:
             request = DataRequest(tuple(recorded_bags(self._session.folder)))
         if request is None or not request.data:
             raise UserError('recordings: expected files')
         held_out = body.get('hold_out', [])
-        if not isinstance(held_out, list) or len(held_out) > MOST_HELD_OUT:
+        if not isinstance(held_out, list) or len(held_out) > MAX_HELD_OUT:
             raise UserError('hold_out: expected a list of names')
         names = tuple(text(name, 'hold_out') for name in held_out)
         if names:

@@ -21,7 +21,7 @@ from sma_sim.workflow.code_folders import folders_from, parameter_file_at
 from sma_sim.workflow.data_request import DataRequest
 
 START, PARAMETERS, REPORT_FILE, COMPARISON, SHELL, PYTHON = (
-    'start.yaml', 'parameters.yaml', 'report.html', 'comparison.json', 'again.sh', 'again.py',
+    'start.yaml', 'parameters.yaml', 'report.html', 'comparison.json', 'reproduce.sh', 'reproduce.py',
 )  # fmt: skip
 OUTPUTS = 'again'  # where the commands and the Python lines write
 
@@ -46,7 +46,7 @@ def export(engine: Engine, folder: Path | None = None) -> Export:
     if (reason := engine.reason('export')) or compared is None or session.data is None:
         raise UserError(f'export: {reason}')
     folder = folder or session.folder / 'export' / f'{session.current.number:04}'
-    start, steps = way_to(engine, session.current)
+    start, steps = steps_to(engine, session.current)
     try:
         (folder / OUTPUTS).mkdir(parents=True, exist_ok=True)
         write_version(session, session.current, folder / PARAMETERS)
@@ -63,7 +63,7 @@ def export(engine: Engine, folder: Path | None = None) -> Export:
     return Export(folder, tuple(folder / name for name in names), shell, python)
 
 
-def way_to(engine: Engine, version: Version) -> tuple[Version, list[Job]]:
+def steps_to(engine: Engine, version: Version) -> tuple[Version, list[Job]]:
     """The version that was made by hand, and the steps that lead from it to another.
 
     A step that was stopped cannot be repeated: its model is where the way begins.
@@ -124,7 +124,7 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
         ]
     body += ['', *read_lines(is_fitted=False), "summary = summarize(compare(fitted, config, held_out, 'by Python'))"]
     body += ["write_json(OUT / 'comparison_by_python.json', comparison_result([summary], (), fitted.noise_std))"]
-    body += ["print(f'error over noise {summary.fitted_error}')"]
+    body += ["print(f'normalized RMSE {summary.fitted_error}')"]
     imports = sorted({*IMPORTS, *(line for job in steps for line in STEP_IMPORTS[job.stage])})
     text = ['"""' + head[0], '', *head[1:], '"""', '', 'from pathlib import Path', '', *imports, '']
     text += ['import sma_sim', '', "HERE = Path(__file__).resolve().parent", f"OUT = HERE / '{OUTPUTS}'"]

@@ -9,7 +9,7 @@ from pathlib import Path
 from sma_sim.explore.data_verbs import BAG, recorded_bags
 from sma_sim.explore.jobs import new_folder
 from sma_sim.explore.live import LiveFeed
-from sma_sim.explore.request_values import Body, Reply, text, whole
+from sma_sim.explore.request_values import Body, Reply, as_int, text
 from sma_sim.explore.session import Session
 from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
@@ -27,7 +27,7 @@ class LiveVerbs:
 
     def live(self, body: Body) -> Reply:
         """What was heard from sample number `since` on."""
-        return self._heard(max(whole(body.get('since', 0), 'since'), 0))
+        return self._heard(max(as_int(body.get('since', 0), 'since'), 0))
 
     def start(self, body: Body) -> Reply:
         """Listen, beside the model of the current version."""
@@ -35,7 +35,7 @@ class LiveVerbs:
         self._shown = self._session.file()
         self._feed.start(
             self._shown, text(body.get('namespace', ''), 'namespace'),
-            None if domain is None else whole(domain, 'domain'),
+            None if domain is None else as_int(domain, 'domain'),
         )  # fmt: skip
         return self._heard()
 

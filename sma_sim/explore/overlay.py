@@ -180,13 +180,13 @@ def overlay_data(shown: Shown, view: View, numbers: Numbers) -> dict[str, Any]:
 
 
 def errors_of(runs: tuple[ComparedRun, ...], channels: list[str]) -> dict[str, float]:
-    """Error over noise by channel, of those that are known."""
+    """Normalized RMSE by channel, of those that are known."""
     found = {name: error_over_noise(runs, name) for name in channels}
     return {name: error for name, error in found.items() if math.isfinite(error)}
 
 
 def pooled(errors: dict[str, float]) -> float:
-    """The error over noise of all channels, NaN without any."""
+    """The normalized RMSE of all channels, NaN without any."""
     return pooled_over_channels(list(errors.values()))
 
 

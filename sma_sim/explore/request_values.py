@@ -26,10 +26,10 @@ def window_in(body: Body) -> tuple[float, float] | None:
 
 def pixels_in(body: Body) -> int:
     """The width of a panel, within what is sensible."""
-    return min(max(whole(body.get('pixels', 1000), 'pixels'), PIXELS[0]), PIXELS[1])
+    return min(max(as_int(body.get('pixels', 1000), 'pixels'), PIXELS[0]), PIXELS[1])
 
 
-def whole(value: Any, name: str) -> int:
+def as_int(value: Any, name: str) -> int:
     """A whole number. Raises UserError."""
     if isinstance(value, bool) or not isinstance(value, int):
         raise UserError(f'{name}: expected a whole number, got {value!r}')

@@ -25,7 +25,7 @@ from sma_sim.solver.simulate import simulate
 from sma_sim.solver.wire_columns import strains_from_pose
 
 Vector = NDArray[np.float64]
-RATE, MOST_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
+RATE, MAX_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
 LOOP_SAMPLES, FRAMES = 1500, 160
 LOOP_COLUMNS = (('T', '_K'), ('x_M', ''), ('F', '_N'), ('stress', '_Pa'), ('strain', ''))  # of a wire, without its number
 
@@ -50,7 +50,7 @@ class ShownRun:
 def run_of(config: Config, command: Command) -> ShownRun:
     """Simulate; the columns are what `sma-sim simulate --rate` writes. Raises UserError."""
     source = input_of(command, config)
-    rate = min(RATE, MOST_SAMPLES / (source.times[-1] - source.times[0]))
+    rate = min(RATE, MAX_SAMPLES / (source.times[-1] - source.times[0]))
     found = simulate(Model(config), source, rate)
     columns = inputs_at(source, found.time) | found.columns
     return ShownRun(config, columns, rate, found.reason, found.completed, found.notes)

@@ -31,8 +31,8 @@ SCRIPTS = (
 )  # fmt: skip
 TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
 JSON, BINARY = 'application/json', 'application/octet-stream'
-MOST_BODY = 25_000_000  # bytes
-LONGEST_INT = 300  # digits
+MAX_BODY = 25_000_000  # bytes
+MAX_INT = 300  # digits
 HEARTBEAT = 10.0  # [s]
 IDLE = 60.0  # [s] after which a connection is closed
 HEADERS = {
@@ -230,8 +230,8 @@ class Handler(BaseHTTPRequestHandler):
         length = self.headers.get('Content-Length', '')
         if not (length.isascii() and length.isdigit()) or 'Transfer-Encoding' in self.headers:
             raise Refusal(411, 'Expected a Content-Length.')
-        if int(length) > MOST_BODY:
-            raise Refusal(413, f'Expected at most {MOST_BODY} bytes.')
+        if int(length) > MAX_BODY:
+            raise Refusal(413, f'Expected at most {MAX_BODY} bytes.')
         if self.headers.get_content_type() != JSON:
             raise Refusal(415, f'Expected {JSON}.')
         try:
@@ -282,7 +282,7 @@ class Handler(BaseHTTPRequestHandler):
 
 def short_int(word: str) -> int:
     """A whole number that a double can hold about; larger ones are no number of the page."""
-    if len(word) > LONGEST_INT:
+    if len(word) > MAX_INT:
         raise ValueError(word)
     return int(word)
 

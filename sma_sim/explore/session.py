@@ -23,7 +23,7 @@ from sma_sim.explore.lock import OWNER, FolderLock
 from sma_sim.explore.session_files import HISTORY, SETTINGS, VERSIONS, read_history, read_settings, write_settings
 from sma_sim.model.config import Config, checked, folders_of, only_named_in_data, read_config
 from sma_sim.model.errors import UserError
-from sma_sim.model.given import Given, effect_folders_of, given_values, named_folders, structure_folders_of
+from sma_sim.model.given import RawValue, effect_folders_of, given_values, named_folders, structure_folders_of
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.workflow.data_request import DataRequest
 
@@ -139,8 +139,8 @@ class Session:
         """
         given = dict(given_in(*stamped(self.file()), self.trusted))
         if effects is not None:
-            given['effects.active'] = Given(list(effects), FROM_SESSION)
-        return checked(given | {name: Given(value, FROM_SESSION) for name, value in (values or {}).items()})
+            given['effects.active'] = RawValue(list(effects), FROM_SESSION)
+        return checked(given | {name: RawValue(value, FROM_SESSION) for name, value in (values or {}).items()})
 
     def change(
         self, values: Mapping[str, Value] | None = None, effects: Sequence[str] | None = None, *, words: str = '',
@@ -262,17 +262,17 @@ def stamped(path: Path) -> tuple[Path, int]:
 
 
 @cache
-def given_in(path: Path, _: int, trusted: frozenset[Path]) -> Mapping[str, Given]:
+def given_in(path: Path, _: int, trusted: frozenset[Path]) -> Mapping[str, RawValue]:
     """What a file says, read once as long as the file is the same.
 
     Raises UserError where it names a folder of Python files that the user has not named: a session may be somebody else's.
     """
     given = given_values(path, ())
     for name, what in CODE.items():
-        folders = named_folders(name, given.get(name, Given([], '')))
+        folders = named_folders(name, given.get(name, RawValue([], '')))
         if not {folder.resolve() for folder in folders} <= trusted:
             words = [str(folder.resolve()) for folder in folders]
-            raise UserError(only_named_in_data(what, name, Given(words, f'the session, in {path}')))
+            raise UserError(only_named_in_data(what, name, RawValue(words, f'the session, in {path}')))
     return given
 
 

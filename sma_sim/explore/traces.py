@@ -17,7 +17,7 @@ from sma_sim.workflow.region import states_in, temperatures_in
 
 Vector = NDArray[np.float64]
 Curves = dict[str, dict[str, Vector]]
-LEAST_SAMPLES = 5  # of a part that can be told from noise
+MIN_SAMPLES = 5  # of a part that can be told from noise
 
 
 def part_of_residual(
@@ -60,9 +60,9 @@ def part_of_residual(
         raise UserError(f'run {name} has no channel {channel}: expected one of {", ".join(run.measured)}')
     low, high = sorted(times)
     inside = (run.time >= low) & (run.time <= high) & np.isfinite(run.measured[channel])
-    if inside.sum() < LEAST_SAMPLES:
+    if inside.sum() < MIN_SAMPLES:
         raise UserError(
-            f'{name}, {low:g} to {high:g} s: {inside.sum()} samples of {channel}, expected {LEAST_SAMPLES} or more'
+            f'{name}, {low:g} to {high:g} s: {inside.sum()} samples of {channel}, expected {MIN_SAMPLES} or more'
         )
     scaled = run.residual(channel) / run.noise[channel]
     return {

@@ -12,7 +12,7 @@ from typing import Any
 
 from sma_sim.evidence.data.sources import META_FILE, recordings_in
 from sma_sim.explore.jobs import new_folder
-from sma_sim.explore.request_values import Body, Reply, text, whole
+from sma_sim.explore.request_values import Body, Reply, as_int, text
 from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
 from sma_sim.workflow.data_request import DataRequest
@@ -20,8 +20,8 @@ from sma_sim.workflow.data_request import DataRequest
 NAME = re.compile(r'\w[\w. ()+-]{0,99}')
 OF_BAG = 'metadata.yaml'
 ENDINGS = ('.csv', '.mcap', '.db3', '.yaml', '.yml', META_FILE)
-MOST_FOLDERS, MOST_FILES, MOST_BYTES = 2, 200, 4_000_000_000
-LONGEST_PIECE = 12_000_000  # characters
+MAX_FOLDERS, MAX_FILES, MAX_BYTES = 2, 200, 4_000_000_000
+MAX_PIECE = 12_000_000  # characters
 
 
 class Uploads:
@@ -41,14 +41,14 @@ class Uploads:
         name, content = checked_name(body.get('name')), decoded(body)
         with self._lock:
             batch = body.get('batch')
-            number = self.new_batch() if batch is None else whole(batch, 'batch')
+            number = self.new_batch() if batch is None else as_int(batch, 'batch')
             sizes = self._sizes.get(number)
             if sizes is None:
                 raise UserError(f'batch: no files were sent as {number}')
-            if whole(body.get('at'), 'at') != sizes.get(name, 0):
+            if as_int(body.get('at'), 'at') != sizes.get(name, 0):
                 raise UserError(f'{name}: a piece at {body["at"]} after {sizes.get(name, 0)} bytes')
-            if len({name, *sizes}) > MOST_FILES or sum(sizes.values()) + len(content) > MOST_BYTES:
-                raise UserError(f'{name}: expected at most {MOST_FILES} files of {MOST_BYTES} bytes together')
+            if len({name, *sizes}) > MAX_FILES or sum(sizes.values()) + len(content) > MAX_BYTES:
+                raise UserError(f'{name}: expected at most {MAX_FILES} files of {MAX_BYTES} bytes together')
             append(self._home / f'{number:04}' / name, content)
             sizes[name] = sizes.get(name, 0) + len(content)
         return {'batch': number}
@@ -78,9 +78,9 @@ def checked_name(value: Any) -> str:
     """The name of a file, perhaps with the folders that it lies in. Raises UserError for one that could lead elsewhere."""
     name = text(value, 'name', 400)
     parts = name.split('/')
-    if len(parts) > MOST_FOLDERS + 1 or not all(NAME.fullmatch(part) for part in parts):
+    if len(parts) > MAX_FOLDERS + 1 or not all(NAME.fullmatch(part) for part in parts):
         raise UserError(
-            f'{name}: expected names of letters, digits, spaces, dots, _, +, - and parentheses, in at most {MOST_FOLDERS} '
+            f'{name}: expected names of letters, digits, spaces, dots, _, +, - and parentheses, in at most {MAX_FOLDERS} '
             'folders; rename it'
         )
     if not name.lower().endswith(ENDINGS):
@@ -94,7 +94,7 @@ def checked_name(value: Any) -> str:
 def decoded(body: Mapping[str, Any]) -> bytes:
     """The bytes of a piece. Raises UserError."""
     try:
-        return base64.b64decode(text(body.get('data'), 'data', LONGEST_PIECE), validate=True)
+        return base64.b64decode(text(body.get('data'), 'data', MAX_PIECE), validate=True)
     except (binascii.Error, ValueError) as error:
         raise UserError('data: expected base64') from error
 

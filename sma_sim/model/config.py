@@ -27,7 +27,7 @@ from sma_sim.model.given import (
     KINETICS_NAMES,
     LISTS,
     SWITCH_WORDS,
-    Given,
+    RawValue,
     effect_words,
     given_over,
     given_values,
@@ -170,18 +170,18 @@ class Config(Comparable):
             for name, one in values.items()
             if name in declared or not is_noise_elsewhere(name)
         }
-        words = {name: Given(word, in_config('settings')) for name, word in as_mapping('settings', settings).items()}
+        words = {name: RawValue(word, in_config('settings')) for name, word in as_mapping('settings', settings).items()}
         for name in words.keys() - texts.keys():
             raise ConfigError(f'unknown setting {name} ({in_config("settings")}){suggestion(name, texts)}')
         chosen = {name: checked_setting(name, one, texts[name]) for name, one in words.items()}
         numbers = structure.default_values | numbers
         is_own = own_structure is not None or structure.family not in package_structures()
         active = chosen_effects(effects, of_effects, structure, numbers)
-        stds = {name: Given(value, in_config('priors')) for name, value in as_mapping('priors', priors).items()}
+        stds = {name: RawValue(value, in_config('priors')) for name, value in as_mapping('priors', priors).items()}
         self.__dict__.update(
             parameters=MappingProxyType(numbers),
             system=system if isinstance(system, str) and own_structure is None else structure.family,
-            kinetics=checked_choice('kinetics', Given(kinetics, in_config('kinetics')), (*MODELS, AUTO)),
+            kinetics=checked_choice('kinetics', RawValue(kinetics, in_config('kinetics')), (*MODELS, AUTO)),
             effects=active,
             settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
             own_structure=base if is_own else None,
@@ -258,7 +258,7 @@ class Config(Comparable):
 
 
 def checked_priors(
-    given: Mapping[str, Given], structure: Structure, effects: Iterable[ActiveEffect]
+    given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]
 ) -> dict[str, float]:  # fmt: skip
     """Standard deviations of what a fit can change, by full name. Raises ConfigError."""
     declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
@@ -298,14 +298,14 @@ def as_mapping(argument: str, given: object) -> Mapping[str, Any]:
     return given
 
 
-def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, Given], dict[str, Given]]:
+def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, RawValue], dict[str, RawValue]]:
     """The parameters of effects, and all others. Raises ConfigError for what is no parameter but an argument of Config."""
-    of_effects, values = dict[str, Given](), dict[str, Given]()
+    of_effects, values = dict[str, RawValue](), dict[str, RawValue]()
     for name, value in given.items():
         if name in ARGUMENTS:
             raise ConfigError(f'{name} is no parameter ({in_config("parameters")}): give Config({ARGUMENTS[name]}=...)')
         part = of_effects if isinstance(name, str) and name.startswith('effects.') else values
-        part[name] = Given(value, in_config('parameters'))
+        part[name] = RawValue(value, in_config('parameters'))
     return of_effects, values
 
 
@@ -319,7 +319,7 @@ def structure_named(system: str | Structure | FoundStructure, own: FoundStructur
         return system
     if isinstance(system, Structure):
         return found_structure(system)
-    return package_structures()[checked_choice('system', Given(system, in_config('system')), tuple(package_structures()))]
+    return package_structures()[checked_choice('system', RawValue(system, in_config('system')), tuple(package_structures()))]
 
 
 def as_sequence(given: Any) -> Sequence[Any]:
@@ -332,7 +332,7 @@ def as_sequence(given: Any) -> Sequence[Any]:
 
 
 def chosen_effects(
-    effects: GivenEffects, given: dict[str, Given], structure: Structure, numbers: Mapping[str, float]
+    effects: GivenEffects, given: dict[str, RawValue], structure: Structure, numbers: Mapping[str, float]
 ) -> tuple[ActiveEffect, ...]:
     """The active effects on a structure with these parameters; `given`: values of their parameters by full name.
 
@@ -347,20 +347,20 @@ def chosen_effects(
         else:
             named, found = put_effect(one, given, found, in_config('effects'))
             names.append(named)
-    names_in('effects', Given(names, in_config('effects')))
+    names_in('effects', RawValue(names, in_config('effects')))
     for name in given:
         if (owner := name.split('.')[1]) not in names:
             raise ConfigError(f'{name} ({given[name].where}): {owner} is not active; give Config(effects=[{owner!r}])')
     if len(ready) == len(names) and not given:
         return tuple(ready.values())
     wanted = [name for name in names if name not in ready]
-    asked = Given(wanted, in_config('effects'))
+    asked = RawValue(wanted, in_config('effects'))
     plain = {name.partition(SEPARATOR)[0] for name in wanted}
     for name in plain - found.keys():
         raise unknown_effect(name, found, asked)
     on = effects_on({name: one for name, one in found.items() if name in plain}, wanted, structure, numbers)
     declared = effect_parameters(on) | effect_parameters({name: one.found for name, one in ready.items()})
-    known = {name: Given(checked_number(name, one, declared), one.where) for name, one in given.items()}
+    known = {name: RawValue(checked_number(name, one, declared), one.where) for name, one in given.items()}
     every = {name: active_effect(name, on, known, asked) for name in wanted} | {
         name: with_given(one, known) for name, one in ready.items()
     }
@@ -368,7 +368,7 @@ def chosen_effects(
 
 
 def put_effect(
-    one: Any, given: dict[str, Given], found: Mapping[str, FoundEffect], where: str
+    one: Any, given: dict[str, RawValue], found: Mapping[str, FoundEffect], where: str
 ) -> tuple[str, Mapping[str, FoundEffect]]:
     """The name of an effect as it may be given, and the effects that are known with it; its values go to `given`.
 
@@ -387,11 +387,11 @@ def put_effect(
         raise ConfigError(f'effects: expected effects or their names, such as gravity; got {one!r} ({where})')
     if values is not None and not isinstance(values, Mapping):
         raise ConfigError(f"effects: expected values of {name} by name, such as {{'g_y': -9.81}}; got {values!r} ({where})")
-    given |= {f'effects.{name}.{parameter}': Given(value, where) for parameter, value in (values or {}).items()}
+    given |= {f'effects.{name}.{parameter}': RawValue(value, where) for parameter, value in (values or {}).items()}
     return str(name), found
 
 
-def unknown_effect(name: str, found: Mapping[str, FoundEffect], asked: Given) -> ConfigError:
+def unknown_effect(name: str, found: Mapping[str, FoundEffect], asked: RawValue) -> ConfigError:
     """The error of an effect that there is not; `asked`: where it was switched on."""
     return ConfigError(
         f'unknown effect {name} (effects.active, {asked.where}){suggestion(name, found)}; known are '
@@ -406,11 +406,11 @@ def checked_active(one: ActiveEffect) -> ActiveEffect:
         names = ', '.join(parameter.name for parameter in effect.parameters)
         raise ConfigError(f'effect {effect.name}: got {len(one.values)} values; expected one for each of {names}')
     for parameter, value in zip(effect.parameters, one.values, strict=True):
-        checked_value(f'effects.{effect.name}.{parameter.name}', Given(value, in_config('effects')), parameter)
+        checked_value(f'effects.{effect.name}.{parameter.name}', RawValue(value, in_config('effects')), parameter)
     return one
 
 
-def with_given(one: ActiveEffect, known: Mapping[str, Given]) -> ActiveEffect:
+def with_given(one: ActiveEffect, known: Mapping[str, RawValue]) -> ActiveEffect:
     """An effect with the values that are known by full name."""
     name, parameters = one.found.effect.name, one.found.effect.parameters
     full = [f'effects.{name}.{parameter.name}' for parameter in parameters]
@@ -487,18 +487,18 @@ def read_config(
     >>> config.parameters['beam.E'], config.kinetics
     (2200000000.0, 'auto')
     """
-    given = {name: Given(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
+    given = {name: RawValue(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
     given = given_over(given, given_values(None if path is None else Path(path), words))
     found: Mapping[str, FoundEffect] = {}
-    names = names_in('effects.active', given.get('effects.active', Given([], COMMAND_LINE)))
+    names = names_in('effects.active', given.get('effects.active', RawValue([], COMMAND_LINE)))
     for one in as_sequence(effects):
         name, found = put_effect(one, given, found, COMMAND_LINE)
         names += [name] if name not in names else []
-        given['effects.active'] = Given(names, COMMAND_LINE)
+        given['effects.active'] = RawValue(names, COMMAND_LINE)
     return checked(given, found)
 
 
-def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOTHING) -> Config:
+def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = NOTHING) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError.
 
     `objects`: effects by name that are given as such.
@@ -508,8 +508,8 @@ def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOT
     given = {name: one for name, one in given.items() if not name.startswith(PRIORS)}
     structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
-    known = {name: Given(value, 'default') for name, value in defaults.items()}
-    folders = given.get('effects.paths', Given([], ''))
+    known = {name: RawValue(value, 'default') for name, value in defaults.items()}
+    folders = given.get('effects.paths', RawValue([], ''))
     found = find_effects([] if folders.recorded else named_folders('effects.paths', folders)) | dict(objects)
     if folders.recorded:
         check_effects_found(given, found, folders)
@@ -522,15 +522,15 @@ def checked(given: Mapping[str, Given], objects: Mapping[str, FoundEffect] = NOT
         elif name in texts:
             settings[name] = checked_setting(name, entry, texts[name])
         elif name not in LISTS and name != 'system' and name not in structure.options:
-            known[name] = Given(checked_number(name, entry, declared), entry.where)
-    asked = given.get('effects.active', Given([], ''))
+            known[name] = RawValue(checked_number(name, entry, declared), entry.where)
+    asked = given.get('effects.active', RawValue([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
     values = {name: float(known[name].value) for name in defaults}
     priors = checked_priors(stds, structure, effects)
     return Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
 
 
-def checked_kinetics(name: str, one: Given, given: Mapping[str, Given]) -> str:
+def checked_kinetics(name: str, one: RawValue, given: Mapping[str, RawValue]) -> str:
     """The kinetics, which have two names in files. Raises ConfigError."""
     kinetics = checked_choice(name, one, (*MODELS, AUTO))
     for other in KINETICS_NAMES:
@@ -543,7 +543,7 @@ def checked_kinetics(name: str, one: Given, given: Mapping[str, Given]) -> str:
 
 
 def numbers_within(
-    given: Mapping[str, Given], defaults: Mapping[str, float], ranges: Mapping[str, Parameter]
+    given: Mapping[str, RawValue], defaults: Mapping[str, float], ranges: Mapping[str, Parameter]
 ) -> dict[str, float]:
     """The values of all parameters of the model: what is given and within its bounds, else the defaults."""
     numbers = dict(defaults)
@@ -554,11 +554,11 @@ def numbers_within(
     return numbers
 
 
-def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
+def checked_structure(given: Mapping[str, RawValue]) -> FoundStructure:
     """The structure of the system that is given. Raises UserError."""
-    folders = given.get('structures.paths', Given([], ''))
+    folders = given.get('structures.paths', RawValue([], ''))
     found = find_structures([] if folders.recorded else named_folders('structures.paths', folders))
-    one = given.get('system', Given('module', 'default'))
+    one = given.get('system', RawValue('module', 'default'))
     if one.value not in found and folders.recorded and names_in('structures.paths', folders):
         raise ConfigError(only_named_in_data(f'the structure {one.value}', 'structures.paths', folders))
     if one.value not in found and names_in('structures.paths', folders):
@@ -572,7 +572,7 @@ def checked_structure(given: Mapping[str, Given]) -> FoundStructure:
 
 
 def chosen_variant(
-    structure: FoundStructure, given: Mapping[str, Given], found: Mapping[str, FoundStructure]
+    structure: FoundStructure, given: Mapping[str, RawValue], found: Mapping[str, FoundStructure]
 ) -> FoundStructure:
     """The variant of a structure that the given options name; itself without any. Raises ConfigError."""
     own = structure.structure.options
@@ -584,7 +584,7 @@ def chosen_variant(
     return next((member for member in family if dict(member.structure.options) == wanted), structure)
 
 
-def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:
+def checked_choice(name: str, one: RawValue, choices: Sequence[str]) -> str:
     """One of a few words."""
     if one.value not in choices:
         raise ConfigError(
@@ -593,7 +593,7 @@ def checked_choice(name: str, one: Given, choices: Sequence[str]) -> str:
     return str(one.value)
 
 
-def checked_setting(name: str, one: Given, setting: Setting) -> str | bool:
+def checked_setting(name: str, one: RawValue, setting: Setting) -> str | bool:
     """A text or a switch."""
     wanted = type(setting.default)
     value = SWITCH_WORDS.get(str(one.value).lower(), one.value) if wanted is bool else one.value
@@ -603,15 +603,15 @@ def checked_setting(name: str, one: Given, setting: Setting) -> str | bool:
     return value
 
 
-def check_effects_found(given: Mapping[str, Given], found: Mapping[str, FoundEffect], folders: Given) -> None:
+def check_effects_found(given: Mapping[str, RawValue], found: Mapping[str, FoundEffect], folders: RawValue) -> None:
     """Raise ConfigError where an active effect can only come from folders that are named in data alone."""
-    names = names_in('effects.active', given.get('effects.active', Given([], '')))
+    names = names_in('effects.active', given.get('effects.active', RawValue([], '')))
     unknown = [name for name in names if name not in found]
     if unknown and names_in('effects.paths', folders):
         raise ConfigError(only_named_in_data(f'the effect {unknown[0]}', 'effects.paths', folders))
 
 
-def only_named_in_data(what: str, parameter: str, folders: Given) -> str:
+def only_named_in_data(what: str, parameter: str, folders: RawValue) -> str:
     """Why files are not imported, and how a user has them imported."""
     paths = names_in(parameter, folders)
     return (
@@ -621,9 +621,9 @@ def only_named_in_data(what: str, parameter: str, folders: Given) -> str:
     )
 
 
-def names_of_effects(given: Mapping[str, Given]) -> list[str]:
+def names_of_effects(given: Mapping[str, RawValue]) -> list[str]:
     """The effects that are switched on, or whose parameters are given."""
-    active = names_in('effects.active', given.get('effects.active', Given([], '')))
+    active = names_in('effects.active', given.get('effects.active', RawValue([], '')))
     return [*active, *(name.split('.')[1] for name in given if name.startswith('effects.'))]
 
 
@@ -632,14 +632,16 @@ def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:
     return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.effect.parameters}
 
 
-def active_effect(name: str, found: Mapping[str, FoundEffect], known: Mapping[str, Given], asked: Given) -> ActiveEffect:
+def active_effect(
+    name: str, found: Mapping[str, FoundEffect], known: Mapping[str, RawValue], asked: RawValue
+) -> ActiveEffect:
     """An effect with its parameters, their defaults where nothing was given. Raises ConfigError."""
     if name not in found:
         raise unknown_effect(name, found, asked)
     return with_given(ActiveEffect(found[name], tuple(p.default for p in found[name].effect.parameters)), known)
 
 
-def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> float:
+def checked_number(name: str, one: RawValue, declared: Mapping[str, Parameter]) -> float:
     """One number within its bounds. Raises ConfigError."""
     if name not in declared:
         hint = suggestion(name, [*declared, 'system', *KINETICS_NAMES, *LISTS, *SETTINGS])
@@ -647,7 +649,7 @@ def checked_number(name: str, one: Given, declared: Mapping[str, Parameter]) -> 
     return checked_value(name, one, declared[name])
 
 
-def checked_value(name: str, one: Given, parameter: Parameter) -> float:
+def checked_value(name: str, one: RawValue, parameter: Parameter) -> float:
     """A value of a parameter, within its bounds. Raises ConfigError."""
     value, (low, high) = one.value, parameter.bounds
     if not is_number(value):

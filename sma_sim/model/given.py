@@ -18,7 +18,7 @@ COMMAND_LINE = 'on the command line'
 
 
 @dataclass(frozen=True)
-class Given:
+class RawValue:
     """A value as given, where it was given, and the folder to which paths in it are relative.
 
     `recorded` values come from data, which must not decide which code is run.
@@ -30,13 +30,13 @@ class Given:
     recorded: bool = False
 
 
-def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, Any]) -> dict[str, Given]:
+def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, Any]) -> dict[str, RawValue]:
     """What a YAML file and ``name=value`` words, or values by name, say, by full name. Raises ConfigError."""
-    given: dict[str, Given] = {}
+    given: dict[str, RawValue] = {}
     if path is not None:
         given |= {name: one for name, one in given_in_file(path).items() if not belongs_to_ros(name)}
     if isinstance(words, Mapping):
-        return given_over(given, {name: Given(value, COMMAND_LINE) for name, value in words.items()})
+        return given_over(given, {name: RawValue(value, COMMAND_LINE) for name, value in words.items()})
     for word in [words] if isinstance(words, str) else words:
         if not isinstance(word, str):
             raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {word!r}")
@@ -45,19 +45,19 @@ def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, An
             near = nearest(word, [*DEFAULTS, 'system', *KINETICS_NAMES])
             example = f'{near[0]}=VALUE' if near else 'wire.E_A=12e9'
             raise ConfigError(f'--set {word}: expected name=value, such as --set {example}')
-        given = given_over(given, {name.strip(): Given(parse(name.strip(), text), COMMAND_LINE)})
+        given = given_over(given, {name.strip(): RawValue(parse(name.strip(), text), COMMAND_LINE)})
     return given
 
 
-def given_over(before: Mapping[str, Given], more: Mapping[str, Given]) -> dict[str, Given]:
+def given_over(before: Mapping[str, RawValue], more: Mapping[str, RawValue]) -> dict[str, RawValue]:
     """All values, `more` over those `before`; either name of the kinetics replaces the other."""
     replaced = KINETICS_NAMES if any(name in more for name in KINETICS_NAMES) else ()
     return {name: one for name, one in before.items() if name not in replaced} | dict(more)
 
 
-def given_in_file(path: Path, node: str | None = None) -> dict[str, Given]:
+def given_in_file(path: Path, node: str | None = None) -> dict[str, RawValue]:
     """What a parameter file says to a node, by full name; see `read_yaml`. Raises ConfigError."""
-    given = {name: Given(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path, node)).items()}
+    given = {name: RawValue(value, f'in {path}', path.parent) for name, value in flatten(read_yaml(path, node)).items()}
     for name, one in given.items():
         if belongs_to_ros(name):
             check_of_ros(name, one.value, one.where)
@@ -66,12 +66,12 @@ def given_in_file(path: Path, node: str | None = None) -> dict[str, Given]:
 
 def structure_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
     """The folders of the user's structures that a YAML file or ``structures.paths=...`` names. Raises ConfigError."""
-    return named_folders('structures.paths', given_values(path, words).get('structures.paths', Given([], '')))
+    return named_folders('structures.paths', given_values(path, words).get('structures.paths', RawValue([], '')))
 
 
 def effect_folders_of(path: Path | None, words: Iterable[str]) -> list[Path]:
     """The folders of the user's effects that a YAML file or ``effects.paths=...`` names. Raises ConfigError."""
-    return named_folders('effects.paths', given_values(path, words).get('effects.paths', Given([], '')))
+    return named_folders('effects.paths', given_values(path, words).get('effects.paths', RawValue([], '')))
 
 
 def parse(name: str, text: str) -> Any:
@@ -96,7 +96,7 @@ def effect_words(word: str) -> tuple[str, dict[str, Any]]:
     return name, values
 
 
-def names_in(name: str, one: Given) -> list[str]:
+def names_in(name: str, one: RawValue) -> list[str]:
     """A list of words, without the empty ones (ROS 2 cannot write an empty list)."""
     words = one.value if isinstance(one.value, list | tuple) else [one.value]
     if not all(isinstance(word, str) for word in words):
@@ -108,6 +108,6 @@ def names_in(name: str, one: Given) -> list[str]:
     return words
 
 
-def named_folders(name: str, one: Given) -> list[Path]:
+def named_folders(name: str, one: RawValue) -> list[Path]:
     """Folders of the user's effects or structures; relative ones start at the YAML file's folder."""
     return [one.folder / Path(word).expanduser() for word in names_in(name, one)]

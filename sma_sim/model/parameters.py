@@ -169,7 +169,7 @@ NODE_PARAMETERS = (
 )  # fmt: skip
 
 CHECK_PARAMETERS = (
-    Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running RMSE over noise above which the model misses a channel',
+    Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running normalized RMSE above which the model misses a channel',
               source=NODE_PAGE),
     Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long',
               source=NODE_PAGE),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
-LONGEST_LIST = 8  # names in one line
+MAX_LIST = 8  # names in one line
 
 
 class Shown:
@@ -28,8 +28,8 @@ class Shown:
 def listed(names: Iterable[str]) -> str:
     """Names in words, of very many the first."""
     given = list(names)
-    more = f' and {len(given) - LONGEST_LIST} more' if len(given) > LONGEST_LIST else ''
-    return (', '.join(given[:LONGEST_LIST]) or 'none') + more
+    more = f' and {len(given) - MAX_LIST} more' if len(given) > MAX_LIST else ''
+    return (', '.join(given[:MAX_LIST]) or 'none') + more
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,4 +1,4 @@
-"""The reduction of the error as a picture: error over noise from the nominal model through each added effect."""
+"""The reduction of the error as a picture: normalized RMSE from the nominal model through each added effect."""
 
 from __future__ import annotations
 
@@ -36,6 +36,6 @@ def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axis.set_ylim(low, high)
     axis.set_xlim(-0.3, len(steps) - 0.5)
     axis.set_xticks(positions, [f'+ {step["effects"][-1]}' if step['effects'] else 'nominal model' for step in steps])
-    axis.set_ylabel('error over noise')
+    axis.set_ylabel('normalized RMSE')
     axis.legend(frameon=False)
     return figure

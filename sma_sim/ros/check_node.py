@@ -295,7 +295,7 @@ class ModelCheck:
             words = 'follows the measurement' if due == 'follows' else 'is back in the measurement'
             errors = zip(self._channels, self._last_error, strict=True)
             numbers = ', '.join(f'{name} {error:.3g}' for name, error in errors if not math.isnan(error))
-            self._logger.info(f'the model {words}: error over noise {numbers} over the last {window:g} s')
+            self._logger.info(f'the model {words}: normalized RMSE {numbers} over the last {window:g} s')
 
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
@@ -308,7 +308,7 @@ class ModelCheck:
         elif len(self._heated) < wires:
             caveat = f'; {which_ones} heated since the model started, so its start (initial.*) may be what is wrong'
         return (
-            f'the model has left the measurement: error over noise {worst} over the last {self._values["window"]:g} s '
+            f'the model has left the measurement: normalized RMSE {worst} over the last {self._values["window"]:g} s '
             f'(check.threshold {self._values["threshold"]:g}){caveat}'
         )
 
@@ -324,7 +324,7 @@ class ModelCheck:
         self._topics['residuals'].publish(message)
         for topic, what, values in (
             ('channel_residuals', 'measured - model of {} [SI]', residual),
-            ('error_over_noise', 'running RMSE over noise of {} [-]', self._last_error),
+            ('error_over_noise', 'running normalized RMSE of {} [-]', self._last_error),
         ):
             layout = array_layout(what.format(', '.join(self._channels)), len(self._channels))
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))

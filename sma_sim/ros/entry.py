@@ -20,7 +20,7 @@ from sma_sim.ros.stop_signals import ignore_at_exit, take_stop_signals
 
 if TYPE_CHECKING:
     from sma_sim.model.config import Config
-    from sma_sim.model.given import Given
+    from sma_sim.model.given import RawValue
 
 NO_ROS = (
     'rclpy, the Python client of ROS 2, is not installed here ({reason}).\n'
@@ -169,7 +169,7 @@ def compile_first(name: str) -> None:
 
 
 def configured_runner(
-    node: Any, make: RunnerFactory, live: Collection[str], in_files: Mapping[str, Given]
+    node: Any, make: RunnerFactory, live: Collection[str], in_files: Mapping[str, RawValue]
 ) -> tuple[Runner, Mapping[str, float]]:
     """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
     from sma_sim.ros.parameters import configure
@@ -214,7 +214,7 @@ class Server:
 
 
 def serve_node(
-    program: Program, make: RunnerFactory, in_files: Mapping[str, Given], stop: threading.Event, working: threading.Event
+    program: Program, make: RunnerFactory, in_files: Mapping[str, RawValue], stop: threading.Event, working: threading.Event
 ) -> int:
     """Make the node, with what parameter files say, and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-MOST_AT_ONCE = 1000  # messages of a subscription that keeps all
+MAX_AT_ONCE = 1000  # messages of a subscription that keeps all
 
 
 class TakenElsewhere(CallbackGroup):
@@ -86,7 +86,7 @@ class Inbox:
 
 def most_waiting(profile: QoSProfile) -> int:
     """How many messages can wait at most: with more taken, a flood of them would keep the one who takes them for ever."""
-    return int(profile.depth) if profile.history == HistoryPolicy.KEEP_LAST and profile.depth else MOST_AT_ONCE
+    return int(profile.depth) if profile.history == HistoryPolicy.KEEP_LAST and profile.depth else MAX_AT_ONCE
 
 
 def clock_inbox(node: Node) -> Inbox:

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from sma_sim.model.config import AUTO, MODELS, Config, checked, names_of_effects, settings_of
 from sma_sim.model.effects.discovery import effects_on, find_effects
-from sma_sim.model.given import LISTS, Given, given_in_file, given_over, named_folders
+from sma_sim.model.given import LISTS, RawValue, given_in_file, given_over, named_folders
 from sma_sim.model.parameter_yaml import ConfigError, NothingForNode, belongs_to_ros
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.parameters import Parameter as NumberParameter
@@ -36,7 +36,7 @@ class Arguments(NamedTuple):
     """The arguments of a node without its parameter files, and what those say, by full name."""
 
     words: list[str]
-    given: dict[str, Given]
+    given: dict[str, RawValue]
 
 
 def read_arguments(words: Sequence[str], name: str) -> Arguments:
@@ -46,7 +46,7 @@ def read_arguments(words: Sequence[str], name: str) -> Arguments:
     has anything for the node.
     """
     node = full_name(words, name)
-    given: dict[str, Given] = {}
+    given: dict[str, RawValue] = {}
     left, useless, useful, of_ros, k = list[str](), list[ConfigError](), False, False, 0
     while k < len(words):
         word, after = words[k], words[k + 1] if k + 1 < len(words) else None
@@ -81,23 +81,23 @@ def full_name(words: Sequence[str], name: str) -> str:
     return f'/{space}/{found["__node"]}' if space else f'/{found["__node"]}'
 
 
-def overrides_of(given: Mapping[str, Given]) -> list[Any]:
+def overrides_of(given: Mapping[str, RawValue]) -> list[Any]:
     """What files say that belongs to ROS, for the node to be made with."""
     return [Parameter(name, value=one.value) for name, one in given.items() if belongs_to_ros(name)]
 
 
-def given_to(node: Node) -> dict[str, Given]:
+def given_to(node: Node) -> dict[str, RawValue]:
     """What was given to the node itself, by name (it was made to declare all that was given)."""
     given = {}
     for name, parameter in node.get_parameters_by_prefix('').items():
         if not belongs_to_ros(name):
             value = parameter.value
-            given[name] = Given(list(value) if hasattr(value, 'tolist') else value, GIVEN)
+            given[name] = RawValue(list(value) if hasattr(value, 'tolist') else value, GIVEN)
     return given
 
 
 def configure(
-    node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, Given] = MappingProxyType({})
+    node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, RawValue] = MappingProxyType({})
 ) -> tuple[Config, Mapping[str, float]]:
     """Check what was given, declare every parameter, and return the configuration and the ``node.*`` numbers.
 
@@ -130,7 +130,7 @@ def configure(
     return config, settings
 
 
-def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> None:
+def declare_effects(node: Node, config: Config, given: Mapping[str, RawValue]) -> None:
     """Declare the lists of effects and the parameters of all that were found."""
     for name in LISTS:
         value = given[name].value if name in given else ['']
@@ -139,7 +139,7 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, Given]) -> N
         )
         node.declare_parameter(name, value, words, ignore_override=True)
     values_by_name = {active.found.effect.name: active.values for active in config.effects}
-    found = find_effects(named_folders('effects.paths', given.get('effects.paths', Given([], ''))))
+    found = find_effects(named_folders('effects.paths', given.get('effects.paths', RawValue([], ''))))
     found = effects_on(found, names_of_effects(given), config.structure.structure, config.parameters)
     for name, entry in found.items():
         values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))

@@ -12,7 +12,7 @@ CLOCK_STEP_TO_FOLLOW = 0.5  # [s] that another clock may move at once before it 
 SHORTEST_SLEEP = 1e-3  # [s]; steps that are due within it are made together
 AT_ONCE, TRIES = 1e-4, 10  # [s] within which two clocks are read, and how often that is tried on a busy computer
 MAX_WAIT = 0.05  # [s] after which a wait returns with nothing due
-LONGEST_STANDSTILL = 0.01  # [s] after which a clock that stands still is looked at again
+MAX_STANDSTILL = 0.01  # [s] after which a clock that stands still is looked at again
 
 
 class Due(NamedTuple):
@@ -127,12 +127,12 @@ class ClockSchedule:
         if self.anchor == 0 or now < self._last:
             back = (self._last - now) / 1e9 if self.anchor else 0.0
             self.restart()
-            self._wait(LONGEST_STANDSTILL)
+            self._wait(MAX_STANDSTILL)
             return Due(0, back=back)
         self._last = now
         steps = int((now - self.anchor) * self._rate / 1e9 + 1e-6) - self._made
         if steps <= 0:
-            self._wait(LONGEST_STANDSTILL)
+            self._wait(MAX_STANDSTILL)
             return Due(0)
         if steps > max(1.0, CLOCK_STEP_TO_FOLLOW * self._rate):
             moved = steps / self._rate

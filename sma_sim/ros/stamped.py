@@ -23,7 +23,7 @@ from sma_sim.ros.command import Command
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 
 SUFFIX = '_stamped'
-MOST_DELAYS = 10_000  # kept between two looks
+MAX_DELAYS = 10_000  # kept between two looks
 LAST_DELAY, LARGEST_DELAY = 'delay of the last stamped command [s]', 'largest delay since the last report [s]'
 NO_DELAY = 'none'
 
@@ -79,7 +79,7 @@ class StampedCommands:
     def __init__(self, node: Node, command: Command, names: Sequence[str], now: Callable[[], int]) -> None:
         self._logger, self._command, self._names, self._now = node.get_logger(), command, tuple(names), now
         self._topic = f'{command.topic}{SUFFIX}'
-        self._delays: deque[float] = deque(maxlen=MOST_DELAYS)  # [s], since the last look
+        self._delays: deque[float] = deque(maxlen=MAX_DELAYS)  # [s], since the last look
         self._last = math.nan
         self.subscription = make_subscription(node, JointState, self._topic, self.receive, LAST_FEW)
 

@@ -13,7 +13,7 @@ from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, WIRE_COMMAND
 from sma_sim.model.structures.structure import Drive, Structure
 from sma_sim.ros.command import WARNING_PERIOD, Command
 
-MOST_SHOWN = 8  # numbers of a message that is refused
+MAX_SHOWN = 8  # numbers of a message that is refused
 
 
 class WireCommands(Command):
@@ -55,7 +55,7 @@ class WireCommands(Command):
 
 def shown(numbers: tuple[float, ...]) -> str:
     """Numbers in a message."""
-    return ', '.join(f'{number:g}' for number in numbers[:MOST_SHOWN]) + (', ...' if len(numbers) > MOST_SHOWN else '')
+    return ', '.join(f'{number:g}' for number in numbers[:MAX_SHOWN]) + (', ...' if len(numbers) > MAX_SHOWN else '')
 
 
 def heating_command(node: Node, structure: Structure, J_max: float, timeout: float) -> Command:

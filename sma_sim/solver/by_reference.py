@@ -18,7 +18,7 @@ from numba.extending import intrinsic, register_model
 
 types: Any = numba.core.types  # their classes are not declared
 RECORD_WORDS = 1024  # of 8 bytes, more than a system needs
-MOST_BY_VALUE = 8  # numbers and arrays of a named tuple that is passed by value
+MAX_BY_VALUE = 8  # numbers and arrays of a named tuple that is passed by value
 ADDRESS = ir.IntType(8).as_pointer()
 
 
@@ -29,7 +29,7 @@ def size_of(kind: Any) -> int:
 
 def is_large(kind: Any) -> bool:
     """Whether values of this type are passed by reference."""
-    return isinstance(kind, types.NamedTuple) and size_of(kind) > MOST_BY_VALUE
+    return isinstance(kind, types.NamedTuple) and size_of(kind) > MAX_BY_VALUE
 
 
 class Reference(types.Type):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
-Pieces = tuple[Vector, NDArray[np.float64], NDArray[np.float64]]
+Segments = tuple[Vector, NDArray[np.float64], NDArray[np.float64]]
 
 
 def seen_at(model: Model, times: Vector, begin: float) -> Vector:
@@ -23,9 +23,9 @@ def seen_at(model: Model, times: Vector, begin: float) -> Vector:
     return times
 
 
-def held_until(pieces: Pieces, times: Vector) -> Pieces:
-    """The stretches of an input (`solver.inputs.pieces`), the last values held up to the last of some times [s]."""
-    ends, values, slopes = pieces
+def held_until(segments: Segments, times: Vector) -> Segments:
+    """The stretches of an input (`solver.inputs.segments`), the last values held up to the last of some times [s]."""
+    ends, values, slopes = segments
     if not len(times) or times[-1] <= ends[-1]:
-        return pieces
+        return segments
     return np.append(ends, times[-1]), np.vstack([values, values[-1:]]), np.vstack([slopes, slopes[-1:]])

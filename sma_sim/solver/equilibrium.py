@@ -11,9 +11,9 @@ from sma_sim.model.system import ambient_temperature, flow
 from sma_sim.solver.linear import invert, multiply
 from sma_sim.solver.work import Matrix, Vector, Work, copy_into
 
-NEWTON_STEPS, MOST_UPDATES = 50, 200
+NEWTON_STEPS, MAX_UPDATES = 50, 200
 SETTLED = 1e-2  # change of first values relative to the difference steps: 1e-9 of their size
-LONGEST_STEP = 1e6  # relative to the difference steps, where whole steps lead away: a tenth of the size of the pose
+MAX_STEP = 1e6  # relative to the difference steps, where whole steps lead away: a tenth of the size of the pose
 ON_EDGE = 1e-6  # of dsigma, from the stress at which a wire transforms
 CONVERGED = 1e-4  # last step relative to the difference steps: 1e-11 of the size of the pose
 
@@ -31,7 +31,7 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
     matrix, force, step = w.matrix[:n, :n], w.y_stage[:n], w.y_new[:n]
     keep_wires(w, p)
     steps, updates = 0, 0
-    while steps < NEWTON_STEPS and updates < MOST_UPDATES:
+    while steps < NEWTON_STEPS and updates < MAX_UPDATES:
         steps += 1
         balance(state, point, p, w, w.first.dy)
         for i in range(n):
@@ -50,7 +50,7 @@ def solve_pose(state: SystemState, point: InputPoint, p: System, w: Work, alone:
         multiply(matrix, force, step, 0)
         size = 0.0
         for j in range(n):
-            most = LONGEST_STEP * w.increment[j]
+            most = MAX_STEP * w.increment[j]
             y[j] -= min(max(step[j], -most), most) if careful else step[j]
             size = max(size, abs(step[j]) / w.increment[j])
         if not np.isfinite(size):

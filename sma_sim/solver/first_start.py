@@ -10,12 +10,12 @@ from sma_sim.solver.compile import is_compiled, reachable
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.fragments import ENTRY, FRAGMENT, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
-from sma_sim.solver.records import keep_record
+from sma_sim.solver.records import pin_system
 from sma_sim.solver.tangents import follow
 
 SIMULATION = (start, integrate)  # what Python calls to simulate an input
 FIXED_RATE = (start, observe, integrate_held)  # and what it calls to step at a fixed rate
-TANGENTS = (follow, keep_record)  # and what fits call beside SIMULATION, for derivatives
+TANGENTS = (follow, pin_system)  # and what fits call beside SIMULATION, for derivatives
 MEASURED = 10  # work after which its speed is known
 STARTING = 'compiling the equations, once on this machine ...'
 

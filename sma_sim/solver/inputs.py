@@ -176,7 +176,7 @@ def regular_times(source: Input, rate: float) -> Vector:
     return times
 
 
-def pieces(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
+def segments(source: Input) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
     """Times, values and slopes of the stretches of an input, equal neighbours joined.
 
     A linear column is split where it crosses zero: heating as a function of J_eq has a kink there.

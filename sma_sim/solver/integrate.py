@@ -109,7 +109,7 @@ LONG_STEP = 2e-3  # [s]; guards are evaluated in the middle of longer steps too
 AFTER_ROW, AFTER_JUMP, AFTER_REVERSAL = 1e-2, 5e-3, 2e-2
 LITTLE_RISE = 0.5  # [K]: a row that changes heating by little may be followed by a step in which this changes T by so much
 OF_STRETCH = 0.3  # after a row at imposed temperature, of the new stretch: nothing moves there but with the input
-MOST_GROWTH = (5.0, 2.5)  # of a step, after another: hybrid, MAS, where fronts are not announced by jumps
+MAX_GROWTH = (5.0, 2.5)  # of a step, after another: hybrid, MAS, where fronts are not announced by jumps
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
@@ -117,7 +117,7 @@ TIGHTER = 1e-2  # of the tolerance of the plate's rates, where friction switches
 # Of steps over rows: how many keep a matrix, and how much of a length they may differ; how many rows are left to other steps
 # after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump and errors come in bursts
 KEPT_ROWS, LIKE_ROWS, ROWS_LEFT = 10.5, 0.3, 4.0
-MOST_ERROR = (1.0, 0.3)
+MAX_ERROR = (1.0, 0.3)
 NO_JUMP = 2.0  # as a fraction of a step
 
 
@@ -222,7 +222,7 @@ def cross_row(run: Run, segment: Segment, p: System, w: Work, limits: Limits, lo
         return NOT_CROSSED
     if p.mas:
         flow_at(t, run.state, segment, p, w, w.first)
-    error, most = np.inf, MOST_ERROR[int(p.mas)]
+    error, most = np.inf, MAX_ERROR[int(p.mas)]
     if segment.t_end <= control[C_KEPT_UNTIL] and abs(h - control[C_ROW_LENGTH]) <= LIKE_ROWS * h:
         error = row_step(h, run.state, segment, p, w, run.solution)
         run.count[N_STEPS] += 1
@@ -351,7 +351,7 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
             return STALLED, h
         error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
-        factor = min(MOST_GROWTH[int(p.mas)], max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
+        factor = min(MAX_GROWTH[int(p.mas)], max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)))
         if error <= 1.0:
             run.control[C_H] = max(run.control[C_H], step * factor) if step < h else step * factor
             return COMPLETED, step

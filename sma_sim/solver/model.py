@@ -19,7 +19,7 @@ from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
 from sma_sim.solver.fields_read import uses_time
-from sma_sim.solver.structure_kernels import MOST_EFFECTS, native_structure, new_effects
+from sma_sim.solver.structure_kernels import MAX_EFFECTS, native_structure, new_effects
 
 Vector = NDArray[np.float64]
 
@@ -83,8 +83,8 @@ class Model:
         n, mas = len(structure.coordinates), config.simulated_kinetics == 'mas'
         first_T, wire, (table, _) = 2 * n, self.wire, self.effects
         acting = table.port_start[STRUCTURE_FORCE + 1] - table.port_start[STRUCTURE_FORCE]
-        if acting > MOST_EFFECTS:
-            raise UserError(f'{acting} effects act on the {structure.title}: expected at most {MOST_EFFECTS}')
+        if acting > MAX_EFFECTS:
+            raise UserError(f'{acting} effects act on the {structure.title}: expected at most {MAX_EFFECTS}')
         scales = [coordinate.size(self.constants) for coordinate in structure.coordinates]
         numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
         at = StructureTable(

@@ -14,7 +14,7 @@ from sma_sim.solver.by_reference import RECORD_WORDS
 
 
 def record_at(address: int, like: System) -> System:
-    """The system at an address of `kept_records`; `like` is of the same type (the compiler puts a cast here)."""
+    """The system at an address of `pinned_systems`; `like` is of the same type (the compiler puts a cast here)."""
     found: System = ctypes.cast(int(address), ctypes.py_object).value
     return found
 
@@ -24,25 +24,25 @@ def store_record(like: System, address: int) -> None:
     raise NotImplementedError
 
 
-def keep_record(p: System, memory: NDArray[np.float64]) -> None:
+def pin_system(p: System, memory: NDArray[np.float64]) -> None:
     """Write a system into `memory`, for Python to call when compiled."""
     store_record(p, memory.ctypes.data)
 
 
-class KeptRecords(NamedTuple):
+class PinnedSystems(NamedTuple):
     """Addresses of systems (P,), 0 for none, and what must live as long as they are used."""
 
     addresses: NDArray[np.int64]
     kept: tuple[Any, ...]
 
 
-def kept_records(systems: Sequence[System | None], keep: Any, interpreted: bool) -> KeptRecords:
-    """Systems behind addresses; `keep` is the compiled `keep_record`."""
+def pinned_systems(systems: Sequence[System | None], keep: Any, interpreted: bool) -> PinnedSystems:
+    """Systems behind addresses; `keep` is the compiled `pin_system`."""
     if interpreted:
-        return KeptRecords(np.array([0 if p is None else id(p) for p in systems], dtype=np.int64), tuple(systems))
+        return PinnedSystems(np.array([0 if p is None else id(p) for p in systems], dtype=np.int64), tuple(systems))
     memory = np.zeros((len(systems), RECORD_WORDS))
     for p, own in zip(systems, memory, strict=True):
         if p is not None:
             keep(p, own)
     addresses = [0 if p is None else own.ctypes.data for p, own in zip(systems, memory, strict=True)]
-    return KeptRecords(np.array(addresses, dtype=np.int64), (*systems, memory))
+    return PinnedSystems(np.array(addresses, dtype=np.int64), (*systems, memory))

@@ -15,10 +15,10 @@ from sma_sim.solver.columns import sampled_numbers
 from sma_sim.solver.compile import is_interpreted, package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import stop_reason
-from sma_sim.solver.inputs import Input, pieces, requested_times
+from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
-from sma_sim.solver.records import KeptRecords, keep_record, kept_records
+from sma_sim.solver.records import PinnedSystems, pin_system, pinned_systems
 from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
 from sma_sim.solver.smoothed_input import Stretches, smoothed
 from sma_sim.solver.stepper import STAGES
@@ -88,11 +88,11 @@ def timed_channels(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64
 
 def row_shifts(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Matrix | None:
     """Derivatives of the times of the stretches of an input (rows, unknowns); None where neighbours have other rows."""
-    times, values, _ = pieces(source)
+    times, values, _ = segments(source)
     shifts = np.zeros((len(times), padded(len(neighbours))))
     for j, neighbour in enumerate(neighbours):
         if neighbour.source is not None:
-            moved, same, _ = pieces(neighbour.source)
+            moved, same, _ = segments(neighbour.source)
             if same.shape != values.shape or not np.allclose(same, values, rtol=1e-4, atol=1e-9):
                 return None
             shifts[:, j] = (moved - times) / delta
@@ -110,11 +110,11 @@ def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: floa
     return s, r
 
 
-def moved_systems(model: Model, neighbours: Sequence[Neighbour], antagonistic: bool) -> KeptRecords:
+def moved_systems(model: Model, neighbours: Sequence[Neighbour], antagonistic: bool) -> PinnedSystems:
     """The equations of all neighbours behind addresses."""
-    keep = package_compiler().function(keep_record)
+    keep = package_compiler().function(pin_system)
     systems = [(one.model or model).compiled._replace(antagonistic=antagonistic) for one in neighbours]
-    return kept_records([own_scratch(one) for one in systems], keep, is_interpreted())
+    return pinned_systems([own_scratch(one) for one in systems], keep, is_interpreted())
 
 
 def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: Any) -> Tangents:
@@ -155,7 +155,7 @@ def simulate_with_tangents(
     Sensitivities
         None where a neighbour's input has other rows, or the input only one, so that there is no derivative.
     """
-    shifts, (times, values, slopes) = row_shifts(source, neighbours, delta), pieces(source)
+    shifts, (times, values, slopes) = row_shifts(source, neighbours, delta), segments(source)
     if shifts is None or len(times) < 2:
         return None
     run, asked, begin = copy_of_run(model, initial_state), requested_times(source, sample_times), float(source.times[0])

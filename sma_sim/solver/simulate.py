@@ -30,7 +30,7 @@ from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.inputs import INPUT_NAMES, Input, inputs_at, pieces, requested_times
+from sma_sim.solver.inputs import INPUT_NAMES, Input, inputs_at, requested_times, segments
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
@@ -207,7 +207,7 @@ def simulate(
     check_columns(model.structure, source)
     if not max_step > 0.0:
         raise UserError(f'max_step = {max_step!r}: expected more than 0 s')
-    times, values, slopes = pieces(source)
+    times, values, slopes = segments(source)
     work = new_work(model)
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
     notes = (() if initial_state else notes_on_start(model, run)) + notes_on_commands(model, source)

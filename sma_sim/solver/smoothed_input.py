@@ -36,7 +36,7 @@ from sma_sim.solver.work import Integers, Matrix, Vector
 Arrays = NDArray[np.float64]  # of three dimensions
 TEMPERATURE_SCALE = 30.0  # [K]
 SMOOTHED = 2.0  # the most of max |E|/C, in units of solver.rtol times that scale
-MOST_ROWS = 4096  # in a stretch
+MAX_ROWS = 4096  # in a stretch
 PROBED = np.linspace(0.0, 1.0, 9)  # of the largest heating, where effects must be linear in it
 PROBED_STATES, T_E = (0.3, 0.9), 298.0  # of the scales of states; [K]
 LINEAR = 1e-9  # what is left of a linear function, relative to its values
@@ -94,7 +94,7 @@ def take_together(
     k, count = 0, 0
     while k < rows:
         size = 1
-        while 2 * size <= min(rows - k, MOST_ROWS) and is_smooth(k, 2 * size, times, heating, kelvin, most):
+        while 2 * size <= min(rows - k, MAX_ROWS) and is_smooth(k, 2 * size, times, heating, kelvin, most):
             size *= 2
         first[count] = k
         for column in range(heating.shape[1]):

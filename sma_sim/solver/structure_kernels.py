@@ -22,7 +22,7 @@ WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step
 AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
 OF_EFFECTS = ('stiffness', 'gravity')  # which effects call, not the structure's own kernels
 TRIED_POSE = 0.1  # relative to the scale of each coordinate
-MOST_EFFECTS = 64  # on one structure
+MAX_EFFECTS = 64  # on one structure
 CHECKED_POSES = (0.0, 0.7, -1.3)  # relative to the scales of the coordinates
 
 
@@ -306,7 +306,7 @@ def constants_in(structure: Structure) -> int:
 
 def range_at(structure: Structure) -> int:
     """Where the range of the segments stands in `StructureTable.effects`."""
-    return len(structure.drives) + 1 + MOST_EFFECTS * len(structure.coordinates)
+    return len(structure.drives) + 1 + MAX_EFFECTS * len(structure.coordinates)
 
 
 def effects_room(structure: Structure) -> int:

@@ -155,7 +155,7 @@ class LinearModel:
         return LinearModel(self.problem, self.z + step, tuple(linear))
 
     def expected_error(self) -> float:
-        """Error over noise there."""
+        """Normalized RMSE there."""
         there = self.expected
         return FitResult(there.problem, there.z, quadratic_model(there.problem, there.linear, there.z)[0]).error
 
@@ -210,7 +210,7 @@ def candidate_effects(
 
 
 def errors_at(fitted: Dataset, model: LinearModel, rtol: float, executor: Executor) -> tuple[dict[str, float], float]:
-    """Errors over noise on all samples, by channel and in all; `rtol` of the solver. Raises SimulationError."""
+    """Normalized RMSE on all samples, by channel and in all; `rtol` of the solver. Raises SimulationError."""
     config = model.problem.at_tolerance(rtol).fitted(model.z)
     futures = []
     for recording, run, indices in zip(fitted.recordings, model.problem.runs, model.problem.indices(), strict=True):

@@ -80,7 +80,7 @@ def runs_of_wire(
 def write_fitted(path: Path, found: Calibration, folders: Sequence[str]) -> None:
     """Write the parameter file, with a line on where it comes from; `folders` are those of the user's effects."""
     names = ', '.join(fit.name for fit in found.runs)
-    origin = f'# Fitted by sma-sim fit to {names}: error over noise {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
+    origin = f'# Fitted by sma-sim fit to {names}: normalized RMSE {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
     text = origin + parameter_file_at(path, found.config, folders)
     write_whole(path, lambda file: file.write(text))
 
@@ -147,5 +147,5 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
 
 
 def mean_error_of(fits: Sequence[RunFit]) -> float | None:
-    """The error over noise of several runs, None for none."""
+    """The normalized RMSE of several runs, None for none."""
     return float((sum(fit.error**2 for fit in fits) / len(fits)) ** 0.5) if fits else None

@@ -12,7 +12,7 @@ from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.strata import dimensions
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
 
-LEAST_SHARE = 0.05  # of the samples: less is not named
+MIN_SHARE = 0.05  # of the samples: less is not named
 SAME_EVERYWHERE = ('run', 'time in the run')  # dimensions that say nothing of a part of one run
 
 
@@ -39,7 +39,7 @@ def states_in(comparison: Comparison, run: int, inside: NDArray[np.bool_]) -> tu
         rest = np.concatenate([dimension.classes[run][~inside], *others])
         shares = [(float(np.mean(here == k)), k) for k in range(len(dimension.labels))]
         for share, k in sorted(shares, reverse=True):
-            if share >= LEAST_SHARE:
+            if share >= MIN_SHARE:
                 elsewhere = float(np.mean(rest == k)) if len(rest) else 0.0
                 found.append(StateShare(dimension.name, dimension.labels[k], share, elsewhere, dimension.words(k, k)))
     return tuple(found)

@@ -38,7 +38,7 @@ from sma_sim.solver.inputs import Input
 
 LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
-MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MOST_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
+MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MAX_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
 MIN_SESSION_SAMPLES = 2  # fewer span no time
 
 
@@ -245,7 +245,7 @@ def discard_spikes(name: str, columns: Mapping[str, Vector], notes: list[str]) -
     top = float(np.abs(lasting).max()) if len(lasting) else 0.0
     spikes = np.zeros(len(values), dtype=bool)
     spikes[1:-1] = (values[:-2] == values[2:]) & (np.abs(values[1:-1]) > SPIKE_RATIO * top)
-    if top > 0.0 and 0 < spikes.sum() <= MOST_SPIKES * len(values):
+    if top > 0.0 and 0 < spikes.sum() <= MAX_SPIKES * len(values):
         at = columns['time_s'][int(np.argmax(spikes))]
         notes.append(f'{name}: {int(spikes.sum())} spikes of one row, the first at {at:.6g} s: the value before holds')
         values[spikes] = np.nan

@@ -16,7 +16,7 @@ OUTLIER_RANGES = 6.0  # an outlier is farther from its neighbours than so many t
 OUTLIER_NOISE_STDS = 10.0  # ... and farther than so many standard deviations of the noise
 OUTLIER_SPAN_FRACTION = 0.01  # ... and farther than this part of what the channel spans
 MAX_PASSES = 3  # an outlier may hide another one until it is taken out
-LEAST_SATURATED = 3.0  # a sensor at its end shows one value for so many times as long as ...
+MIN_SATURATED = 3.0  # a sensor at its end shows one value for so many times as long as ...
 USUAL_LENGTHS = 0.95  # ... this quantile of how long other values last
 SLOPE_LEVELS = 3  # different values before and after it, by which the signal runs into it
 PASSED_STEPS = 4.0  # of the resolution, by which the signal would have passed its end: a round peak has two
@@ -87,7 +87,7 @@ def saturated(time: Vector, values: Vector) -> Mask:
             continue
         at_top = sign * levels == top
         usual = float(np.quantile(lengths[~at_top], USUAL_LENGTHS)) if not at_top.all() else np.inf
-        for k in np.flatnonzero(at_top & (lengths >= LEAST_SATURATED * usual)):
+        for k in np.flatnonzero(at_top & (lengths >= MIN_SATURATED * usual)):
             before, after = k - SLOPE_LEVELS, k + SLOPE_LEVELS
             if before < 0 or after >= len(levels):
                 continue

@@ -14,7 +14,7 @@ from scipy.linalg import solveh_banded
 
 Vector = NDArray[np.float64]
 NOISY = 1.0 / 3.0  # of all steps go back: half as many as those of white noise (Bienayme 1874), far more than of a motion
-LEAST_ROWS = 20  # fewer tell nothing of noise
+MIN_ROWS = 20  # fewer tell nothing of noise
 STDS = 3.0  # by which von Neumann's ratio of white noise may be less than 2
 
 
@@ -26,7 +26,7 @@ def without_noise(values: Vector) -> tuple[Vector, float]:
     """
     known = np.isfinite(values)
     given = values[known]
-    if len(given) < LEAST_ROWS or turning_part(given) < NOISY:
+    if len(given) < MIN_ROWS or turning_part(given) < NOISY:
         return values, 0.0
     found = values.copy()
     found[known] = fewest_corners(given)

@@ -16,6 +16,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.expected import as_array, expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import is_number
+from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_structures
 from sma_sim.model.structures.structure import Structure
@@ -85,6 +86,7 @@ def is_resistance(channel: str) -> bool:
     return channel.partition('_')[0] == 'R'
 
 
+@renamed(unpowered_side='unpowered_side')
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Shown, Saved, Comparable):
     """One run: what was measured, under which input.
@@ -111,7 +113,7 @@ class Recording(Shown, Saved, Comparable):
         By channel whose zero drifts, by how much it does so from the first to the last sample (SI).
     ambient_std : float
         By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
-    lost_side : int
+    unpowered_side : int
         The sign of a command that heats nothing in this recording, 0 where all wires are heated.
     """
 
@@ -126,7 +128,7 @@ class Recording(Shown, Saved, Comparable):
     zero_std: Mapping[str, float] = field(default_factory=dict)
     drift_std: Mapping[str, float] = field(default_factory=dict)
     ambient_std: float = 0.0
-    lost_side: int = 0
+    unpowered_side: int = 0
 
     def __post_init__(self) -> None:
         if self.system not in known_structures():

@@ -20,7 +20,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording,
 from sma_sim.model.errors import UserError
 
 SAME_COMMAND = 0.02  # of the energy that was commanded: two recordings repeat each other as long as it differs by less
-LEAST_COMMON, COMPARED = 0.25, 1000  # part of the shorter recording that must be common; instants that are compared
+MIN_COMMON, COMPARED = 0.25, 1000  # part of the shorter recording that must be common; instants that are compared
 VISIBLE = 3.0  # times the noise: floors below are not told
 
 
@@ -118,7 +118,7 @@ def common_time(one: Recording, other: Recording) -> float | None:
     most = max(float(a[-1]), float(b[-1]))
     apart = np.flatnonzero(np.abs(a - b) > SAME_COMMAND * most)
     end = int(apart[0]) - 1 if len(apart) else COMPARED - 1
-    if end < LEAST_COMMON * COMPARED or min(a[end], b[end]) <= SAME_COMMAND * most:
+    if end < MIN_COMMON * COMPARED or min(a[end], b[end]) <= SAME_COMMAND * most:
         return None
     return float(times[end])
 

@@ -19,7 +19,7 @@ from sma_sim.model.errors import UserError
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
 ROWS_PER_WRITE = 100_000
-MOST_NAMES = 40  # in a message
+MAX_NAMES = 40  # in a message
 
 
 def read_columns(
@@ -46,8 +46,8 @@ def read_columns(
 
 def listed(names: Sequence[str]) -> str:
     """Names in words; of very many the first."""
-    more = f' and {len(names) - MOST_NAMES} more' if len(names) > MOST_NAMES else ''
-    return ', '.join(names[:MOST_NAMES]) + more
+    more = f' and {len(names) - MAX_NAMES} more' if len(names) > MAX_NAMES else ''
+    return ', '.join(names[:MAX_NAMES]) + more
 
 
 def read_header(path: Path) -> list[str]:

@@ -32,7 +32,7 @@ class Conclusion:
 
 @dataclass(frozen=True)
 class HeldOutVerdict:
-    """What a diagnosis with this run held out would say, and the error over noise with which it is predicted."""
+    """What a diagnosis with this run held out would say, and the normalized RMSE with which it is predicted."""
 
     verdict: str
     effects: tuple[str, ...]
@@ -54,7 +54,7 @@ def conclusion(
     if best < len(stages) - 1 and stages[-1].held_out > data.limit and not explained:
         context.on_progress('the held-out runs are predicted better with fewer components')
         last = path[best][1]
-        stages.append(final_stage(data, 'taken_back', last, context))
+        stages.append(final_stage(data, 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
     return Conclusion(verdict_of(stages[-1], pooled, posterior, data.limit), last, tuple(stages), pooled)
 

@@ -37,9 +37,11 @@ from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
 from sma_sim.model.archive import Saved
 from sma_sim.model.config import Config
 from sma_sim.model.progress import progress_in_words
+from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 
 
+@renamed(taken_back='retracted')
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Saved):
     """What a diagnosis found.
@@ -73,7 +75,7 @@ class Diagnosis(Shown, Saved):
         The equation of what no known effect explains.
     pooled_errors : PooledErrors or None
         How well one model explains fitted and held-out runs, where the one fitted to the former misses the latter.
-    taken_back : tuple of str
+    retracted : tuple of str
         Effects of the best model without which the held-out runs are predicted better.
     differences : tuple of RecordingDifference
         What each recording has its own, which is no physics of the robot.
@@ -84,7 +86,7 @@ class Diagnosis(Shown, Saved):
     by_held_out_run : mapping
         By recording, the verdict and effects if it were held out; empty where a single one was fitted.
     limit : float
-        Error over noise above which something counts as missing that no accepted effect explains.
+        Normalized RMSE above which something counts as missing that no accepted effect explains.
     together : Diagnosis or None
         The search with the held-out runs among the fitted ones, where these did not say what is missing.
     search_ended : bool
@@ -105,7 +107,7 @@ class Diagnosis(Shown, Saved):
     seconds: float
     proposal: Proposal | None = None
     pooled_errors: PooledErrors | None = None
-    taken_back: tuple[str, ...] = ()
+    retracted: tuple[str, ...] = ()
     implausible: tuple[ImplausibleParameter, ...] = ()
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
     similar: SimilarEffect | None = None
@@ -124,7 +126,7 @@ class Diagnosis(Shown, Saved):
         if self.proposal is not None:
             found['equation'] = self.proposal.formula.equation
         before, after = self.nominal.train, self.stages[-1].train
-        found['error over noise'] = f'{before:.3g} without, {after:.3g} with what was found'
+        found['normalized RMSE'] = f'{before:.3g} without, {after:.3g} with what was found'
         found['recordings'] = f'{listed(self.training)} fitted; {listed(self.held_out)} held out'
         return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})
 
@@ -280,7 +282,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0,
         search_ended=ended,
         proposal=proposed, pooled_errors=end.pooled_errors,
-        taken_back=tuple(name for name in path[-1].effects if name not in end.last.effects),
+        retracted=tuple(name for name in path[-1].effects if name not in end.last.effects),
         similar=similar, implausible=implausible, differences=data.differences(end.last, context),
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
     )  # fmt: skip

@@ -29,14 +29,14 @@ from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 
-StageKind = Literal['nominal', 'added', 'taken_back', 'formula']
+StageKind = Literal['nominal', 'added', 'retracted', 'formula']
 
 
 @dataclass(frozen=True)
 class ModelStage:
     """A model of a diagnosis: its fit, and the held-out runs as it predicts them (none where no run is held out).
 
-    `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, or `taken_back` because held-out
+    `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, or `retracted` because held-out
     runs are predicted better without it; a `formula` was added for what no known effect explains.
     """
 
@@ -72,22 +72,22 @@ class ModelStage:
 
     @property
     def train(self) -> float:
-        """Error over noise of the training runs."""
+        """Normalized RMSE of the training runs."""
         return self.calibration.error
 
     @property
     def channel_errors(self) -> Mapping[str, float]:
-        """Error over noise of the training runs, by channel."""
+        """Normalized RMSE of the training runs, by channel."""
         return self.calibration.channel_errors
 
     @property
     def held_out(self) -> float:
-        """Error over noise of the held-out runs, NaN without any."""
+        """Normalized RMSE of the held-out runs, NaN without any."""
         return pooled_error(self.predicted)[0]
 
     @property
     def held_out_channel_errors(self) -> Mapping[str, float]:
-        """Error over noise of the held-out runs, by channel."""
+        """Normalized RMSE of the held-out runs, by channel."""
         return pooled_error(self.predicted)[1]
 
 
@@ -101,7 +101,7 @@ class StageData:
 
     @property
     def limit(self) -> float:
-        """The error over noise above which something is missing that no accepted effect explains."""
+        """The normalized RMSE above which something is missing that no accepted effect explains."""
         structures = [known_structures()[recording.system] for recording in self.training.recordings]
         if not all(structure.is_quasi_static for structure in structures) or 'strain' not in self.training.noise_std:
             return CRITERIA.unexplained
@@ -123,7 +123,7 @@ class StageData:
         if not differences:
             return self
         held_out = None if held_out is None else with_differences(held_out, differences)
-        for side in {difference.lost_side for difference in differences} - {0}:
+        for side in {difference.unpowered_side for difference in differences} - {0}:
             held_out = None if held_out is None else with_lost_power(held_out, side, fit, context)
         return replace(self, training=with_differences(self.training, differences), held_out=held_out)
 
@@ -131,16 +131,16 @@ class StageData:
         """What differs between the recordings in a model, the held-out ones among them."""
         data = self.under(fit, context)
         recordings = [*data.training.recordings, *(data.held_out.recordings if data.held_out else ())]
-        sides = {one.name: one.lost_side for one in recordings if one.lost_side}
+        sides = {one.name: one.unpowered_side for one in recordings if one.unpowered_side}
         return tuple(
-            replace(difference, recordings=tuple(name for name, side in sides.items() if side == difference.lost_side))
+            replace(difference, recordings=tuple(name for name, side in sides.items() if side == difference.unpowered_side))
             for difference in fit.problem.differences
         )
 
 
 def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: SearchContext) -> Dataset:
     """Held-out runs, without the power of commands of one sign where a model predicts them better so."""
-    without = replace(dataset, recordings=tuple(replace(one, lost_side=side) for one in dataset.recordings))
+    without = replace(dataset, recordings=tuple(replace(one, unpowered_side=side) for one in dataset.recordings))
     errors = [
         [run.error for run in evaluate_held_out(fit.config, runs, fit.delay, context.pool)] for runs in (dataset, without)
     ]  # fmt: skip

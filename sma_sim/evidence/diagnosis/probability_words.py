@@ -19,14 +19,14 @@ from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.effects.scope import SEPARATOR
 
 NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
-CERTAIN, LEAST_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
+CERTAIN, MIN_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
 LEAST = 1e-9  # a ratio below is not told: no model is known so well
 DIGITS = 2  # of a ratio
 
 
 @dataclass(frozen=True)
 class ProbabilityRow:
-    """A model or a finding and its probability, both in words; the error over noise of a model, None of a finding."""
+    """A model or a finding and its probability, both in words; the normalized RMSE of a model, None of a finding."""
 
     words: str
     probability: str
@@ -37,8 +37,8 @@ def probability_words(p: float) -> str:
     """A probability as people say it: ``more than 99.9 %``, ``87 %``, ``1 in 40,000``."""
     if p > CERTAIN:
         return f'more than {100.0 * CERTAIN:g} %'
-    if p >= LEAST_PERCENT:
-        return f'{100.0 * p:.1f} %' if p > 1.0 - LEAST_PERCENT else f'{100.0 * p:.0f} %'
+    if p >= MIN_PERCENT:
+        return f'{100.0 * p:.1f} %' if p > 1.0 - MIN_PERCENT else f'{100.0 * p:.0f} %'
     if p < LEAST:
         return f'less than 1 in {1.0 / LEAST:,.0f}'
     ratio = 1.0 / p
@@ -94,7 +94,7 @@ def probability_lines(found: Mapping[str, Any]) -> list[str]:
     left = (found.get('probabilities') or {}).get('unlisted', 0.0)
     if left > EVEN and not models[0]['formula']:
         lines.append(
-            f'Beside these, {UNLISTED} is left: {probability_words(left)}. The best model leaves {models[0]["error"]:.3g} '
-            'times the noise; the other probabilities are among the models that were tried.'
+            f'Beside these, {UNLISTED} is left: {probability_words(left)}. The normalized RMSE of the best model is '
+            f'{models[0]["error"]:.3g}; the other probabilities are among the models that were tried.'
         )
     return lines

@@ -135,5 +135,5 @@ def error_words(before: ModelStage, after: ModelStage) -> str:
 
 
 def error_number(value: float) -> str:
-    """An error over noise."""
+    """A normalized RMSE."""
     return f'{value:.2f}' if math.isfinite(value) else '-'

@@ -37,7 +37,7 @@ class DiagnosisReview:
 
     @property
     def given_errors(self) -> tuple[float, float]:
-        """Error over noise of the user's model in the fitted and in the held-out runs; NaN without any."""
+        """Normalized RMSE of the user's model in the fitted and in the held-out runs; NaN without any."""
         return tuple(total_error(self.scores(held_out)) for held_out in (False, True))  # type: ignore[return-value]
 
     def scores(self, held_out: bool) -> list[ChannelScore]:

@@ -35,7 +35,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'model': diagnosis.calibration.config.simulated_kinetics,
         'effects': plain_names(diagnosis.effects),
         'variants': variants(diagnosis),
-        'taken_back': plain_names(diagnosis.taken_back),
+        'retracted': plain_names(diagnosis.retracted),
+        'taken_back': plain_names(diagnosis.retracted),  # its old name
         'probabilities': probabilities(diagnosis.posterior),
         'models': models(diagnosis.posterior),
         'ranking': ranking(first, diagnosis) if first else (),

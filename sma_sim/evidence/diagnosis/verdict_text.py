@@ -28,15 +28,15 @@ NOTHING_FOUND = 'No known effect explains more, and yet something is probably mi
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 ADEQUATE = (
-    'The model leaves {ratio:.1f} times the noise in {channel}; in such quasi-static tests up to {limit:.1f} times count as '
-    'explained, 5 % of what it spans, since a specimen is not as homogeneous as its model.'
+    'The normalized RMSE of {channel} is {ratio:.1f}; in such quasi-static tests up to {limit:.1f} counts as explained, 5 % '
+    'of what it spans, since a specimen is not as homogeneous as its model.'
 )
 ONLY_HELD_OUT = (
     'The fitted runs are explained; what is missing shows only in the held-out runs: fit those too, and hold out others.'
 )
 BEYOND_FITTED = (
     'The held-out runs depend on parameters that the fitted runs do not determine: fitted together, all runs are explained '
-    '(error over noise {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
+    '(normalized RMSE {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
 )
 ROOMS_DIFFER = (
     'One model explains all runs if their ambient temperatures differ from those of the input, by {amounts} [K] (error over '
@@ -44,13 +44,13 @@ ROOMS_DIFFER = (
 )
 REMOVED = (
     'Retracted: {effects}. It does not improve the held-out prediction '
-    '(error over noise {worse:.2f} with, {best:.2f} without).'
+    '(normalized RMSE {worse:.2f} with, {best:.2f} without).'
 )
 TAKEN_UNREALISTIC = (
     'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
     'robot can have it.'
 )
-TOGETHER = 'With the held-out runs fitted too: {verdict} Error over noise {first:.2f} without, {last:.2f} with.'
+TOGETHER = 'With the held-out runs fitted too: {verdict} Normalized RMSE {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
 ONE_RUN = (
@@ -64,7 +64,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     yield headline(diagnosis)
     known = {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
     yield from probability_lines(known)
-    yield f'{"error over noise":<44} fitted  held out'
+    yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
     for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'
         yield f'  {name + " (" + stage.model + ")":<42} {error_number(stage.train):>6}  {error_number(stage.held_out):>8}'
@@ -182,7 +182,7 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """What each recording has its own, which is no physics of the robot."""
     for difference in diagnosis.differences:
         values = dict(amounts(difference, diagnosis))
-        if difference.lost_side:
+        if difference.unpowered_side:
             shown = f'lost in {joined_words([name for name, is_lost in values.items() if is_lost])}'
         else:
             unit = 'K above that of the input' if difference.ambient else 'SI'
@@ -219,7 +219,7 @@ def verdict_words(found: HeldOutVerdict, diagnosis: Diagnosis) -> str:
     """A verdict with a run held out, in a few words."""
     effects = joined_words([phrase_of(name, diagnosis) for name in found.effects])
     if found.verdict == 'unknown_effect':
-        left = f'{found.error:.2f} times the noise in it unexplained'
+        left = f'something unexplained (normalized RMSE {found.error:.2f})'
         return f'{effects} and {left}' if effects else left
     return effects or 'nothing is missing'
 
@@ -242,9 +242,9 @@ def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """Effects that were accepted on the way and are not in the last model."""
-    if (taken_back := diagnosis.change('taken_back')) is not None:
-        worse, best = taken_back
-        names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.taken_back])
+    if (retracted := diagnosis.change('retracted')) is not None:
+        worse, best = retracted
+        names = joined_words([phrase_of(name, diagnosis) for name in diagnosis.retracted])
         yield REMOVED.format(effects=names, worse=worse.held_out, best=best.held_out)
 
 
@@ -257,7 +257,10 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if channels[worst] > CRITERIA.unexplained and limit > CRITERIA.unexplained:
         yield ADEQUATE.format(ratio=channels[worst], channel=worst, limit=limit)
     elif channels[worst] > limit:
-        yield f'Known effects leave {channels[worst]:.1f} times the noise in {worst} (more than {limit:g} is not chance).'
+        yield (
+            f'With known effects, the normalized RMSE of {worst} is {channels[worst]:.1f} '
+            f'(more than {limit:g} is not chance).'
+        )
     if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)

@@ -135,7 +135,7 @@ class Calibration(Shown, Saved):
     runs : tuple of RunFit
         Errors and nuisance parameters of each recording.
     channel_errors, error
-        RMSE over noise by channel over all runs, and sqrt(mean of its square).
+        normalized RMSE by channel over all runs, and sqrt(mean of its square).
     cost : float
         Half the sum of the squared residuals over noise, with the priors.
     iterations : int
@@ -192,7 +192,7 @@ class Calibration(Shown, Saved):
         values = (f'{one.name} {self.values[one.name]:.5g} {one.unit}'.removesuffix(' -') for one in self.free)
         found = {
             'kinetics': self.config.simulated_kinetics,
-            'error over noise': f'{self.error:.3g}',
+            'normalized RMSE': f'{self.error:.3g}',
             'fitted': listed(values),
         }
         found |= {'recordings': listed(run.name for run in self.runs), 'delay': f'{1e3 * self.delay:.3g} ms'}
@@ -487,7 +487,7 @@ def with_tolerance(config: Config, rtol: float) -> Config:
 
 
 def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
-    """RMSE over noise by channel, over the samples of all runs."""
+    """Normalized RMSE by channel, over the samples of all runs."""
     squares: dict[str, float] = {}
     counts: dict[str, int] = {}
     for run, fit in zip(problem.runs, fits, strict=True):

@@ -77,12 +77,12 @@ def own_unknowns(fit: RunFit) -> list[float]:
 
 
 def mean_error(channel_errors: Mapping[str, float]) -> float:
-    """sqrt(mean over channels of the square of RMSE over noise)."""
+    """sqrt(mean over channels of the square of normalized RMSE)."""
     return float(np.sqrt(np.mean(np.square(list(channel_errors.values()))))) if channel_errors else float('nan')
 
 
 def pooled_error(fits: Sequence[RunFit]) -> tuple[float, dict[str, float]]:
-    """Error over noise of several runs, in all and by channel; NaN where there are none."""
+    """Normalized RMSE of several runs, in all and by channel; NaN where there are none."""
     names = dict.fromkeys(name for fit in fits for name in fit.channel_errors)
     errors = {name: mean_error(by_run(fits, name)) for name in names}
     return mean_error(errors), errors
@@ -160,12 +160,12 @@ def evaluate_held_out(
     executor : Executor, optional
         Where the simulations run; without it, threads on all cores.
     fitted_error : float
-        Error over noise of the runs to which the model was fitted: a run predicted as well needs no other start.
+        Normalized RMSE of the runs to which the model was fitted: a run predicted as well needs no other start.
 
     Returns
     -------
     tuple of RunFit
-        By recording: error over noise, by channel too; infinite for a run that cannot be simulated.
+        By recording: normalized RMSE, by channel too; infinite for a run that cannot be simulated.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
 
-MISFIT = 1.3  # error over noise above which a model lacks something: noise that was estimated may be off by as much
+MISFIT = 1.3  # normalized RMSE above which a model lacks something: noise that was estimated may be off by as much
 ONE_START = 'from one starting point: other minima were not looked for'
 DIFFERENT = 0.1  # relative difference of a parameter that is shown of another minimum
 
@@ -42,8 +42,8 @@ def misfit_sentence(error: float) -> str:
     if error <= MISFIT:
         return ''
     return (
-        f'The model leaves {error:.3g} times the noise. The intervals count what is left as correlated noise, and hold only '
-        'if what the model lacks does not bend its parameters.'
+        f'The normalized RMSE is {error:.3g}, more than noise. The intervals count what is left as correlated noise, and '
+        'hold only if what the model lacks does not bend its parameters.'
     )
 
 

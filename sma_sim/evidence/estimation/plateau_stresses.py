@@ -18,10 +18,10 @@ from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
 FLAT = 0.35  # of the steepest slope, below which the wire transforms
-LEAST_PLATEAU = 0.1  # part of the strains that it must take
-LEAST_BEYOND = 0.05  # part of the strains after the plateau that shows the modulus of martensite
+MIN_PLATEAU = 0.1  # part of the strains that it must take
+MIN_BEYOND = 0.05  # part of the strains after the plateau that shows the modulus of martensite
 STEEPEST = 0.95  # quantile of the slopes: the elastic wire, but for noise
-LEAST_STRAIN = 5e-3  # that a test must reach
+MIN_STRAIN = 5e-3  # that a test must reach
 STEADY = 3.0  # [K] within which a temperature counts as constant
 
 
@@ -74,7 +74,7 @@ def isothermal_features(name: str, T: Vector, strain: Vector, stress: Vector) ->
     """
     known = np.isfinite(stress)
     T, strain, stress = T[known], strain[known], stress[known]
-    if len(T) < 10 or np.ptp(T) > STEADY or np.ptp(strain) < LEAST_STRAIN:
+    if len(T) < 10 or np.ptp(T) > STEADY or np.ptp(strain) < MIN_STRAIN:
         return None
     ways = both_ways(strain, stress)
     if ways is None:
@@ -104,12 +104,12 @@ def slope_beyond(slope: Vector, flat: NDArray[np.bool_]) -> float:
     """The steepest slope [Pa] after what is flat; NaN where that is the end of the test, but for a few samples."""
     inner = flat[: -int(SMOOTHED * GRID) - 1]  # smoothing makes the end flat too
     beyond = slope[int(np.flatnonzero(inner)[-1]) + 1 :]
-    return float(np.quantile(beyond, STEEPEST)) if len(beyond) >= LEAST_BEYOND * len(slope) else float('nan')
+    return float(np.quantile(beyond, STEEPEST)) if len(beyond) >= MIN_BEYOND * len(slope) else float('nan')
 
 
 def plateau(smooth: Vector, flat: NDArray[np.bool_]) -> float:
     """The stress [Pa] in the middle of what is flat; NaN where that is too short."""
-    return float(np.median(smooth[flat])) if flat.mean() >= LEAST_PLATEAU else float('nan')
+    return float(np.median(smooth[flat])) if flat.mean() >= MIN_PLATEAU else float('nan')
 
 
 def plateaus_as_text(tests: Sequence[IsothermalTest]) -> list[str]:

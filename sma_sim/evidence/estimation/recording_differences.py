@@ -15,7 +15,7 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 @dataclass(frozen=True)
 class RecordingDifference:
     """Something that each recording has its own: the zero of a `channel`, whose prior is `std` (SI); the `ambient`
-    temperature; or a wire that gets no power, by the sign of its commands (`lost_side`), in some `recordings`.
+    temperature; or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """  # fmt: skip
@@ -24,7 +24,7 @@ class RecordingDifference:
     channel: str = ''
     std: float = 0.0
     ambient: bool = False
-    lost_side: int = 0
+    unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
     def in_run(self, run: FitData) -> FitData:
@@ -35,7 +35,7 @@ class RecordingDifference:
             return replace(run, zero_std=zeros, drift_std=run.drift_std or (0.0,) * len(zeros))
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
-        return replace(run, lost_side=self.lost_side) if run.name in self.recordings else run
+        return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
         """A recording with it."""
@@ -43,7 +43,7 @@ class RecordingDifference:
             return replace(recording, zero_std={**recording.zero_std, self.channel: self.std})
         if self.ambient:
             return replace(recording, ambient_std=AMBIENT_STD)
-        return replace(recording, lost_side=self.lost_side) if recording.name in self.recordings else recording
+        return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
 def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:

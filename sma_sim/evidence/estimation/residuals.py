@@ -43,8 +43,8 @@ class FitData:
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
-    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `lost_side`: the sign of a
-    command that heats nothing.
+    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `unpowered_side`: the sign of
+    a command that heats nothing.
     `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
     stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge.
     """
@@ -63,7 +63,7 @@ class FitData:
     zero_std: tuple[float, ...] = ()
     drift_std: tuple[float, ...] = ()
     ambient_std: float = 0.0
-    lost_side: int = 0
+    unpowered_side: int = 0
     bench: str = ''
     level: float = nan
     zero_range: tuple[float, float] = (-ZERO_LIMIT, ZERO_LIMIT)
@@ -138,7 +138,7 @@ def fit_data(
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
         zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
         drift_std=stds_of(recording.drift_std, recording.zero_std, channels), ambient_std=recording.ambient_std,
-        lost_side=recording.lost_side,
+        unpowered_side=recording.unpowered_side,
         bench=recording.system if structure.options else '',
         level=float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan,
     )  # fmt: skip
@@ -193,12 +193,12 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
     return without_repeats(Input(times, values, source.linear, source.names))
 
 
-def as_it_acted(source: Input, lost_side: int, ambient: float) -> Input:
+def effective_input(source: Input, unpowered_side: int, ambient: float) -> Input:
     """The input with the power of the wires that were heated, and `ambient` [K] above its ambient temperature."""
-    if not lost_side and not ambient:
+    if not unpowered_side and not ambient:
         return source
     values, command = source.values.copy(), command_column(source)
-    values[:, command] = np.where(np.sign(values[:, command]) == lost_side, 0.0, values[:, command])
+    values[:, command] = np.where(np.sign(values[:, command]) == unpowered_side, 0.0, values[:, command])
     values[:, -1] += ambient
     return Input(source.times, values, source.linear, source.names)
 
@@ -310,7 +310,7 @@ def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArra
     """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows."""
     times = run.time - nuisance.delay
     source = held_until(
-        as_it_acted(with_switches(run, nuisance.switches), run.lost_side, nuisance.ambient), float(times[-1])
+        effective_input(with_switches(run, nuisance.switches), run.unpowered_side, nuisance.ambient), float(times[-1])
     )
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
@@ -397,7 +397,7 @@ def offsets_of(config: Config, run: FitData, nuisance: Nuisance) -> tuple[dict[s
 
 
 def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, float]:
-    """RMSE over noise by channel, from weighted residuals (channels, k)."""
+    """Normalized RMSE by channel, from weighted residuals (channels, k)."""
     counts = np.count_nonzero(run.weight, axis=1)
     return {
         name: float(np.sqrt(np.sum(row**2) / count))

@@ -30,7 +30,7 @@ DISAGREE = 0.01  # chance, over all parameters, below which recordings do not ag
 MIN_COMPARED_RUNS = 2
 WEAK = BOUND_STDS**-2.0  # information of the priors, as in the intervals
 BOUND_TOLERANCE = 1e-6
-LEAST_P = 1e-16  # smaller ones are not told apart in words
+MIN_P = 1e-16  # smaller ones are not told apart in words
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False)
 
 def p_words(p: float) -> str:
     """A p-value, of which no more is said than that it is tiny where it is."""
-    return f'p = {p:.2g}' if p >= LEAST_P else f'p < {LEAST_P:g}'
+    return f'p = {p:.2g}' if p >= MIN_P else f'p < {MIN_P:g}'
 
 
 def by_run_data(found: Sequence[ParameterByRun]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from sma_sim.model.config import MODELS
 
 OnProgress = Callable[[str], None]  # what is being done, in words
 OnModel = Callable[[str, tuple[str, ...], str, float], None]
-"""A model of a diagnosis: `nominal`, `candidate` or `accepted`; its effects, its kinetics, its error over noise."""
+"""A model of a diagnosis: `nominal`, `candidate` or `accepted`; its effects, its kinetics, its normalized RMSE."""
 OnIteration = Callable[[str, int, float], None]  # which minimisation, its iteration, its cost
 
 

@@ -23,7 +23,7 @@ SLOPES = (1e6, 3e7)  # [Pa/K] of alloys
 MODULI = (5e9, 2e11)  # [Pa]
 MARTENSITE_OVER_AUSTENITE = 0.6  # of the moduli: usual
 STRAINS = (2e-3, 0.2)  # of transformation
-LEAST_WIDTH = 1.0  # [K] of a hysteresis
+MIN_WIDTH = 1.0  # [K] of a hysteresis
 Point = tuple[float, float]  # temperature [K], stress [Pa]
 
 
@@ -69,7 +69,7 @@ def starting_values(features: CurveFeatures) -> dict[str, float]:
     sigma_T = float(np.clip(np.mean(slopes) if slopes else USUAL_SLOPE, *SLOPES))
     widths = [sigma_T * test.hysteresis for test in features.isobaric]
     widths += [test.hysteresis for test in features.isothermal if np.isfinite(test.hysteresis)]
-    dsigma = max(LEAST_WIDTH * sigma_T, float(np.median(widths)) if widths else 0.0)
+    dsigma = max(MIN_WIDTH * sigma_T, float(np.median(widths)) if widths else 0.0)
     middles = [(float(np.mean(test.middles)), test.stress) for test in features.isobaric]
     middles += [(test.temperature, middle_stress(test, dsigma)) for test in features.isothermal]
     T0, level = (float(value) for value in np.mean(middles, axis=0))

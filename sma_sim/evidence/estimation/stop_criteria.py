@@ -10,7 +10,7 @@ class StopCriteria:
     """How a minimisation starts and when it ends.
 
     `damping`: of the first step. It ends after `max_iterations`, when the next step is predicted to lower the cost by at
-    most `min_decrease` times the square of the error over noise (0.01 moves no estimate by more than 0.14 of its
+    most `min_decrease` times the square of the normalized RMSE (0.01 moves no estimate by more than 0.14 of its
     standard deviation), or when the last step gained less than the fraction `relative_decrease` of the cost. `central`:
     central differences from the first iteration on. `secant`: from a point near the optimum, where a linearisation serves
     several steps.

@@ -18,8 +18,8 @@ from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
 END = 0.12  # part of the temperatures, at either end, through which a baseline goes
-LEAST_RANGE = 20.0  # [K] of temperatures and ...
-LEAST_STRAIN = 2e-4  # ... of strain, below which nothing transforms
+MIN_RANGE = 20.0  # [K] of temperatures and ...
+MIN_STRAIN = 2e-4  # ... of strain, below which nothing transforms
 STEADY_STRESS = 0.05  # relative change of a stress that counts as constant
 
 
@@ -94,7 +94,7 @@ def isobaric_features(name: str, stress: Vector, T: Vector, strain: Vector) -> I
     middle = float(np.median(stress)) if len(stress) else 0.0
     if len(T) < 10 or middle <= 0.0 or np.ptp(np.quantile(stress, [0.05, 0.95])) > STEADY_STRESS * middle + 1e6:
         return None
-    if np.ptp(T) < LEAST_RANGE or np.ptp(strain) < LEAST_STRAIN:
+    if np.ptp(T) < MIN_RANGE or np.ptp(strain) < MIN_STRAIN:
         return None
     ways = both_ways(T, strain)
     if ways is None:

@@ -16,7 +16,7 @@ from sma_sim.solver.inputs import Input
 Vector = NDArray[np.float64]
 Random = np.random.Generator
 DEFAULT_STEPS = (4, 14)  # fewest and most of a default sequence in 100 s
-LONGEST_PERIOD = 0.5  # of a sine or of pulses, as a fraction of the sequence: so that each is seen twice
+MAX_PERIOD = 0.5  # of a sine or of pulses, as a fraction of the sequence: so that each is seen twice
 LEVEL_DIGITS = 3  # decimals of a level [W]: a driver resolves no more
 
 
@@ -92,7 +92,7 @@ def ramps(grid: CommandGrid, random: Random) -> Vector:
 
 def sines(grid: CommandGrid, random: Random) -> Vector:
     """One to four sines of periods from four cells to half of the sequence, beside a constant."""
-    t, longest = np.arange(grid.cells), max(4.0, LONGEST_PERIOD * grid.cells)
+    t, longest = np.arange(grid.cells), max(4.0, MAX_PERIOD * grid.cells)
     periods = np.exp(random.uniform(np.log(4.0), np.log(longest), int(random.integers(1, 5))))
     wave = np.sum([np.sin(2.0 * np.pi * t / p + random.uniform(0.0, 6.3)) for p in periods], axis=0)
     size = grid.power * random.uniform(0.3, 1.0)
@@ -102,7 +102,7 @@ def sines(grid: CommandGrid, random: Random) -> Vector:
 
 def pulses(grid: CommandGrid, random: Random) -> Vector:
     """Pulses with pauses between, to one side or to both, of one height or growing."""
-    longest = max(3, int(LONGEST_PERIOD * grid.cells))
+    longest = max(3, int(MAX_PERIOD * grid.cells))
     period = int(np.exp(random.uniform(np.log(2.0), np.log(longest))))
     t = np.arange(grid.cells)
     number, phase = t // period, t % period

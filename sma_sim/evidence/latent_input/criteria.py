@@ -15,7 +15,7 @@ class LatentCriteria:
         Runs that are searched, those with the largest error: the cost grows with the samples, a missing quantity shows in
         the worst runs first.
     biased_fit_error
-        Error over noise above which a fit is taken to be biased by what the model lacks; it is then tempered.
+        Normalized RMSE above which a fit is taken to be biased by what the model lacks; it is then tempered.
     tie_ratio
         Errors within this ratio of the least explain equally well.
     reported_if_none

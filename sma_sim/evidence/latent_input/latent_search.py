@@ -239,7 +239,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
 
 
 def nominal_error_in_gaps(point: LinearizationPoint, context: SearchContext) -> float:
-    """Error over noise of a fit in gaps that are left out in turn, without any input. Raises Stopped."""
+    """Normalized RMSE of a fit in gaps that are left out in turn, without any input. Raises Stopped."""
     design = design_matrix(point, (), replace(context, on_progress=lambda words: None))
     no_input = Prior('', np.zeros((0, 0)), 0.0, 0.0)
     evidence = HypothesisEvidence(InputHypothesis('nothing', ()), design, no_input, 0.0)

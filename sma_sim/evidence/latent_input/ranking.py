@@ -112,13 +112,13 @@ def kinetics_bias(evidence: HypothesisEvidence, kinetics_difference: Sequence[Ma
 
 
 def error_from_squares(design: DesignMatrix, squares: float, inflation: float = 1.0) -> float:
-    """Error over noise of all samples from a sum of squares over the bins."""
+    """Normalized RMSE of all samples from a sum of squares over the bins."""
     samples = sum(run.samples for run in design.runs)
     return float(np.sqrt(max(sum(run.excess for run in design.runs) + inflation * squares, 0.0) / samples))
 
 
 def errors_in_gaps(evidence: HypothesisEvidence, inflation: float) -> tuple[float, float]:
-    """Error over noise in gaps that are left out in turn: without the hypothesis and with it."""
+    """Normalized RMSE in gaps that are left out in turn: without the hypothesis and with it."""
     design, hypothesis = evidence.design, evidence.hypothesis
     gaps = [design.statistics(hypothesis, inflation, fold) for fold in range(GAP_FOLDS)]
     before, after = squares_in_gaps(design.statistics(hypothesis, inflation), gaps, evidence.prior)

@@ -59,7 +59,7 @@ class RefinedHypothesis:
 
     @property
     def error(self) -> float:
-        """Error over noise that the simulation leaves."""
+        """Normalized RMSE that the simulation leaves."""
         return error_from_squares(self.evidence.design, self.squares)
 
     @property

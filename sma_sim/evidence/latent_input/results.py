@@ -42,7 +42,7 @@ class InputFinding:
     prior
         The covariance of the inputs in words: on what they depend.
     error
-        Error over noise that is left when the model is simulated with the inputs.
+        Normalized RMSE that is left when the model is simulated with the inputs.
     held_out
         The same in gaps of the data that were left out in turn (linear).
     outside_band
@@ -82,7 +82,7 @@ class LatentInputs(Shown, Saved):
     findings
         All that are reported, the best first.
     error, held_out
-        Error over noise without any of them: of all data, and in gaps of the data that were left out in turn.
+        Normalized RMSE without any of them: of all data, and in gaps of the data that were left out in turn.
     probability
         That an input is missing at one of the ports.
     noise_inflation
@@ -112,6 +112,6 @@ class LatentInputs(Shown, Saved):
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
         errors = ', '.join(f'{finding.error:.3g} with {finding.name}' for finding in self.findings[:3])
-        found = {'verdict': self.verdict, 'error over noise': f'{self.error:.3g}{errors and f"; {errors}"}'}
+        found = {'verdict': self.verdict, 'normalized RMSE': f'{self.error:.3g}{errors and f"; {errors}"}'}
         found |= {'probability': f'{self.probability:.3g}', 'kinetics': self.model, 'recordings': listed(self.runs)}
         return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})

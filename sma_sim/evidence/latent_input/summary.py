@@ -23,11 +23,11 @@ def verdict_sentences(found: LatentInputs) -> Iterator[str]:
         what = ' and '.join(port.description for port in best.hypothesis.ports)
         yield f'{found.verdict}: a missing {what}'
         yield f'  that an input is missing has a probability of {probability_words(found.probability)}'
-        yield f'  the error over noise falls from {found.error:.2f} to {best.error:.2f} with it'
+        yield f'  the normalized RMSE falls from {found.error:.2f} to {best.error:.2f} with it'
         for name, why in found.indistinguishable.items():
             yield f'  these data do not distinguish it from {name}: {why}'
     if found.findings:
-        yield f'{found.model} model, {", ".join(found.runs)}: error over noise {found.error:.2f}'
+        yield f'{found.model} model, {", ".join(found.runs)}: normalized RMSE {found.error:.2f}'
     if found.interrupted:
         yield 'stopped early'
 
@@ -44,7 +44,7 @@ def ranking_rows(found: LatentInputs) -> list[tuple[str, ...]]:
 
 
 def removed_per_value(found: LatentInputs, finding: InputFinding) -> float:
-    """Squared error over noise that it removes in gaps of the data, per effective value that was fitted."""
+    """Squared normalized RMSE that it removes in gaps of the data, per effective value that was fitted."""
     return (found.held_out**2 - finding.held_out**2) / max(finding.dof, 1.0)
 
 

@@ -45,7 +45,7 @@ CRITERIA = SelectionCriteria()
 
 
 def unexplained_above(span: float) -> float:
-    """The error over noise above which something is missing that no accepted effect explains.
+    """The normalized RMSE above which something is missing that no accepted effect explains.
 
     `span`: what strain spans in isobaric tests, over its noise, which is far less than a model of one homogeneous wire can
     follow: there the least is a part of it. NaN for other runs.

@@ -55,7 +55,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
         for difference, responses in responses_at(problem, z, linear, context) if difference.words not in known
     ]  # fmt: skip
     for side in (1, -1):
-        lost = lost_side(problem, z, linear, side, context)
+        lost = unpowered_side(problem, z, linear, side, context)
         found += [lost] if lost is not None and lost.difference.words not in known else []
     return found
 
@@ -95,20 +95,20 @@ def gain(responses: Sequence[NDArray[np.float64]], linear: Sequence[LinearizedRu
     return float(score @ np.linalg.solve(columns @ columns.T + np.eye(len(columns)), score))
 
 
-def lost_side(
+def unpowered_side(
     problem: Problem, z: Vector, linear: Sequence[LinearizedRun], side: int, context: SearchContext
 ) -> Promise | None:
     """The runs that are explained better if commands of one sign heat nothing; None where these are none, or all."""
-    everywhere = replace(problem, runs=tuple(replace(run, lost_side=side) for run in problem.runs))
+    everywhere = replace(problem, runs=tuple(replace(run, unpowered_side=side) for run in problem.runs))
     shown = residuals_at(everywhere, z, context.pool)
     before = [float(np.vdot(run.residuals, run.residuals)) for run in linear]
     after = [np.inf if residuals is None else float(np.vdot(residuals, residuals)) for residuals in shown]
     gains = {
         run.name: a - b for run, a, b in zip(problem.runs, before, after, strict=True)
-        if not run.lost_side and b < WITHOUT_POWER * a
+        if not run.unpowered_side and b < WITHOUT_POWER * a
     }  # fmt: skip
     if not 0 < len(gains) < len(problem.runs):
         return None
     words = f'the power of the wires that {"positive" if side > 0 else "negative"} commands heat'
-    lost = RecordingDifference(words, lost_side=side, recordings=tuple(gains))
+    lost = RecordingDifference(words, unpowered_side=side, recordings=tuple(gains))
     return Promise(lost, sum(gains.values()))

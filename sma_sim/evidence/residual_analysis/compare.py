@@ -105,7 +105,7 @@ class Comparison(Shown, Saved):
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
         found = {'model': self.label} if self.label else {}
         errors = (f'{name} {error:.3g}' for name, error in self.errors.items())
-        found |= {'recordings': listed(run.name for run in self.runs), 'error over noise': listed(errors)}
+        found |= {'recordings': listed(run.name for run in self.runs), 'normalized RMSE': listed(errors)}
         return found | {'delay': f'{1e3 * self.delay:.3g} ms'}
 
     def part(self, held_out: bool) -> tuple[ComparedRun, ...]:

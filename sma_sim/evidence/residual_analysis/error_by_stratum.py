@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Share:
-    """One class: its share of the squared error and of the samples (`time`), RMSE and bias (SI), RMSE over noise."""
+    """One class: its share of the squared error and of the samples (`time`), RMSE and bias (SI), normalized RMSE."""
 
     label: str
     error: float

@@ -13,7 +13,7 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun
 
 Vector = NDArray[np.float64]
 MAX_LAGS = 20  # of the whiteness test: enough for the time constants of wires at usual rates
-AT_NOISE = 1.05  # RMSE over noise below which a channel holds nothing to find
+AT_NOISE = 1.05  # normalized RMSE below which a channel holds nothing to find
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Whiteness:
 class ChannelScore:
     """A channel over some runs, SI units.
 
-    `share`: RMSE over the range that was measured; `over_noise`: RMSE over noise; `bias`: mean of measured - model.
+    `share`: RMSE over the range that was measured; `over_noise`: normalized RMSE; `bias`: mean of measured - model.
     """
 
     channel: str
@@ -59,14 +59,14 @@ def channel_score(runs: Sequence[ComparedRun], channel: str) -> ChannelScore | N
 
 
 def error_over_noise(runs: Sequence[ComparedRun], channel: str) -> float:
-    """RMSE over noise of a channel in the runs that have it; NaN where none has."""
+    """Normalized RMSE of a channel in the runs that have it; NaN where none has."""
     scaled = [run.residual(channel) / run.noise[channel] for run in runs if channel in run.measured]
     known = np.concatenate([values[np.isfinite(values)] for values in scaled]) if scaled else np.zeros(0)
     return float(np.sqrt(np.mean(known**2))) if len(known) else float('nan')
 
 
 def pooled_over_channels(errors: Sequence[float]) -> float:
-    """sqrt(mean over channels of (RMSE over noise)^2), NaN for none."""
+    """sqrt(mean over channels of (normalized RMSE)^2), NaN for none."""
     return float(np.sqrt(np.mean([error**2 for error in errors]))) if errors else float('nan')
 
 
@@ -77,7 +77,7 @@ def channel_scores(runs: Sequence[ComparedRun], channels: Sequence[str]) -> dict
 
 
 def total_error(found: Sequence[ChannelScore]) -> float:
-    """The error over noise of several channels, NaN for none."""
+    """The normalized RMSE of several channels, NaN for none."""
     return pooled_over_channels([entry.over_noise for entry in found])
 
 

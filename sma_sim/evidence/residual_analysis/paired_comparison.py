@@ -13,7 +13,7 @@ from sma_sim.evidence.residual_analysis.subgroups import BOOTSTRAP_DRAWS, blocks
 
 @dataclass(frozen=True)
 class ErrorChange:
-    """RMSE over noise of the second configuration over that of the first, with its 95 % interval."""
+    """Normalized RMSE of the second configuration over that of the first, with its 95 % interval."""
 
     channel: str
     held_out: bool

@@ -15,7 +15,7 @@ from sma_sim.evidence.residual_analysis.wire_states import wires_of
 
 Vector = NDArray[np.float64]
 STATE_STEPS, RESIDUAL_STEPS = 56, 40
-LEAST_SAMPLES = 5  # in a step of the state of which the mean is taken
+MIN_SAMPLES = 5  # in a step of the state of which the mean is taken
 INSIDE = 0.998  # quantile of |residual| that the residual's range holds, a little enlarged
 
 
@@ -71,6 +71,6 @@ def state_density(samples: ChannelSamples, values: Vector, label: str) -> StateD
     middles, middle_residuals = (0.5 * (edge[1:] + edge[:-1]) for edge in edges)
     step = np.clip(np.searchsorted(edges[0], state, side='right') - 1, 0, STATE_STEPS - 1)
     samples_in_step = np.bincount(step, minlength=STATE_STEPS)
-    enough = samples_in_step >= LEAST_SAMPLES
+    enough = samples_in_step >= MIN_SAMPLES
     mean = np.bincount(step, residual, STATE_STEPS)[enough] / samples_in_step[enough]
     return StateDensity(label, middles, middle_residuals, counts.T, middles[enough], mean)

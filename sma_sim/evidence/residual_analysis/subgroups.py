@@ -94,7 +94,7 @@ def conditions_of(ways: Sequence[Dimension], samples: ChannelSamples) -> Conditi
 
 
 def thinned(samples: ChannelSamples) -> ChannelSamples:
-    """Every so many samples, at most MOST_SAMPLES."""
+    """Every so many samples, at most MAX_SAMPLES."""
     every = -(-len(samples.index) // MAX_SEARCH_SAMPLES)
     names = ('residual', 'scaled', 'run', 'part', 'index')
     return ChannelSamples(samples.channel, *(getattr(samples, name)[::every] for name in names))

@@ -39,12 +39,12 @@ class Summary:
 
     @property
     def fitted_error(self) -> float:
-        """Error over noise of the fitted runs; NaN without any."""
+        """Normalized RMSE of the fitted runs; NaN without any."""
         return total_error(list(self.fitted.values()))
 
     @property
     def held_out_error(self) -> float:
-        """Error over noise of the held-out runs; NaN without any."""
+        """Normalized RMSE of the held-out runs; NaN without any."""
         return total_error(list(self.held_out.values()))
 
     @property
@@ -65,7 +65,7 @@ class Summary:
         )
 
     def run_error(self, name: str) -> float:
-        """Error over noise of a run."""
+        """Normalized RMSE of a run."""
         return total_error(list(self.runs[name].values()))
 
 

@@ -106,7 +106,7 @@ def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> 
     for _ in range(ROUNDS):
         if lead.leaves_nothing or context.stop.is_set():
             return
-        context.on_progress(f'{term.name}: error over noise {lead.fit.error:.2f}; fitting other terms in its place')
+        context.on_progress(f'{term.name}: normalized RMSE {lead.fit.error:.2f}; fitting other terms in its place')
         fewer, there = without(lead, term, context)
         others = components_of(propose.terms(there, context, term, same_port=True)) if fewer else []
         start = replace(lead, components=lead.components[:-1], fit=there)

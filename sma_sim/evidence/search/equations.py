@@ -28,7 +28,7 @@ COMPETING = 4  # equations beside the chosen one that are reported
 
 @dataclass(frozen=True)
 class FormulaFit:
-    """An equation with its fitted values, its error over noise, and its log odds against the chosen one.
+    """An equation with its fitted values, its normalized RMSE, and its log odds against the chosen one.
 
     `stability`: the share of random halves of the data in which it is the best of those that are reported.
     """
@@ -50,7 +50,7 @@ class Proposal:
     fit
         The model with it.
     error_before
-        The fitted error over noise without it.
+        The fitted normalized RMSE without it.
     ranking
         Equations by score, the proposed one first.
     indistinguishable

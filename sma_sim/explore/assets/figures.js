@@ -1,4 +1,4 @@
-// Figures that grow while a step goes on: the error over noise by model, the cost by iteration.
+// Figures that grow while a step goes on: the normalized RMSE by model, the cost by iteration.
 
 import { ticks } from './chart.js';
 import { element } from './controls.js';
@@ -68,18 +68,18 @@ function axes({ context, em, area }, [low, high], label, below) {
 }
 
 /**
- * The error over noise of the models that a diagnosis has fitted, in their order: `{role, effects, error}`.
+ * The normalized RMSE of the models that a diagnosis has fitted, in their order: `{role, effects, error}`.
  * Candidates are dots, those that were accepted are joined by a line.
  */
 export function drawErrors(canvas, models) {
   const known = models.filter((one) => one.error > 0);
   const words = known.filter((one) => one.role !== 'candidate').map((one) => `${one.effects.join(' and ') || 'model as it is'} ${one.error.toPrecision(3)}`);
-  const space = prepared(canvas, `Error over noise by model: ${words.join(', ')}`);
+  const space = prepared(canvas, `Normalized RMSE by model: ${words.join(', ')}`);
   if (!space || !known.length) return;
   const { context, em, area } = space;
   const errors = known.map((one) => one.error);
   const range = [Math.min(0.8, ...errors) * 0.9, Math.max(1.5, ...errors) * 1.6];
-  const py = axes(space, range, 'error over noise (1: as large as the noise)', 'models in the order in which they were fitted');
+  const py = axes(space, range, 'normalized RMSE (1: as large as the noise)', 'models in the order in which they were fitted');
   const px = (k) => area.left + area.width * (k + 0.7) / (known.length + 0.8);
   context.strokeStyle = styleOf('--good');
   context.setLineDash([6, 4]);

@@ -1,4 +1,4 @@
-// A robot that runs, beside the model: what it measures, what the model shows, the error over noise; recordings of it.
+// A robot that runs, beside the model: what it measures, what the model shows, the normalized RMSE; recordings of it.
 
 import { Chart } from './chart.js';
 import { element } from './controls.js';
@@ -105,7 +105,7 @@ export class RobotView {
       const { label, factor, offset, colour } = this.actions.labels(channel), si = { factor, offset };
       if (!shown.some((one) => one.measured[k] !== null)) return;
       this.chart(channel).set({ label: `${label}: measured and model; time before now [s]`, range, curves: [curve('measured', k, { ...si, colour: '', thin: true }), curve('model', k, { ...si, colour })] });
-      this.chart(`${channel} error`).set({ label: `${channel}: error over noise`, range, shade: [0, 1], curves: [curve('error', k, { colour })] });
+      this.chart(`${channel} error`).set({ label: `${channel}: normalized RMSE`, range, shade: [0, 1], curves: [curve('error', k, { colour })] });
     });
     for (const chart of this.charts.values()) chart.draw();
   }

@@ -1,4 +1,4 @@
-// All recordings beside the model: a chart for each channel of each run, errors over noise, and what a part of a residual is.
+// All recordings beside the model: a chart for each channel of each run, normalized RMSE, and what a part of a residual is.
 
 import { Chart } from './chart.js';
 import { element } from './controls.js';
@@ -126,7 +126,7 @@ export class RecordingsView {
     const held = Object.keys(parts.held_out).length > 0;
     const rows = [...runs.map((run) => row(run.name + (run.held_out ? ' (held out)' : ''), run.errors, run.error)),
       row(held ? 'fitted runs' : 'all runs', parts.train, error.train), ...(held ? [row('held-out runs', parts.held_out, error.held_out)] : [])];
-    part('errors').replaceChildren(table(['error over noise', ...names, 'all'], rows, 'Error over noise: 1 is as large as the noise'));
+    part('errors').replaceChildren(table(['normalized RMSE', ...names, 'all'], rows, 'Normalized RMSE: 1 is as large as the noise'));
     part('basis').textContent = content.exact ? 'The numbers of sma-sim compare.'
       : 'Preview: delay and start of each run are those of the model before; they are estimated anew once nothing moves.';
     part('basis').append(this.residuals ? ' Grey: \u00b12. Click on a part of a residual to see what happens there; by keys: Tab to a chart, arrows, Enter.' : ' Black or white: measured; coloured: model. Drag across a curve to look closer.');

@@ -16,7 +16,7 @@ export function table(head, rows, caption = '', kind = '') {
 /** The same with all of its digits, so that a column of them is even. */
 const even = (value, count = 4) => (value === null || value === undefined || value >= 10 ** count ? digits(value, count) : value.toPrecision(count));
 
-/** An error over noise as a cell: coloured by size, and readable without colour. */
+/** A normalized RMSE as a cell: coloured by size, and readable without colour. */
 export function errorCell(value) {
   const cell = element('span', { className: `error ${value === null || value === undefined ? '' : value < 1.2 ? 'small-error' : value < 3 ? 'some-error' : 'large-error'}`, textContent: even(value) });
   if (value !== null && value !== undefined) cell.title = String(value);
@@ -82,7 +82,7 @@ const CAPTIONS = {
 };
 
 const HEADINGS = {
-  check: 'What was read', compare: 'Error over noise', calibrate: 'Calibration', diagnose: 'Diagnosis', candidates: 'What each effect would do',
+  check: 'What was read', compare: 'Normalized RMSE', calibrate: 'Calibration', diagnose: 'Diagnosis', candidates: 'What each effect would do',
 };
 
 /** A fitted parameter: its name, value, interval, unit. */
@@ -93,7 +93,7 @@ const intervalRow = ([name, one]) => [element('code', { textContent: name }), di
 function probabilities({ lines, models, findings }) {
   if (!lines.length) return [];
   const shown = element('div', { id: 'probabilities' }, ...lines.map((textContent) => element('p', { textContent })),
-    table(['model', 'probability', 'error over noise'], models.map((one) => [one.words, one.probability, errorCell(one.error)]), 'Models, the most probable first'));
+    table(['model', 'probability', 'normalized RMSE'], models.map((one) => [one.words, one.probability, errorCell(one.error)]), 'Models, the most probable first'));
   if (findings.length) shown.append(element('details', {}, element('summary', { textContent: 'Of each effect' }), table(['missing', 'probability'], findings.map((one) => [one.words, one.probability]), 'How probable it is that it is missing')));
   return [shown];
 }
@@ -127,7 +127,7 @@ const SHOWN = {
     const rows = Object.entries(result.parameters).map(intervalRow);
     const held = result.error.held_out === null ? '' : `, of held-out runs ${digits(result.error.held_out)}`;
     const words = [...(result.at_bound ?? []).map((name) => `${name} is at its bound`), ...(result.implausible ?? []).map((one) => `${one.name ?? one.parameter ?? ''} is outside of what is plausible`)];
-    return [element('p', { textContent: `Error over noise of the fitted runs ${digits(result.error.train)}${held}. ${result.converged ? '' : 'Not converged. '}${result.interrupted ? 'Stopped: the best so far.' : ''}` }),
+    return [element('p', { textContent: `Normalized RMSE of the fitted runs ${digits(result.error.train)}${held}. ${result.converged ? '' : 'Not converged. '}${result.interrupted ? 'Stopped: the best so far.' : ''}` }),
       table(['parameter', 'value', '95 % interval', 'unit'], rows, 'Fitted parameters'), ...(words.length ? [list(words)] : [])];
   },
   diagnose({ result, summary }) {
@@ -139,7 +139,7 @@ const SHOWN = {
     const head = ['parameter', 'value', '95 % interval', 'unit'];
     return [element('p', { className: 'verdict', textContent: first }), ...probabilities(result.probability),
       ...(found.length ? [table(head, found.map(intervalRow), 'Values of what was found')] : []),
-      table(['model', 'fitted', 'held out'], rows, 'Error over noise'),
+      table(['model', 'fitted', 'held out'], rows, 'Normalized RMSE'),
       ...(rest.length ? [element('details', {}, element('summary', { textContent: 'Fitted parameters' }), table(head, rest.map(intervalRow), 'Fitted parameters'))] : []),
       ...(ranking.length ? [table(['effect', '\u0394BIC', 'held-out error, with / without', 'plausible', 'not distinguishable from'], ranking, 'First step, best first')] : []),
       element('details', {}, element('summary', { textContent: 'All that the command prints' }), element('pre', { textContent: [first, ...others].join('\n') }))];
@@ -163,7 +163,7 @@ function candidateTable(effects, first, { tryEffect, keepEffect, tried, unitOf }
     const values = Object.entries(effect.parameters).map(([name, one]) => element('div', { textContent: valueWords(name, one, unitOf(effect.name, name)) }));
     return [element('code', { textContent: effect.name }), element('span', { className: 'pair' }, look, ' ', keep), errorCell(effect.error), errorCell(effect.expected_error), element('div', { className: 'small' }, ...values), effect.probability_words, ...channels.map((name) => errorCell(effect.errors[name]))];
   });
-  return table(['effect', '', 'error with it', 'and parameters refitted (first order)', 'values (95 % interval)', 'probability', ...channels], [...first, ...rows], 'Error over noise with each effect switched on', 'low');
+  return table(['effect', '', 'error with it', 'and parameters refitted (first order)', 'values (95 % interval)', 'probability', ...channels], [...first, ...rows], 'Normalized RMSE with each effect switched on', 'low');
 }
 
 /** A parameter of an effect with its interval, in the unit in which the page shows it. */
@@ -176,7 +176,7 @@ function valueWords(name, { value, low, high, at_end: atEnd, determined }, { pow
 export function showExport(parent, found) {
   const names = found.files.map((name) => link(name, `/download/${name}?export=${found.number}`));
   parent.replaceChildren(heading(`Version ${found.number} is exported`), note(`Written to ${found.folder}`), element('p', { className: 'buttons' }, ...names),
-    note('parameters.yaml is the improved model, for --config of every command and for the node. again.sh and again.py lead to the same numbers.'),
+    note('parameters.yaml is the improved model, for --config of every command and for the node. reproduce.sh and reproduce.py lead to the same numbers.'),
     ...[['Parameter file', found.yaml], ['Shell commands', found.shell], ['Python', found.python]].map(([words, textContent]) => element('details', { open: words === 'Parameter file' }, element('summary', { textContent: words }), element('pre', { textContent }))));
 }
 

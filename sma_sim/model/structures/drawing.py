@@ -12,7 +12,7 @@ from sma_sim.model.structures.structure import Coordinate, Structure, numbers, r
 BASE_FRAME, END_FRAME = 'base', 'end'
 SPACING, HALF_BAR = 0.2, 0.04  # of wires side by side, and of a bar across a single one, relative to their length
 BASE_COLOUR, END_COLOUR = '#888888', '#222222'
-DRAWN_SIZE, MOST_MOTION = 0.03, 10.0  # of a box, relative to a wire's length; of a joint, relative to its usual change
+DRAWN_SIZE, MAX_MOTION = 0.03, 10.0  # of a box, relative to a wire's length; of a joint, relative to its usual change
 DIFFERENCE = 1e-3  # relative to the usual change of a coordinate
 DEPTH = (0.6, 0.4)  # by how much a point that is further in z is moved in a picture, relative to z
 
@@ -102,7 +102,7 @@ class Sketch:
             revolute, size = coordinate.unit == 'rad', coordinate.size(self._constants)
             moved = self.lengths_at(self._at_zero | {coordinate.name: DIFFERENCE * size})
             effort = force * sum(abs(a - b) for a, b in zip(moved, self._rest, strict=True)) / (DIFFERENCE * size)
-            most = min(coordinate.limit, MOST_MOTION * size)
+            most = min(coordinate.limit, MAX_MOTION * size)
             axis = axis_of(coordinate, counts)
             found.append(Motion(coordinate.name, revolute, AXES[axis], -most, most, max(effort, force * 1e-6), most, 0.0))
         return found

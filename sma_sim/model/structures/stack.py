@@ -23,7 +23,7 @@ from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.series import in_series, parts
 from sma_sim.model.structures.structure import NamedEffect, Structure
 
-NAME, DEFAULT_MODULES, MOST_MODULES = 'stack', 3, 10
+NAME, DEFAULT_MODULES, MAX_MODULES = 'stack', 3, 10
 DRAWN_POINTS = 21  # of a bent beam
 SOURCE = "the paper's module; gravity is off, as there"
 
@@ -134,7 +134,7 @@ def stack_of(modules: int) -> Structure:
         title='stack',
         parameters=(
             *MODULE.parameters,
-            Parameter('stack.modules', float(modules), '-', (1.0, MOST_MODULES), 'modules, a whole number', SOURCE),
+            Parameter('stack.modules', float(modules), '-', (1.0, MAX_MODULES), 'modules, a whole number', SOURCE),
             Parameter('stack.g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the first beam at rest', SOURCE),
             Parameter('stack.g_y', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity across it', SOURCE),
         ),

@@ -28,7 +28,7 @@ CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'stra
                  'R': (0.01, 'ohm')}  # fmt: skip # usual sensors
 NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
 WIRE_STATES = (('x_M', ''), ('mode', ''), ('T', '_K'))  # of every wire, sampled after the sensor channels; with their unit
-MOST_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
+MAX_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)
 
 
 class Place(NamedTuple):
@@ -238,8 +238,8 @@ class Structure:
             raise UserError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
         if self.segment and (self.drives or not self.accelerations):
             raise UserError(f'structure {self.name!r}: segments in series need accelerations, and take no drives')
-        if not 1 <= self.wires <= MOST_WIRES:
-            raise UserError(f'structure {self.name!r}: expected 1 to {MOST_WIRES} wires, got {self.wires}')
+        if not 1 <= self.wires <= MAX_WIRES:
+            raise UserError(f'structure {self.name!r}: expected 1 to {MAX_WIRES} wires, got {self.wires}')
 
     def __repr__(self) -> str:
         return f'Structure({self.name}: {", ".join(self.channel_columns)})'

@@ -8,8 +8,8 @@ from sma_sim.evidence.estimation.run_estimates import ParameterByRun, RunEstimat
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Table
 
-MOST_COLUMNS = 8  # recordings of a table; more are in the figure only
-MOST_DEVIATION = 5.0  # standard errors, at the end of the colours
+MAX_COLUMNS = 8  # recordings of a table; more are in the figure only
+MAX_DEVIATION = 5.0  # standard errors, at the end of the colours
 FIGURE_WORDS = (
     'How far each recording is from all together, in standard errors, where one parameter at a time may have its own value '
     'in every recording and the others are shared. Beyond 3 is seldom chance; empty: this recording does not determine it.'
@@ -30,7 +30,7 @@ def by_run_blocks(found: Sequence[ParameterByRun]) -> list[Block]:
         Plot(deviation_figure(found), FIGURE_WORDS, 130 + 26 * len(found)),
     ]  # fmt: skip
     names = [run.run for run in found[0].runs]
-    if len(names) <= MOST_COLUMNS:
+    if len(names) <= MAX_COLUMNS:
         rows = [shared_row(parameter) for parameter in found]
         alone = [(parameter.name, *map(alone_cell, parameter.runs), parameter.unit) for parameter in found]
         blocks += [
@@ -58,7 +58,7 @@ def deviation_figure(found: Sequence[ParameterByRun]) -> object:
     figure.add_heatmap(
         x=[run.run for run in found[0].runs], y=[parameter.name for parameter in found],
         z=[[round(run.deviation, 2) if run.seen else None for run in parameter.runs] for parameter in found],
-        zmin=-MOST_DEVIATION, zmax=MOST_DEVIATION, colorscale='RdBu', xgap=1, ygap=1, colorbar={'thickness': 10, 'len': 0.9},
+        zmin=-MAX_DEVIATION, zmax=MAX_DEVIATION, colorscale='RdBu', xgap=1, ygap=1, colorbar={'thickness': 10, 'len': 0.9},
         hovertemplate='%{y}, %{x}: %{z:.1f}<extra></extra>',
     )  # fmt: skip
     figure.update_xaxes(automargin=True, showgrid=False, type='category')

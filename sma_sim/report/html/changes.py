@@ -20,7 +20,7 @@ def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) 
         for summary in summaries
     ]  # fmt: skip
     return Section('Side by side', [
-        Table(('configuration', 'model', 'error over noise', 'held out'), rows),
+        Table(('configuration', 'model', 'normalized RMSE', 'held out'), rows),
         Plot(ratio_figure(pairs), 'RMSE of the second over that of the first, 95 %; below 1 the second is nearer.'),
         Bullets([change.text for change in pairs]),
         Paragraph('Intervals: stretches of the runs are drawn again, the same ones for both.', 'note'),

@@ -17,7 +17,7 @@ from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY)
 NAMES = ('M_f', 'M_s', 'A_s', 'A_f')
 TEMPERATURE_COLOURS = dict(zip(NAMES, (BLUE, SKY, ORANGE, RED), strict=True))
-MOST_POINTS = 500  # of one curve
+MAX_POINTS = 500  # of one curve
 WORDS = (
     'Temperatures by tangents (the evaluation of ASTM F2082 and F3097): lines through the cold and the hot end of each way '
     'cross the steepest tangent between them. In brackets the same evaluation of the model.'
@@ -117,7 +117,7 @@ def curves_figure(
     figure = new_figure()
     for k, (test, name) in enumerate(tests):
         colour = LEVEL_COLOURS[k % len(LEVEL_COLOURS)]
-        at = envelope(test.run.measured[channel], MOST_POINTS)
+        at = envelope(test.run.measured[channel], MAX_POINTS)
         x = small(scale * test.run.states[column][at] + offset)
         figure.add_scatter(
             x=x, y=small(shown[0] * test.run.measured[channel][at]), mode='markers', legendgroup=name, showlegend=False,

@@ -27,7 +27,7 @@ HELD_OUT_NOTE = (
     'predicts it.'
 )
 REDUCTION_CAPTION = (
-    'Error over noise (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
+    'Normalized RMSE (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
     'given, of the same model calibrated, which bends its parameters towards what it lacks, and with each added effect, '
     'calibrated too; 1 is the noise.'
 )
@@ -51,7 +51,7 @@ def write_diagnosis_page(
 
 
 def verdict_section(review: DiagnosisReview, next_command: str) -> Section:
-    """The verdict, how probable it is, and the error over noise stage by stage."""
+    """The verdict, how probable it is, and the normalized RMSE stage by stage."""
     diagnosis = review.diagnosis
     experiment = [f'The experiment that separates them: {next_command}'] if next_command else []
     return Section('What is missing', [
@@ -69,7 +69,7 @@ def probability_blocks(found: Mapping[str, Any]) -> list[Block]:
     rows = [(row.words, row.probability, '' if row.error is None else f'{row.error:.3f}') for row in models]
     blocks: list[Block] = [
         *(Paragraph(line) for line in probability_lines(found)),
-        Table(('model', 'probability', 'error over noise'), rows, 'Models, the most probable first'),
+        Table(('model', 'probability', 'normalized RMSE'), rows, 'Models, the most probable first'),
     ]
     if findings:
         named = [(row.words, row.probability) for row in findings]
@@ -92,7 +92,7 @@ def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
 
 
 def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = None) -> object:
-    """Error over noise of the model as it was `given` (fitted, held-out runs) and by stage, down to the noise."""
+    """Normalized RMSE of the model as it was `given` (fitted, held-out runs) and by stage, down to the noise."""
     stages = diagnosis.stages
     before = ((), *(stage.effects for stage in stages))
     labels = [f'{stage_label(stage, had)}<br>({stage.model})' for stage, had in zip(stages, before, strict=False)]
@@ -113,7 +113,7 @@ def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = N
     known = [value for value in (*fitted, *held_out) if math.isfinite(value) and value > 0.0]
     low, high = min(1.0, *known), max(1.5, *known)
     room = (high / low) ** 0.1  # for the numbers beside the outermost points
-    figure.update_yaxes(title_text='error over noise', **log_axis(low / (1.3 * room), 1.3 * high * room))
+    figure.update_yaxes(title_text='normalized RMSE', **log_axis(low / (1.3 * room), 1.3 * high * room))
     figure.update_xaxes(range=[-0.35, len(labels) - 0.65], automargin=True)
     return figure
 
@@ -132,6 +132,6 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     yield f'Fitted: {", ".join(diagnosis.training)}. Held out, evaluated only at the end: {held_out}.'
     if diagnosis.verdict == 'none' and not diagnosis.effects:
         yield 'No effect of the library explains the recordings better by more than its prior probability costs.'
-    rule = f'An error over noise above {diagnosis.limit:.3g} at the end counts as unexplained'
+    rule = f'A normalized RMSE above {diagnosis.limit:.3g} at the end counts as unexplained'
     explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit)
     yield rule + (', except in runs that one model explains together.' if explained else '.')

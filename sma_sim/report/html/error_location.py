@@ -12,7 +12,7 @@ from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Sect
 from sma_sim.report.palette import GREY
 
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
-MOST_SENTENCES = 5  # before the channels, each of which has all of its own
+MAX_SENTENCES = 5  # before the channels, each of which has all of its own
 SEARCH_NOTE = (
     'The sentences come from a search over the classes below and their combinations, the most important first; all of them '
     'stand with their channel. Stretches of the runs are drawn again for the intervals, and the search is repeated on '
@@ -29,7 +29,7 @@ def error_location_section(summary: Summary) -> Section:
     remarks, names = summary.remarks, by_error(summary)
     lead: Block = Paragraph(summary.spread_sentence, 'lead')
     if remarks:
-        lead = Bullets([remark.text for remark in remarks[:MOST_SENTENCES]], numbered=True)
+        lead = Bullets([remark.text for remark in remarks[:MAX_SENTENCES]], numbered=True)
     note = (SEARCH_NOTE if remarks else '') + SPLIT_NOTE
     tabs: list[tuple[str, list[Block]]] = [
         (f'{channel}: {error:.3g} x noise', channel_blocks(summary, channel)) for channel, error in names.items()
@@ -38,7 +38,7 @@ def error_location_section(summary: Summary) -> Section:
 
 
 def by_error(summary: Summary) -> dict[str, float]:
-    """The error over noise of each channel in all runs, the largest first."""
+    """The normalized RMSE of each channel in all runs, the largest first."""
     found = {channel: error_over_noise(summary.comparison.runs, channel) for channel in summary.comparison.channels}
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 

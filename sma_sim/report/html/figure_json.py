@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEPS, GAP = 65_534, 65_535
-LEAST_PACKED = 16  # numbers of a curve that is packed
+MIN_PACKED = 16  # numbers of a curve that is packed
 BINARY = {'float64': ('f8', '<f8'), 'float32': ('f4', '<f4'), 'int32': ('i4', '<i4'), 'uint8': ('u1', '|u1')}
 
 
@@ -46,7 +46,7 @@ def json_value(value: Any, packed: dict[str, int]) -> Any:
 
 def array_json(values: NDArray[Any], packed: dict[str, int]) -> Any:
     """An array: packed, in plotly.js's own binary form, or as a list."""
-    if values.dtype == np.float32 and values.ndim == 1 and len(values) >= LEAST_PACKED:
+    if values.dtype == np.float32 and values.ndim == 1 and len(values) >= MIN_PACKED:
         return {'packed': packed.setdefault(json.dumps(packed_curve(values)), len(packed))}
     if values.dtype.name not in BINARY or values.ndim > 2:
         return json_value(values.tolist(), packed)

@@ -10,8 +10,8 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
-MOST_LOOP_RUNS = 24
-MOST_LOOP_POINTS = 1000
+MAX_LOOP_RUNS = 24
+MAX_LOOP_POINTS = 1000
 # By system: what is drawn over what (a state's column, its factor, its label, the least range).
 LOOPS = {
     'module': (('alpha', 'J_eq_W', 1.0, 'J_eq [W]', 0.0),),
@@ -26,15 +26,15 @@ def hysteresis_section(comparison: Comparison) -> Section:
     """A figure per run and loop."""
     plots = [
         Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
-        for run in comparison.runs[:MOST_LOOP_RUNS]
+        for run in comparison.runs[:MAX_LOOP_RUNS]
         for loop in LOOPS.get(comparison.config.system, loops_of(comparison.config.structure.structure))
         if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
     ]
     if not plots:
         return Section('Hysteresis', [])
     words = 'Measured (grey) and model (blue).'
-    if len(comparison.runs) > MOST_LOOP_RUNS:
-        words += f' The first {MOST_LOOP_RUNS} of {len(comparison.runs)} runs.'
+    if len(comparison.runs) > MAX_LOOP_RUNS:
+        words += f' The first {MAX_LOOP_RUNS} of {len(comparison.runs)} runs.'
     return Section('Hysteresis', [Paragraph(words), Grid(plots)])
 
 
@@ -49,7 +49,7 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
     channel, column, scale, label, _ = loop
     unit, factor = DISPLAY_UNITS[channel]
     known = np.flatnonzero(np.isfinite(run.measured[channel]))
-    at = known[:: -(-len(known) // MOST_LOOP_POINTS)]
+    at = known[:: -(-len(known) // MAX_LOOP_POINTS)]
     x = small(scale * run.states[column][at] - (ZERO_CELSIUS if column.endswith('_K') else 0.0))
     figure = new_figure()
     for name, values, colour, width in (

@@ -45,19 +45,19 @@ def missing_section(found: LatentInputs) -> Section:
     if rest:
         blocks.append(Bullets([line.strip() for line in rest]))
     if found.findings:
-        blocks += [Plot(error_figure(found), 'Error over noise that each port leaves; 1 is the noise.', 300),
+        blocks += [Plot(error_figure(found), 'Normalized RMSE that each port leaves; 1 is the noise.', 300),
                    Table(RANKING_HEADER, ranking_rows(found)), Paragraph(COLUMN_NOTES, 'note')]  # fmt: skip
     return Section('What is missing', blocks)
 
 
 def error_figure(found: LatentInputs) -> object:
-    """Error over noise by port."""
+    """Normalized RMSE by port."""
     figure = new_figure()
     names = ['nothing', *(finding.name for finding in found.findings)]
     values = [found.error, *(finding.error for finding in found.findings)]
-    figure.add_bar(x=names, y=values, marker={'color': [GREY, *[SHOWN] * len(found.findings)]}, name='error over noise')
+    figure.add_bar(x=names, y=values, marker={'color': [GREY, *[SHOWN] * len(found.findings)]}, name='normalized RMSE')
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
-    figure.update_yaxes(title_text='error over noise')
+    figure.update_yaxes(title_text='normalized RMSE')
     return figure
 
 

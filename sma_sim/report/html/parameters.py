@@ -14,7 +14,7 @@ from sma_sim.report.html.figures import log_axis, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
 
-MOST_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
+MAX_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
 PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'as given', 'change')
 CALIBRATED = 'calibrated without'  # heading of the values of the same model before effects were added
 
@@ -100,7 +100,7 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
 
 def edges(interval: Interval) -> tuple[float, ...]:
     """What must be in the figure: the value, and the interval unless it is very wide."""
-    wide = not interval.seen or interval.high > MOST_RATIO * interval.value or interval.low * MOST_RATIO < interval.value
+    wide = not interval.seen or interval.high > MAX_RATIO * interval.value or interval.low * MAX_RATIO < interval.value
     return (interval.value,) if wide else (interval.low, interval.value, interval.high)
 
 

@@ -45,7 +45,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
         Plot(residual_figure(proposal.plot), PORTRAIT_CAPTION, 380),
         channel_plot(before, after),
-        Table(('formula', 'error over noise', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
+        Table(('formula', 'normalized RMSE', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
     ]  # fmt: skip
     return Section('Proposed equation', blocks)
 

@@ -17,9 +17,9 @@ from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
 BYTES = 500_000  # of the curves of all runs: a page stays below 3 MB
-MOST_TABS = 30  # in the page
+MAX_TABS = 30  # in the page
 PER_POINT = 11  # bytes of one point: time, measured, model and residual, packed
-MOST_RUN_POINTS, LEAST_RUN_POINTS = 1600, 300  # per channel and run
+MAX_RUN_POINTS, MIN_RUN_POINTS = 1600, 300  # per channel and run
 VALUE_ROW, RESIDUAL_ROW, INPUT_ROW, MODE_ROW = 105, 58, 62, 26  # heights [px]
 
 
@@ -27,7 +27,7 @@ def runs_section(summary: Summary) -> Section:
     """A tab per run."""
     comparison, runs = summary.comparison, runs_to_show(summary)
     points = BYTES // (PER_POINT * len(runs) * len(comparison.channels))
-    points = int(np.clip(points, LEAST_RUN_POINTS, MOST_RUN_POINTS))
+    points = int(np.clip(points, MIN_RUN_POINTS, MAX_RUN_POINTS))
     tabs: list[tuple[str, list[Block]]] = [
         (run.name + (' (held out)' if run.held_out else ''), [run_plot(comparison, run, points)]) for run in runs
     ]
@@ -42,9 +42,9 @@ def runs_section(summary: Summary) -> Section:
 
 
 def runs_to_show(summary: Summary) -> list[ComparedRun]:
-    """All runs, or those with the largest error over noise, in the order of the dataset."""
+    """All runs, or those with the largest normalized RMSE, in the order of the dataset."""
     runs = summary.comparison.runs
-    least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MOST_TABS][-1]
+    least = sorted((summary.run_error(run.name) for run in runs), reverse=True)[:MAX_TABS][-1]
     return [run for run in runs if summary.run_error(run.name) >= least]
 
 

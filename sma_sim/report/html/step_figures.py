@@ -17,7 +17,7 @@ from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new
 from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, PURPLE
 
-MOST_CHANGE_POINTS = 1200
+MAX_CHANGE_POINTS = 1200
 AS_GIVEN, BEFORE, AFTER = 'as given', 'calibrated before', 'after'
 GIVEN = PURPLE
 WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logarithmic
@@ -28,7 +28,7 @@ def change_plot(change: StageChange, given: ComparedRun) -> Plot:
     calibrated before the step, and after it."""  # fmt: skip
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
     unit, factor = DISPLAY_UNITS[channel]
-    at = envelope(change.before.residual(channel), MOST_CHANGE_POINTS)
+    at = envelope(change.before.residual(channel), MAX_CHANGE_POINTS)
     time = small(change.before.time[at])
     models = ((AS_GIVEN, given, GIVEN, 1.0), (BEFORE, change.before, ORANGE, 1.4), (AFTER, change.after, SHOWN, 1.4))
     curves = [('measured', change.before.measured[channel], MEASURED, 3.0)]
@@ -48,7 +48,7 @@ def change_plot(change: StageChange, given: ComparedRun) -> Plot:
     figure.update_xaxes(title_text='time [s]', row=2, col=1)
     kind = 'held out' if change.held_out else 'fitted'
     words = (
-        f'{channel} in {change.before.name} ({kind}), the channel that this step changed most: error over noise '
+        f'{channel} in {change.before.name} ({kind}), the channel that this step changed most: normalized RMSE '
         f'{error_over_noise([given], channel):.2f} of your model as it was given, {change.errors[0]:.2f} of the calibrated '
         f'one before the step, {change.errors[1]:.2f} after it. Below: measured - model over the noise.'
     )
@@ -110,7 +110,7 @@ def channel_plot(before: ModelStage, after: ModelStage, given: Sequence[ChannelS
     for label, values, colour in (*shown, (BEFORE, first, ORANGE), (AFTER, then, SHOWN)):
         figure.add_bar(x=names, y=[values.get(name) for name in names], name=label, marker={'color': colour})
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
-    figure.update_yaxes(title_text='error over noise')
-    words = 'Error over noise by channel'
+    figure.update_yaxes(title_text='normalized RMSE')
+    words = 'Normalized RMSE by channel'
     words += ', of your model as it was given, calibrated before this step, and after it' if errors else ' before and after'
     return Plot(figure, f'{words}; dotted: the noise.', 280)

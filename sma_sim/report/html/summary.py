@@ -18,11 +18,11 @@ def summary_section(summary: Summary) -> Section:
     """Totals, the scores as a figure and as a table, errors of every run."""
     runs = summary.comparison.runs
     held = [run.name for run in runs if run.held_out]
-    words = f'Error over noise {summary.fitted_error:.3g} on {count(len(runs) - len(held))}'
+    words = f'Normalized RMSE {summary.fitted_error:.3g} on {count(len(runs) - len(held))}'
     if held:
         words += f', {summary.held_out_error:.3g} on {count(len(held))} held out ({", ".join(held)})'
     note = (
-        'Error over noise is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
+        'Normalized RMSE is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
         'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
     )
@@ -45,7 +45,7 @@ def score_groups(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
 
 
 def score_figure(summary: Summary) -> object:
-    """Error over noise by channel."""
+    """Normalized RMSE by channel."""
     figure = new_figure()
     for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=True):
         if part:
@@ -55,7 +55,7 @@ def score_figure(summary: Summary) -> object:
             )  # fmt: skip
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
     figure.update_layout(barmode='group', bargap=0.35)
-    figure.update_yaxes(title_text='RMSE over noise', rangemode='tozero')
+    figure.update_yaxes(title_text='normalized RMSE', rangemode='tozero')
     return figure
 
 
@@ -70,7 +70,7 @@ def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
 
 
 def run_table(summary: Summary) -> Table:
-    """Error over noise of every run by channel."""
+    """Normalized RMSE of every run by channel."""
     channels = summary.comparison.channels
     rows = []
     for run in summary.comparison.runs:
@@ -78,4 +78,4 @@ def run_table(summary: Summary) -> Table:
         cells = [f'{found[name].over_noise:.3f}' if name in found else '' for name in channels]
         label = run.name + (' (held out)' if run.held_out else '')
         rows.append((label, *cells, f'{summary.run_error(run.name):.3f}'))
-    return Table(('run', *channels, 'all'), rows, 'Error over noise of every run')
+    return Table(('run', *channels, 'all'), rows, 'Normalized RMSE of every run')

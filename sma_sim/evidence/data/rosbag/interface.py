@@ -14,7 +14,7 @@ from sma_sim.evidence.data.recording import FIRST
 from sma_sim.evidence.data.rosbag.commands import refusal
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
-from sma_sim.model.structures.structure import MOST_WIRES, Structure
+from sma_sim.model.structures.structure import MAX_WIRES, Structure
 
 JOINT_STATE, TEMPERATURE = 'sensor_msgs/msg/JointState', 'sensor_msgs/msg/Temperature'
 FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray'
@@ -117,7 +117,7 @@ def interface_from(text: str, where: str) -> Interface:
         entries = json.loads(text)
         names = (entries['joints'], entries['drives'], entries['channels'])
         wires, commands = entries['wires'], tuple(entries['commands'])
-        good = isinstance(wires, int) and 1 <= wires <= MOST_WIRES and all(isinstance(word, str) for word in commands)
+        good = isinstance(wires, int) and 1 <= wires <= MAX_WIRES and all(isinstance(word, str) for word in commands)
         good = good and len(commands) in (wires, wires / 2)
         good = good and all(isinstance(word, str) for mapping in names for pair in mapping.items() for word in pair)
         if not good:

@@ -4,14 +4,14 @@ import math
 from typing import Any
 
 from sma_sim.model.parameters import Parameter
-from sma_sim.model.structures.structure import MOST_WIRES
+from sma_sim.model.structures.structure import MAX_WIRES
 
 KNOT_COUNT = 101
 UNBOUNDED = (-1e30, 1e30)
 LOCATION_PARAMETERS = (
     Parameter('first', 0.0, 's', UNBOUNDED, 'instant of the first knot', '', None),
     Parameter('spacing', 1.0, 's', (1e-6, 1e30), 'from knot to knot', '', None),
-    Parameter('wire', 0.0, '-', (0.0, MOST_WIRES - 1.0), 'wire in which it acts, from 0', '', None),
+    Parameter('wire', 0.0, '-', (0.0, MAX_WIRES - 1.0), 'wire in which it acts, from 0', '', None),
 )
 FIRST_VALUE = len(LOCATION_PARAMETERS)  # index of the value at knot 0 among the parameters
 

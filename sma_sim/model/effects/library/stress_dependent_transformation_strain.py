@@ -16,7 +16,7 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import State
 from sma_sim.model.parameters import Parameter, WireConstants
 
-LEAST_FRACTION = 1e-4  # of martensite, below which what forms is averaged with this much of what was there
+MIN_FRACTION = 1e-4  # of martensite, below which what forms is averaged with this much of what was there
 
 
 def missing(sigma: float, p: Any) -> float:
@@ -26,7 +26,7 @@ def missing(sigma: float, p: Any) -> float:
 
 def rate(s: State, w: WireConstants, p: Any, m: Any) -> float:
     """dm/dt [1/s]: what forms lacks `missing`, what turns back leaves the rest as it is."""
-    return (missing(s.sigma, p) - m.m) * s.dx / max(s.x, LEAST_FRACTION) if s.dx > 0.0 else 0.0
+    return (missing(s.sigma, p) - m.m) * s.dx / max(s.x, MIN_FRACTION) if s.dx > 0.0 else 0.0
 
 
 EFFECT = Effect(
