@@ -19,7 +19,8 @@ of the weights of such models. Counted are
   robot's own values, is more probable than each model that lacks one of them, by more than 10 nats;
 - the mean P(none) where nothing is missing.
 
-What is hidden cannot be seen where that model is less probable than one that lacks a part of it: `none` is then right too.
+What is hidden cannot be seen where that model is less probable than one that lacks a part of it: that is then right too,
+which is `none` where it lacks everything. A law of the sensors, which no model simulates, is taken to be the listed effect.
 Finished cases are kept in --file, so that a run can be continued; tables and figure are of all in it.
 """
 
@@ -45,7 +46,7 @@ from scipy.stats import binomtest
 
 from sma_sim.challenge.draw import named_truth
 from sma_sim.challenge.make import Challenge, RecordingPlan, challenge_with, noisy_recording
-from sma_sim.challenge.robot import Robot
+from sma_sim.challenge.robot import Hidden, Robot
 from sma_sim.challenge.truth import Truth, truths
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
@@ -61,7 +62,8 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
-from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import ActiveEffect, find_effects
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import plain_axes, save, sized_figure
@@ -115,9 +117,10 @@ def solve(
     """Make one robot, diagnose it, and compare the answers with the truth."""
     made = challenge_of(hidden, error, seed, forces, closed, pool)
     found = diagnose(made.dataset, made.nominal, executor=pool)
+    odds, seen = odds_of_truth(made, pool)
     return {
         'verdict': found.verdict, 'answers': answers(found.posterior), 'truth': right_answers(part, hidden, found),
-        'odds': odds_of_truth(made, pool), 'k': found.posterior.overdispersion,
+        'odds': odds, 'seen': seen, 'k': found.posterior.overdispersion,
         'bare': found.stages[0].train, 'last': found.stages[-1].train,
     }  # fmt: skip
 
@@ -187,32 +190,41 @@ def right_answers(part: str, hidden: Sequence[str], found: Diagnosis) -> list[st
 
 
 def is_truth(answer: str, result: Mapping[str, Any]) -> bool:
-    """Whether an answer is right: the truth, or that nothing is missing where the truth cannot be seen."""
+    """Whether an answer is right: the truth, or the part of it that is more probable than the whole."""
     plain = '+'.join(sorted(name.partition(SEPARATOR)[0] for name in answer.split('+')))
     scoped = answer if SEPARATOR in answer else f'{answer}{SEPARATOR}'
-    unseen = answer == NONE and result['odds'] is not None and result['odds'] < 0.0
-    return unseen or bool({answer, plain, scoped}.intersection(result['truth']))
+    return plain == result['seen'] or bool({answer, plain, scoped}.intersection(result['truth']))
 
 
-def odds_of_truth(made: Challenge, pool: Executor) -> float | None:
-    """By how many nats the robot's own laws are more probable than each model that lacks one of them.
-
-    None where nothing is hidden, or a law is of the sensors, which no model simulates.
-    """
-    if not made.robot.hidden or any(one.truth.sensor is not None for one in made.robot.hidden):
-        return None
+def odds_of_truth(made: Challenge, pool: Executor) -> tuple[float | None, str | None]:
+    """By how many nats the robot's own laws are more probable than each model that lacks one of them, and the answer that
+    such a model gives where it is the more probable one. None where nothing is hidden, or nothing that can be simulated."""
+    hidden = made.robot.hidden
+    if not hidden or any(one.truth.sensor is not None and not one.truth.library for one in hidden):
+        return None, None
     training, _ = hold_out_last(made.dataset, None)
     context = SearchContext(pool, Event())
     nominal = nominal_fit(training, replace(made.nominal, kinetics='mas'), DiagnosisRequest('mas'), context)
     log_prior = -SPARSITY - math.log(len(candidates_for(made.nominal)))
-    laws = [one.truth.active(one.values) for one in made.robot.hidden]
-    whole = evidence_with(laws, made.robot, nominal, log_prior, context)
-    lacking = [evidence_of(nominal, 0.0, context)] + [
-        evidence_with(some, made.robot, nominal, log_prior, context)
+    laws = [(one.truth.library or UNLISTED, as_simulated(one, made.nominal)) for one in hidden]
+    whole = evidence_with([law for _, law in laws], made.robot, nominal, log_prior, context)
+    lacking = {NONE: evidence_of(nominal, 0.0, context)} | {
+        '+'.join(sorted(name for name, _ in some)):
+            evidence_with([law for _, law in some], made.robot, nominal, log_prior, context)
         for count in range(1, len(laws)) for some in combinations(laws, count)
-    ]  # fmt: skip
-    k = min(one.overdispersion for one in (whole, *lacking))
-    return whole.score(k) - max(one.score(k) for one in lacking)
+    }  # fmt: skip
+    k = min(one.overdispersion for one in (whole, *lacking.values()))
+    best = max(lacking, key=lambda answer: lacking[answer].score(k))
+    odds = whole.score(k) - lacking[best].score(k)
+    return odds, best if odds < 0.0 else None
+
+
+def as_simulated(hidden: Hidden, nominal: Config) -> tuple[ActiveEffect, ...]:
+    """The effects of a law; one of the sensors is the listed effect, at its defaults."""
+    if hidden.truth.sensor is None:
+        return hidden.truth.active(hidden.values)
+    found = find_effects()[hidden.truth.library].on(nominal.structure.structure)
+    return (ActiveEffect(found, tuple(p.default for p in found.effect.parameters)),)
 
 
 def evidence_with(

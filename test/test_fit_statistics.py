@@ -168,7 +168,7 @@ def test_correlation_ends_with_the_first_pair_that_is_noise():
         series = np.cumsum(random.normal(size=count)) * np.exp(-np.arange(count) / 80.0) if count > 5 else np.ones(5)
         covariance = np.array([series[lag:] @ series[: count - lag] for lag in range(count)])
         rho, total, lag = covariance / covariance[0], 1.0, 1
-        while lag + 1 < count and rho[lag] + rho[lag + 1] >= 3.0 / np.sqrt(count):
+        while lag + 1 < count and rho[lag] + rho[lag + 1] >= 3.0 * np.sqrt(2.0 / count):
             total, lag = total + 2.0 * (rho[lag] + rho[lag + 1]), lag + 2
         assert autocorrelation_time(series) == pytest.approx(total)
     assert autocorrelation_time(np.zeros(10)) == 1.0

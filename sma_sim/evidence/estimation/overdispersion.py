@@ -17,6 +17,7 @@ from sma_sim.evidence.estimation.residuals import FitData
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+WHITE_STDS = 3.0  # standard deviations within which white noise stays in all but one of hundreds of rows
 
 
 def overdispersion(problem: Problem, z: Vector, pool: Executor) -> float:
@@ -46,7 +47,10 @@ def channel_overdispersion(run: FitData, residuals: Matrix, unknowns: int) -> Ve
 
 
 def autocorrelation_time(series: Vector) -> float:
-    """1 + 2 sum of the autocorrelation, up to where a pair of neighbours sums to what white noise may (Geyer 1992)."""
+    """1 + 2 sum of the autocorrelation, up to where a pair of neighbours sums to what white noise may (Geyer 1992).
+
+    Of k values of white noise each autocorrelation has the variance 1/k, and a pair twice that.
+    """
     k = len(series)
     spectrum = np.abs(np.fft.rfft(series, 2 * k)) ** 2
     covariance = np.fft.irfft(spectrum)[:k]
@@ -54,6 +58,6 @@ def autocorrelation_time(series: Vector) -> float:
         return 1.0
     rho = covariance[1 : k - (k - 1) % 2] / covariance[0]
     pairs = rho[0::2] + rho[1::2]
-    at_noise = pairs < 3.0 / np.sqrt(k)
+    at_noise = pairs < WHITE_STDS * np.sqrt(2.0 / k)
     end = int(np.argmax(at_noise)) if at_noise.any() else len(pairs)
     return float(1.0 + 2.0 * pairs[:end].sum())

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
+from sma_sim.evidence.model_selection.restricted import without_effect
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
-from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, better, extended, in_other_kinetics, model_of, without
+from sma_sim.evidence.search.refine import (
+    SKETCHED,
+    WINDOW,
+    Model,
+    better,
+    extended,
+    in_other_kinetics,
+    model_of,
+    settled,
+    without,
+)
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGED = 6  # components that are tried in place of one
-EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
+EXCHANGE_SHARE = 0.5  # of what that one promises, which they must, as differences of what effects do: neither is exact
+SKETCHED_TERMS = 24  # of equations, which are many and alike
 ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
 
 
@@ -36,6 +49,13 @@ class Book:
                 self.models[model.key] = better(model, self.models.get(model.key))
                 found.append(self.models[model.key])
         return found
+
+    def replace(self, model: Model, other: Model | None) -> None:
+        """Another fit in place of a model; None: none, there is no such model. The nominal ones stay."""
+        if other is not None:
+            self.models[model.key] = other
+        elif model.components:
+            del self.models[model.key]
 
     @property
     def overdispersion(self) -> float:
@@ -78,7 +98,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
                 break  # what other parents lead to has few nats to win; exchanges below look for it
         improve(size, book, context)
         if equations and size == EQUATIONS_AFTER and (book.best.lacks_unlisted or len(book.best.components) == size):
-            add_equations(book.ranked(0)[0], book, context)
+            add_equations(bare(book), book, context)
         if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break
         if book.best.leaves_nothing and len(book.best.components) < size:
@@ -86,7 +106,33 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     best = book.best
     if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
         add_equations(best, book, context)
+    settle(book, context)
     return book
+
+
+def settle(book: Book, context: SearchContext) -> None:
+    """Fit the models that have weight where they are best under the overdispersion: until then all were fitted without."""
+    k, done = book.overdispersion, set[tuple[frozenset[str], str]]()
+    while not context.stop.is_set():
+        ranked = book.ranked()
+        open_ones = [one for one in ranked if one.score(k) >= ranked[0].score(k) - WINDOW and one.key not in done]
+        if not open_ones:
+            return
+        done.add(open_ones[0].key)
+        found = settled(open_ones[0], k, context)
+        if found is not open_ones[0]:
+            book.replace(open_ones[0], found)
+
+
+def bare(book: Book) -> Model:
+    """The nominal model where the parameters of the best one lie, what was added taken away: nearer to the true ones than
+    where the nominal model itself was fitted, which bends them to imitate what it lacks."""  # fmt: skip
+    nominal, fit = book.ranked(0)[0], book.best.fit
+    if any(one.is_difference for one in book.best.components):
+        return nominal
+    for component in book.best.components:
+        fit = FitResult(*without_effect(fit, component.effect), inf)
+    return replace(nominal, fit=fit)
 
 
 def add_equations(base: Model, book: Book, context: SearchContext) -> None:
@@ -107,8 +153,8 @@ def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> 
         if lead.leaves_nothing or context.stop.is_set():
             return
         context.on_progress(f'{term.name}: normalized RMSE {lead.fit.error:.2f}; fitting other terms in its place')
-        fewer, there = without(lead, term, context)
-        others = components_of(propose.terms(there, context, term, same_port=True)) if fewer else []
+        there = FitResult(*without_effect(lead.fit, term.effect), inf)
+        others = components_of(propose.terms(there, context, term, same_port=True))
         start = replace(lead, components=lead.components[:-1], fit=there)
         found = add_extended(start, others, book, context, restarts=False)
         best = min([lead, *found], key=lambda model: model.fit.cost)
@@ -121,31 +167,34 @@ def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> 
 
 def components_of(proposals: Sequence[propose.Proposal]) -> list[Component]:
     """The components of the best proposals."""
-    return [one.component for one in proposals[:SKETCHED]]
+    return [one.component for one in proposals[:SKETCHED_TERMS]]
 
 
 def parents(book: Book, size: int) -> list[Model]:
-    """The models of a level to extend: the best few that have weight beside the best of them, whatever their kinetics."""
-    chosen: list[Model] = []
+    """The models of a level to extend: the best few that have weight beside the best of them, with either of the kinetics;
+    that first which leaves least, since a large overdispersion hides what tells them apart."""  # fmt: skip
     ranked, k = book.ranked(size), book.overdispersion
-    for model in ranked:
-        near = model.score(k) >= ranked[0].score(k) - WINDOW
-        if near and len(chosen) < PARENTS and model.names not in [other.names for other in chosen]:
-            chosen.append(model)
-    return chosen
+    near = [model for model in ranked if model.score(k) >= ranked[0].score(k) - WINDOW]
+    names = list(dict.fromkeys(model.names for model in near))[:PARENTS]
+    return sorted((model for model in near if model.names in names), key=lambda model: model.fit.squares)
 
 
 def expand(parent: Model, book: Book, context: SearchContext) -> None:
-    """Add to the book what a model may lack one of, fitted."""
+    """Add to the book what a model may lack one of, fitted: what promises most, and where that leaves something the rest."""
     taken = {component.plain_name for component in parent.components}
     context.on_progress(f'what {words(parent)} may lack')
     proposals = propose.listed(parent.fit, book.catalogue, taken, context)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
-    chosen = [one.component for one in (*proposals, *more)]
-    if not parent.components and not parent.leaves_nothing:
-        tried = {component.name for component in chosen}
-        chosen += propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
-    add_extended(parent, chosen, book, context)
+    enough = EXCHANGE_SHARE * max((one.promise for one in proposals), default=0.0)
+    first = [one.component for one in (*proposals, *(other for other in more if other.promise >= enough))]
+    found = add_extended(parent, first, book, context)
+    if parent.leaves_nothing or any(model.leaves_nothing for model in found):
+        return
+    rest = [other.component for other in more if other.promise < enough]
+    if not parent.components:
+        tried = {component.name for component in first}
+        rest += propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
+    add_extended(parent, rest, book, context)
 
 
 def add_extended(
@@ -166,13 +215,17 @@ def try_kinetics(book: Book, context: SearchContext) -> None:
     """The best model with the other kinetics, unless they were tried."""
     names = {key[0] for key in book.models if key[1] != book.best.key[1]}
     if book.kinetics and book.best.names not in names and not context.stop.is_set():
-        book.add([in_other_kinetics(book.best, context)])
+        rest = frozenset(one.name for one in book.best.components[:-1])
+        fewer = next((one for one in book.ranked() if one.names == rest and one.key[1] != book.best.key[1]), None)
+        book.add([in_other_kinetics(book.best, fewer, context)])
 
 
 def improve(size: int, book: Book, context: SearchContext) -> None:
-    """Exchange or drop each component of the best model of a level, as long as that leads further."""
+    """Exchange or drop each component of the best model of a level, if it has weight, as long as that leads further."""
     for _ in range(ROUNDS if book.ranked(size) else 0):
-        best = book.ranked(size)[0]
+        best, k = book.ranked(size)[0], book.overdispersion
+        if best.score(k) < book.best.score(k) - WINDOW or (best.leaves_nothing and best is not book.best):
+            return
         for component in best.components:
             exchange(best, component, book, context)
         if context.stop.is_set() or book.ranked(size)[0] is best:
@@ -181,24 +234,23 @@ def improve(size: int, book: Book, context: SearchContext) -> None:
 
 def exchange(best: Model, component: Component, book: Book, context: SearchContext) -> None:
     """Models with another component in place of one, proposed where the parameters of the best one lie: nearer to the true
-    ones than those of any model without it."""  # fmt: skip
+    ones than those of any model without it. Models that were fitted from elsewhere and ended far behind are tried again."""
     if component.is_difference or context.stop.is_set():
         return
     context.on_progress(f'what may stand in place of {component.name}')
-    fewer, there = without(best, component, context)
-    book.add([fewer])
     rest = tuple(one for one in best.components if one.name != component.name)
-    taken = {one.plain_name for one in rest}
-    known = {model.names for model in book.models.values()}
-    proposals = propose.listed(there, book.catalogue, taken, context)
+    there = FitResult(*without_effect(best.fit, component.effect), inf)
+    proposals = propose.listed(there, book.catalogue, {one.plain_name for one in rest}, context)
     own = next((one.promise for one in proposals if one.component.name == component.name), 0.0)
+    if rest or own < WINDOW / EXCHANGE_SHARE:
+        book.add([without(best, component, context)])
+    k = book.overdispersion
+    near = {model.names for model in book.models.values() if model.score(k) > best.score(k) - WINDOW}
     chosen = [
         one.component for one in proposals
-        if one.promise >= EXCHANGE_SHARE * own and frozenset((*(r.name for r in rest), one.component.name)) not in known
+        if one.promise >= EXCHANGE_SHARE * own and frozenset((*(r.name for r in rest), one.component.name)) not in near
     ]  # fmt: skip
-    if chosen and fewer is not None:
-        start = Model(rest, there, fewer.evidence)
-        add_extended(start, chosen[:EXCHANGED], book, context, restarts=False)
+    add_extended(replace(best, components=rest, fit=there), chosen[:EXCHANGED], book, context, restarts=False)
 
 
 def words(model: Model) -> str:

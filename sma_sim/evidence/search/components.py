@@ -24,6 +24,7 @@ from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.model.effects.scope import SEPARATOR
 
 Vector = NDArray[np.float64]
+NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
 NO_ZEROS = 3  # kinds of differences beside zeros: the ambient temperature, and the power of either side
 
 
@@ -59,6 +60,16 @@ class Component:
     def is_difference(self) -> bool:
         """Whether it is of the recordings, not of the robot."""
         return isinstance(self.start, RecordingDifference)
+
+    def is_absent(self, fit: FitResult) -> bool:
+        """Whether all that makes it act ended at its neutral value, a bound: the model without it stands for this."""
+        if isinstance(self.start, RecordingDifference):
+            return False
+        prefix, parameters = f'effects.{self.effect}.', self.start.candidate.found.effect.parameters
+        neutral = {prefix + p.name: float(p.neutral) for p in parameters if p.neutral is not None}
+        fitted = zip(fit.problem.free, fit.z.tolist(), strict=False)
+        away = [abs(z - free.coordinate(neutral[free.name])) for free, z in fitted if free.name in neutral]
+        return bool(away) and max(away) < NEUTRAL
 
     def added_to(self, fit: FitResult) -> tuple[Problem, Vector]:
         """The problem with it, and where to start: the fit without it, and its own start."""

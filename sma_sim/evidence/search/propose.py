@@ -22,7 +22,8 @@ from sma_sim.evidence.symbolic_regression.term_candidates import as_candidate
 from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
-TERMS_BY_PLACE = 2  # of an equation that are tried at one place
+MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
+TERMS_BY_PLACE = 4  # of an equation that are tried at one place
 
 
 @dataclass(frozen=True)
@@ -106,5 +107,5 @@ def best_by_place(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 
 def promising(proposals: Iterable[Proposal]) -> list[Proposal]:
-    """Those that promise more than they cost, the best first."""
-    return sorted((one for one in proposals if one.promise > 0.0), key=lambda one: -one.promise)
+    """Those that promise about as much as they cost, or more, the best first."""
+    return sorted((one for one in proposals if one.promise > -MARGIN), key=lambda one: -one.promise)

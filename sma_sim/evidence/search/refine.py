@@ -82,8 +82,13 @@ class Model:
 
 
 def model_of(components: Sequence[Component], fits: Sequence[FitResult | None], context: SearchContext) -> Model | None:
-    """The best of several fits of one set of components; None where none could be made."""
-    known = sorted((fit for fit in fits if fit is not None and np.isfinite(fit.cost)), key=lambda fit: fit.cost)
+    """The best of several fits of one set of components; None where none could be made.
+
+    A fit that ends where a component does nothing is one of the model without it.
+    """
+    ended = (fit for fit in fits if fit is not None and np.isfinite(fit.cost))
+    whole = (fit for fit in ended if not any(component.is_absent(fit) for component in components))
+    known = sorted(whole, key=lambda fit: fit.cost)
     for fit in known:
         try:
             evidence = evidence_of(fit, log_prior_of(components), context)
@@ -105,7 +110,7 @@ def better(model: Model, other: Model | None) -> Model:
 
 def extended(parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True) -> list[Model]:
     """The models with one component more, each fitted: those that sketches rank first; the best (`restarts`) from further
-    starts, which are given up where they cannot come near what was reached."""  # fmt: skip
+    starts until one leaves nothing, which are given up where they cannot come near what was reached."""  # fmt: skip
     leading = best_by_sketch(parent.fit, components, context)
     fits = run_in_threads([partial(refit, problem, z, context) for _, problem, z in leading], context.stop)
     first = [
@@ -117,7 +122,8 @@ def extended(parent: Model, components: Sequence[Component], context: SearchCont
     found = list[Model]()
     for rank, model in enumerate(first):
         limit = min([one.fit.cost for one in found], default=inf) + WINDOW
-        if restarts and rank < RESTARTED and not model.leaves_nothing and not context.stop.is_set():
+        explained = any(one.leaves_nothing for one in (*found, model))
+        if restarts and rank < RESTARTED and not explained and not context.stop.is_set():
             model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
         found.append(model)
     return found
@@ -144,19 +150,29 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
     return run_in_threads([partial(refit, problem, at, context, one, target) for at, one in starts], context.stop)
 
 
-def in_other_kinetics(model: Model, context: SearchContext) -> Model | None:
-    """The same components with the other kinetics."""
+def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext) -> Model | None:
+    """The same components with the other kinetics, from where it lies, and from the model in these that has one `fewer`."""
     problem, z = with_other_kinetics(model.fit)
     jobs = [partial(refit, problem, z, context, criteria) for criteria in (ADDED_EFFECT, FROM_PRIORS)]
+    if fewer is not None and model.components:
+        jobs.append(partial(refit, *model.components[-1].added_to(fewer.fit), context))
     return model_of(model.components, run_in_threads(jobs, context.stop), context)
 
 
-def without(model: Model, component: Component, context: SearchContext) -> tuple[Model | None, FitResult]:
-    """The model without one of its effects, fitted again; and that model where the parameters of the whole one lie."""
+def settled(model: Model, k: float, context: SearchContext) -> Model | None:
+    """The model where it is best under an overdispersion k: it is fitted again where it was fitted under another one and
+    would gain by that; None where a component does nothing there."""  # fmt: skip
+    if model.evidence.gain(k) <= ADDED_EFFECT.min_decrease:
+        return model
+    fit = refit(replace(model.fit.problem, tempering=k), model.fit.z, context)
+    return model if fit is None else model_of(model.components, [fit], context)
+
+
+def without(model: Model, component: Component, context: SearchContext) -> Model | None:
+    """The model without one of its effects, fitted again from where the whole one lies."""
     problem, z = without_effect(model.fit, component.effect)
     rest = tuple(one for one in model.components if one.name != component.name)
-    there = FitResult(problem, z, inf)
-    return model_of(rest, [refit(problem, z, context)], context), there
+    return model_of(rest, [refit(problem, z, context)], context)
 
 
 def on_run_subset(fit: FitResult) -> FitResult:

@@ -63,15 +63,20 @@ class Evidence:
     def score(self, k: float, left_out: int | None = None) -> float:
         """The log posterior under an overdispersion k, up to a constant that all models share; without one run, if any."""
         weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
-        squares, gradient, hessian = self._sums(kept)
-        z = self.z[self.free]
-        pull, precision = weight * gradient + z, np.eye(len(z)) + weight * hessian
+        squares, _, hessian = self._sums(kept)
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
-        value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z)
-        value += 0.5 * float(pull @ np.linalg.solve(precision, pull))
+        value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z) + self.gain(k, left_out)
         width = self.width[self.free]
-        narrowed = np.eye(len(z)) + weight * hessian * np.outer(width, width)
+        narrowed = np.eye(len(width)) + weight * hessian * np.outer(width, width)
         return value - 0.5 * float(np.linalg.slogdet(narrowed)[1]) - 0.5 * profiled + self.log_prior
+
+    def gain(self, k: float, left_out: int | None = None) -> float:
+        """What the optimum for k has before the point where the fit ended, to second order."""
+        weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
+        _, gradient, hessian = self._sums(kept)
+        z = self.z[self.free]
+        pull = weight * gradient + z
+        return 0.5 * float(pull @ np.linalg.solve(np.eye(len(z)) + weight * hessian, pull))
 
     def squares_without(self, k: float, left_out: int) -> float:
         """The squares of one run as the others predict it, to second order; its own unknowns are at their best."""

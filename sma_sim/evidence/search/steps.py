@@ -67,7 +67,7 @@ def path_to(best: Model, book: Book, context: SearchContext) -> list[Model]:
             if (model := book.find(path[0].names - {component.name})) is not None
         ]  # fmt: skip
         if not fewer:
-            found = [without(path[0], one, context)[0] for one in path[0].components if not one.is_difference]
+            found = [without(path[0], one, context) for one in path[0].components if not one.is_difference]
             fewer = book.add(found)
         path.insert(0, max(fewer, key=lambda model: model.score(k)) if fewer else book.ranked(0)[0])
     return path
