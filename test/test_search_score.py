@@ -20,13 +20,14 @@ from sma_sim.evidence.estimation import overdispersion as dispersion
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, start_point
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.search.beam import Book
+from sma_sim.evidence.search.beam import Book, parents
 from sma_sim.evidence.search.components import Catalogue, Component, log_prior_of
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.search.refine import WINDOW, Model
@@ -275,7 +276,7 @@ def model(names, squares, kinetics='mas', unlisted=-inf):
         np.zeros(0), np.zeros(0, dtype=bool), np.ones(0), (part,), (np.zeros(0),), log_prior_of(components), 1.0, unlisted
     )
     problem = SimpleNamespace(config=SimpleNamespace(simulated_kinetics=kinetics))
-    return Model(components, SimpleNamespace(cost=0.5 * squares, problem=problem), evidence)
+    return Model(components, SimpleNamespace(cost=0.5 * squares, squares=squares, problem=problem), evidence)
 
 
 def posterior(*models):
@@ -332,3 +333,37 @@ def test_all_effects_cost_the_same_and_share_it_with_their_scopes():
     costs = {CATALOGUE.log_prior(candidate) for candidate in CATALOGUE.effects}
     assert costs == {-SPARSITY - log(len(CATALOGUE.effects))}
     assert sum(exp(CATALOGUE.log_prior(one)) for one in CATALOGUE.effects) == pytest.approx(exp(-SPARSITY))
+
+
+@pytest.mark.parametrize('k', [1.0, 3.0])
+def test_gain_of_the_optimum(k):
+    """What is gained by moving from where a fit has ended to where it is best under an overdispersion."""
+    problem = LinearProblem()
+    a, J = problem.stacked(range(3))
+
+    def log_density(z):
+        return -0.5 * np.sum((a + J @ z) ** 2) / k**2 - 0.5 * z @ z
+
+    best = problem.best(k, range(3))
+    for z in (best, np.zeros(problem.size), np.linspace(-1.0, 1.0, problem.size)):
+        assert problem.evidence(z).gain(k) == pytest.approx(log_density(best) - log_density(z), rel=1e-9, abs=1e-9)
+
+
+def test_an_effect_at_its_neutral_value_is_absent():
+    """All that makes it act is there; shapes do not count."""
+    (found,) = (candidate.found for candidate in CATALOGUE.effects if candidate.name == 'guide_friction')
+    given = with_effect(config(), found, {'mu': 0.0, 'v_s': 1e-4})
+    names = ('beam.E', 'effects.guide_friction.mu', 'effects.guide_friction.v_s')
+    free, _ = choose_free(given, names)
+    problem = SimpleNamespace(free=free)
+    for z, absent in (([0.3, 0.0, 0.7], True), ([0.3, 1e-6, 0.7], False)):
+        assert component('guide_friction').is_absent(SimpleNamespace(problem=problem, z=np.array(z))) == absent
+    assert not component('the zero of U_y').is_absent(SimpleNamespace(problem=problem, z=np.zeros(3)))
+
+
+def test_kinetics_that_tie_are_both_extended():
+    """That first which leaves least; without a tie only the better one."""
+    for squares, expected in ((34.0, ['hybrid', 'mas']), (90.0, ['hybrid'])):
+        book = Book(CATALOGUE, True)
+        book.add([model((), squares), model((), 30.0, 'hybrid')])
+        assert [one.key[1] for one in parents(book, 0)] == expected
