@@ -323,7 +323,7 @@ def test_what_no_effect_explains_is_unknown():
     quick = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False), equation=False, variants=False)
     found = diagnose(replace(runs, recordings=shaken), config(), request=quick)
     assert found.verdict == 'unknown_effect' and found.stages[-1].held_out > 1.3
-    assert any('in alpha' in line for line in as_text(found))
+    assert any('of alpha' in line for line in as_text(found))
 
 
 @pytest.mark.slow
