@@ -19,21 +19,21 @@ def zigzag():
 def test_a_level_that_varies_by_noise_is_constant():
     given = 1e8 + 3e6 * np.random.default_rng(0).normal(size=ROWS)
     given[5] = np.nan
-    level, noise = without_noise(given)
+    level, noise, error = without_noise(given)
     assert np.isnan(level[5]) and np.nanmax(level) == np.nanmin(level) == pytest.approx(np.nanmean(given))
-    assert noise == pytest.approx(3e6, rel=0.1)
+    assert noise == pytest.approx(3e6, rel=0.1) and error == pytest.approx(noise / np.sqrt(ROWS - 1))
 
 
 @pytest.mark.parametrize('std', [1.0, 4.0])
 def test_ramps_keep_their_turns_and_lose_the_noise(std):
-    found, noise = without_noise(zigzag() + std * np.random.default_rng(1).normal(size=ROWS))
+    found, noise, error = without_noise(zigzag() + std * np.random.default_rng(1).normal(size=ROWS))
     assert noise == pytest.approx(std, rel=0.1)
-    assert np.sqrt(np.mean((found - zigzag()) ** 2)) < 0.3 * std
+    assert np.sqrt(np.mean((found - zigzag()) ** 2)) < min(0.3 * std, 3.0 * error)
 
 
 def test_a_step_of_a_load_is_no_noise():
     step = np.where(np.arange(ROWS) < 500, 1e8, 1.5e8)
-    found, _ = without_noise(step + 3e6 * np.random.default_rng(2).normal(size=ROWS))
+    found, _, _ = without_noise(step + 3e6 * np.random.default_rng(2).normal(size=ROWS))
     assert np.sqrt(np.mean((found - step) ** 2)) < 3e6 and np.abs((found - step)[600:]).max() < 1e6
 
 
@@ -41,7 +41,7 @@ def test_a_step_of_a_load_is_no_noise():
     'given', [zigzag(), zigzag()[::40] + np.tile([0.0, 1.0], ROWS // 80), np.full(ROWS, 5.0), np.arange(3.0)]
 )
 def test_what_seldom_turns_back_stays_as_it_is(given):
-    found, noise = without_noise(given)
+    found, noise, _ = without_noise(given)
     assert (found == given).all() and noise == 0.0
 
 

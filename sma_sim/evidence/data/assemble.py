@@ -164,6 +164,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')
         changes = changes - columns['time_s'][0]
         columns['time_s'] = columns['time_s'] - columns['time_s'][0]
+    errors = imposed_without_noise(file, columns, notes)
     source = input_from_columns(file, columns)
     time, channels = measured_channels(file, columns, notes)
     if len(time) < MIN_SESSION_SAMPLES or not channels:
@@ -173,7 +174,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     if file.structure.coordinates and file.structure.imposed_temperature < 0:
         notes += slow_sampling(time)
     known = () if exact else tuple(changes[is_exact].tolist())
-    return Recording(name, file.system, time, channels, source, exact, tuple(notes), known)
+    return Recording(name, file.system, time, channels, source, exact, tuple(notes), known, imposed_std=errors)
 
 
 def commanded(file: SourceFile, columns: Mapping[str, Vector]) -> Vector:
@@ -218,7 +219,6 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         columns[name], unknown = forward_filled(values)
         if name in file.imposed:
             columns[name] = gaps_interpolated(columns['time_s'], values)
-            discard_noise(name, columns, notes)
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
         if empty > unknown:
@@ -259,13 +259,18 @@ def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: l
         values[wrong] = np.nan
 
 
-def discard_noise(name: str, columns: dict[str, Vector], notes: list[str]) -> None:
-    """What was imposed in place of what its sensor has shown."""
-    columns[name], noise = without_noise(columns[name])
-    if noise > 0.0:
-        is_constant = np.ptp(columns[name]) == 0.0
-        words = f'taken as constant, {columns[name][0]:.6g}' if is_constant else 'taken without it'
-        notes.append(f'{name}: measured with a noise of {noise:.3g}, which the wire has not felt: {words}')
+def imposed_without_noise(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> dict[str, float]:
+    """Take what was imposed in place of what its sensors have shown; by column the error [SI] that their noise leaves."""
+    errors = {}
+    for name in file.imposed:
+        found = without_noise(columns[name])
+        columns[name] = found.values
+        if found.noise > 0.0:
+            errors[name] = found.error
+            is_constant = np.ptp(found.values) == 0.0
+            words = f'taken as constant, {found.values[0]:.6g}' if is_constant else 'taken without it'
+            notes.append(f'{name}: measured with a noise of {found.noise:.3g}, which the wire has not felt: {words}')
+    return errors
 
 
 def discard_saturated(name: str, time: Vector, values: Vector, notes: list[str]) -> None:

@@ -271,7 +271,7 @@ def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vec
         return np.full(rows, entry.value)
     values = columns[entry.column]
     if entry.pace is not None:
-        return time_along(without_noise(values)[0], entry.pace)
+        return time_along(without_noise(values).values, entry.pace)
     if entry.exponent != 1.0:
         values = np.sign(values) * np.abs(values) ** entry.exponent
     if entry.times is not None:

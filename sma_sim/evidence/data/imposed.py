@@ -7,6 +7,7 @@ which a hysteresis stays behind: the errors do not average out.
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +19,28 @@ MIN_ROWS = 20  # fewer tell nothing of noise
 STDS = 3.0  # by which von Neumann's ratio of white noise may be less than 2
 
 
-def without_noise(values: Vector) -> tuple[Vector, float]:
-    """Measured values (k,), NaN where missing, of what was imposed, without white noise, and its standard deviation.
+class Imposed(NamedTuple):
+    """What was imposed (k,), the standard deviation of the noise that it was measured with, and what that leaves unknown."""
+
+    values: Vector
+    noise: float = 0.0
+    error: float = 0.0
+
+
+def without_noise(values: Vector) -> Imposed:
+    """Measured values (k,), NaN where missing, of what was imposed, without white noise.
 
     A constant where that leaves noise only; else the line with corners that leaves no more, each stretch halved while it
-    does. As they are, and 0, where they seldom turn back: rows that move a wire on in one way are not to be smoothed.
+    does. As they are where they seldom turn back: rows that move a wire on in one way are not to be smoothed.
     """
     known = np.isfinite(values)
     given = values[known]
     if len(given) < MIN_ROWS or turning_part(given) < NOISY:
-        return values, 0.0
+        return Imposed(values)
     found = values.copy()
-    found[known] = fewest_corners(given)
-    return found, float(np.std(given - found[known]))
+    found[known], numbers = fewest_corners(given)
+    noise = float(np.std(given - found[known]))
+    return Imposed(found, noise, noise * sqrt(numbers / len(given)))
 
 
 def turning_part(values: Vector) -> float:
@@ -40,10 +50,11 @@ def turning_part(values: Vector) -> float:
     return float(np.mean(steps[1:] * steps[:-1] < 0.0)) if len(steps) > 1 else 0.0
 
 
-def fewest_corners(values: Vector) -> Vector:
-    """A constant or a polyline through values (k,) that leaves white noise."""
+def fewest_corners(values: Vector) -> tuple[Vector, int]:
+    """A constant or a polyline through values (k,) that leaves white noise, and of how many numbers it is made: of so many
+    parts of the variance of the noise, of k in all, it keeps (least squares)."""  # fmt: skip
     if is_noise(values - values.mean()):
-        return np.full(len(values), values.mean())
+        return np.full(len(values), values.mean()), 1
     corners = np.array([0, len(values) - 1])
     while True:
         line = polyline(values, corners)
@@ -52,7 +63,7 @@ def fewest_corners(values: Vector) -> Vector:
             if not is_noise((values - line)[first : last + 1])
         ]  # fmt: skip
         if not halved:
-            return line
+            return line, len(corners)
         corners = np.union1d(corners, halved)
 
 

@@ -20,6 +20,7 @@ Vector = NDArray[np.float64]
 MAX_STIFFNESS = 6e10  # [Pa] as stiff as a wire is along a strain: what a change of strain does to the stress, at the most
 JITTER_WIDTH = 4.0  # of the jitter, in its standard deviations
 WIDEST = {'stress': 1e5, 'T': 0.1}  # [Pa], [K]: what neither moves a strain by 1e-5 nor a transformation by much
+ROUNDING = 1e-12  # of the largest value: lines of exact numbers have no corners
 STRESS_WIDTH = 2.0  # of the stress, in standard deviations of its noise
 
 
@@ -39,7 +40,8 @@ def simplified_input(recording: Recording, noise_std: Mapping[str, float]) -> In
         if jitter is None:
             return source
         widest = WIDEST.get(drive.name, STRESS_WIDTH * noise_std.get('stress', np.inf) / MAX_STIFFNESS)
-        keep |= corners(times, values[:, k], min(JITTER_WIDTH * jitter.std, widest))
+        rounding = ROUNDING * float(np.abs(values[:, k]).max())
+        keep |= corners(times, values[:, k], max(rounding, min(JITTER_WIDTH * jitter.std, widest)))
     if not drives:
         return source
     keep[1:] |= (np.diff(others, axis=0) != 0.0).any(axis=1)

@@ -115,6 +115,8 @@ class Recording(Shown, Saved, Comparable):
         By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
     unpowered_side : int
         The sign of a command that heats nothing in this recording, 0 where all wires are heated.
+    imposed_std : mapping
+        By column of what was imposed and measured with noise, how well it is known without that (SI).
     """
 
     name: str
@@ -129,6 +131,7 @@ class Recording(Shown, Saved, Comparable):
     drift_std: Mapping[str, float] = field(default_factory=dict)
     ambient_std: float = 0.0
     unpowered_side: int = 0
+    imposed_std: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.system not in known_structures():

@@ -14,7 +14,7 @@ from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, rec
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import noise_by_channel
-from sma_sim.evidence.data.quasi_static import ACCURACY, error_by_temperature
+from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
 from sma_sim.evidence.data.repeatability import with_bench
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
@@ -269,7 +269,8 @@ def with_temperature_error(channel: str, noise: float, recordings: Sequence[Reco
         return noise
     total = sqrt(noise**2 + sum(error**2 for error in errors) / len(errors))
     words = f'noise of {channel}: {in_display_unit(channel, total)} with a temperature of the specimen that is known to'
-    notes.append(f'{words} {ACCURACY:g} K')
+    known = sqrt(sum(temperature_error(recording) ** 2 for recording in recordings) / len(recordings))
+    notes.append(f'{words} {known:.2g} K')
     return total
 
 

@@ -7,16 +7,17 @@ of the transformation (the evaluation of ASTM F2082 and F3097).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
+from sma_sim.evidence.data.quasi_static import Cycle, cycles, smoothed_way
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.structures.discovery import known_structures
 
 Vector = NDArray[np.float64]
+TEMPERATURES = ('M_f', 'M_s', 'A_s', 'A_f')
 END = 0.12  # part of the temperatures, at either end, through which a baseline goes
 MIN_RANGE = 20.0  # [K] of temperatures and ...
 MIN_STRAIN = 2e-4  # ... of strain, below which nothing transforms
@@ -39,13 +40,17 @@ class Tangents:
 
 @dataclass(frozen=True)
 class IsobaricTest:
-    """The features of one isobaric test: its stress [Pa], both ways (heating, cooling), the strain at its hottest point."""
+    """The features of one isobaric test: its stress [Pa], both ways (heating, cooling), the strain at its hottest point.
+
+    `cycles`: the same of each of several cycles, in the order of time; the features of the test are those in the middle.
+    """
 
     name: str
     stress: float
     heating: Tangents
     cooling: Tangents
     hottest_strain: float
+    cycles: tuple[IsobaricTest, ...] = ()
 
     @property
     def temperatures(self) -> tuple[float, float, float, float]:
@@ -96,11 +101,17 @@ def isobaric_features(name: str, stress: Vector, T: Vector, strain: Vector) -> I
         return None
     if np.ptp(T) < MIN_RANGE or np.ptp(strain) < MIN_STRAIN:
         return None
-    ways = both_ways(T, strain)
-    if ways is None:
+    found = tuple(features_of(name, middle, cycle) for cycle in cycles(T, strain))
+    if not found:
         return None
-    heating, cooling = (tangents(*way) for way in ways)
-    return IsobaricTest(name, middle, heating, cooling, float(strain[np.argmax(T)]))
+    return replace(found[len(found) // 2], cycles=found if len(found) > 1 else ())
+
+
+def features_of(name: str, stress: float, cycle: Cycle) -> IsobaricTest:
+    """The features of one cycle at a stress [Pa]."""
+    heating, cooling = (tangents(*way) for way in cycle)
+    (T, strain), _ = cycle
+    return IsobaricTest(name, stress, heating, cooling, float(strain[np.argmax(T)]))
 
 
 def tangents(T: Vector, strain: Vector) -> Tangents:
@@ -122,10 +133,40 @@ def crossing(line: Vector, slope: float, at: float, value: float) -> float:
 
 
 def tests_as_text(tests: Sequence[IsobaricTest]) -> list[str]:
-    """A table of the transformation temperatures, in deg C."""
+    """A table of the transformation temperatures, in deg C; of tests of several cycles some of these, and their drift."""
     lines = ['transformation temperatures by tangents [deg C], strain recovered by heating:',
              'test                 stress [MPa]     M_f     M_s     A_s     A_f   strain']  # fmt: skip
     for test in tests:
-        numbers = ''.join(f'{T - 273.15:8.1f}' for T in test.temperatures)
-        lines.append(f'{test.name:<20} {test.stress / 1e6:12.4g} {numbers} {100.0 * test.recovered:6.2f} %')
+        if not test.cycles:
+            lines.append(line_of(test.name, test))
+            continue
+        lines += [line_of(f'{test.name} {k + 1}', test.cycles[k]) for k in shown_cycles(len(test.cycles))]
+        lines.append(drift_sentence(test))
     return lines
+
+
+def line_of(name: str, test: IsobaricTest) -> str:
+    """One line of the table."""
+    numbers = ''.join(f'{T - 273.15:8.1f}' for T in test.temperatures)
+    return f'{name:<20} {test.stress / 1e6:12.4g} {numbers} {100.0 * test.recovered:6.2f} %'
+
+
+def shown_cycles(count: int) -> list[int]:
+    """Indices of the cycles that stand for all, 1, 2, 5, 10, ... and the last: a drift is fast at first."""
+    decades = (10**power for power in range(len(str(count))))
+    numbers = {step * decade for decade in decades for step in (1, 2, 5)}
+    return [number - 1 for number in sorted(numbers | {count}) if number <= count]
+
+
+def drift_sentence(test: IsobaricTest) -> str:
+    """By how much the cycles of a test drift, from the first to the last."""
+    first, last = test.cycles[0], test.cycles[-1]
+    moved = (
+        f'{name} {after - before:+.1f} K'
+        for name, before, after in zip(TEMPERATURES, first.temperatures, last.temperatures, strict=True)
+    )
+    return (
+        f'{test.name}: {len(test.cycles)} cycles, from the first to the last {", ".join(moved)}, strain at the hottest '
+        f'point {100.0 * (last.hottest_strain - first.hottest_strain):+.3f} %, recovered '
+        f'{100.0 * (last.recovered - first.recovered):+.3f} %'
+    )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.estimation.transformation_temperatures import IsobaricTest
+from sma_sim.evidence.estimation.transformation_temperatures import TEMPERATURES, IsobaricTest, shown_cycles
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import envelope, new_figure, small
@@ -15,8 +15,14 @@ from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Sect
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY)
-NAMES = ('M_f', 'M_s', 'A_s', 'A_f')
-TEMPERATURE_COLOURS = dict(zip(NAMES, (BLUE, SKY, ORANGE, RED), strict=True))
+TEMPERATURE_COLOURS = dict(zip(TEMPERATURES, (BLUE, SKY, ORANGE, RED), strict=True))
+CYCLE_VALUES: Mapping[str, Callable[[IsobaricTest], float]] = {
+    **{f'{name} [deg C]': lambda test, k=k: test.temperatures[k] - 273.15 for k, name in enumerate(TEMPERATURES)},  # type: ignore[misc]
+    'strain at the hottest point [%]': lambda test: 100.0 * test.hottest_strain,
+    'recovered strain [%]': lambda test: 100.0 * test.recovered,
+}
+TEMPERATURE_LINES = {f'{name} [deg C]': colour for name, colour in TEMPERATURE_COLOURS.items()}
+STRAIN_LINES = {'strain at the hottest point [%]': RED, 'recovered strain [%]': BLUE}
 MAX_POINTS = 500  # of one curve
 WORDS = (
     'Temperatures by tangents (the evaluation of ASTM F2082 and F3097): lines through the cold and the hot end of each way '
@@ -29,6 +35,7 @@ def characterization_section(found: Characterization, config: Config) -> Section
     blocks: list[Block] = []
     if found.isobaric:
         blocks += [Paragraph(WORDS), temperature_table(found.isobaric)]
+        blocks += [cycle_table(test) for test in found.isobaric if test.measured.cycles]
     if found.isothermal:
         blocks.append(plateau_table(found))
     if found:
@@ -51,6 +58,14 @@ def figures(found: Characterization, config: Config) -> list[Plot]:
             Plot(over_stress(found.isobaric, lambda test: 100.0 * test.recovered, 'recovered strain [%]'),
                  'Strain that heating recovers, over stress', 300),
         ]  # fmt: skip
+    for test in found.isobaric:
+        if test.measured.cycles:
+            plots += [
+                Plot(over_cycles(test, TEMPERATURE_LINES), f'{label_of(test)}: transformation temperatures over the cycles. '
+                     'Marks: measured; lines: the model', 300),
+                Plot(over_cycles(test, STRAIN_LINES), f'{label_of(test)}: strain at the hottest point, which grows by what '
+                     'stays behind, and recovered strain', 300),
+            ]  # fmt: skip
     if found.isothermal:
         labelled = [(test, f'{test.measured.temperature - 273.15:.3g} deg C') for test in found.isothermal]
         plots.append(Plot(
@@ -68,8 +83,37 @@ def temperature_table(tests: Sequence[EvaluatedTest[IsobaricTest]]) -> Table:
         cells.append(both(test, lambda one: one.hysteresis, '.1f'))
         cells.append(both(test, lambda one: 100.0 * one.recovered, '.2f'))
         rows.append((label_of(test), f'{1e-6 * test.measured.stress:.4g}', *cells))
-    header = ('test', 'stress [MPa]', *(f'{name} [deg C]' for name in NAMES), 'hysteresis [K]', 'recovered strain [%]')
+    temperatures = [f'{name} [deg C]' for name in TEMPERATURES]
+    header = ('test', 'stress [MPa]', *temperatures, 'hysteresis [K]', 'recovered strain [%]')
     return Table(header, rows, 'Transformation temperatures')
+
+
+def cycle_table(test: EvaluatedTest[IsobaricTest]) -> Table:
+    """Transformation temperatures and strains of some of the cycles of a test, and their drift."""
+    measured = test.measured.cycles
+    rows = [(str(k + 1), *cycle_cells(measured[k])) for k in shown_cycles(len(measured))]
+    rows.append(('drift', *(f'{last(measured[-1]) - last(measured[0]):+.3g}' for last in CYCLE_VALUES.values())))
+    return Table(('cycle', *CYCLE_VALUES), rows, f'Cycles of {label_of(test)}')
+
+
+def cycle_cells(test: IsobaricTest) -> list[str]:
+    """The features of one cycle."""
+    return [f'{value(test):.4g}' for value in CYCLE_VALUES.values()]
+
+
+def over_cycles(test: EvaluatedTest[IsobaricTest], lines: Mapping[str, str]) -> Any:
+    """Features (names of CYCLE_VALUES, with their colours) over the number of the cycle, measured and of the model."""
+    figure = new_figure()
+    for name, colour in lines.items():
+        value = CYCLE_VALUES[name]
+        for cycles, mode in ((test.measured.cycles, 'markers'), (test.model.cycles if test.model else (), 'lines')):
+            figure.add_scatter(
+                x=list(range(1, len(cycles) + 1)), y=[value(one) for one in cycles], mode=mode, name=name, legendgroup=name,
+                showlegend=mode == 'markers', marker={'color': colour, 'size': 6}, line={'color': colour, 'width': 1.5},
+            )  # fmt: skip
+    figure.update_xaxes(title_text='cycle')
+    figure.update_layout(margin_r=10)
+    return figure
 
 
 def plateau_table(found: Characterization) -> Table:
@@ -137,7 +181,7 @@ def curves_figure(
 def phase_diagram(found: Characterization, config: Config) -> Any:
     """Stress over temperature: where the transformations begin and end, measured and of the model."""
     figure = new_figure()
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(TEMPERATURES):
         points = [(test.measured.temperatures[k], test.measured.stress) for test in found.isobaric]
         lines = [(test.model.temperatures[k], test.model.stress) for test in found.isobaric if test.model is not None]
         if points:

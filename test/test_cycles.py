@@ -1,0 +1,104 @@
+"""Tests of many cycles in one file: cycles are found, evaluated one by one, and their drift is told and fitted."""
+
+import numpy as np
+import pytest
+from isobaric_runs import BENCH
+from test_curve_features import COLD, COOLING, HEATING, HOT, way
+
+from sma_sim import FitOptions, Input, Model, calibrate, compare, read_config, read_dataset, simulate
+from sma_sim.evidence.data.quasi_static import cycles, turning_rows
+from sma_sim.evidence.estimation.transformation_temperatures import isobaric_features, shown_cycles
+from sma_sim.evidence.estimation.transformation_temperatures import tests_as_text as as_text
+from sma_sim.evidence.residual_analysis.wire_tests import characterization, characterization_data
+from sma_sim.report.html.characterization import characterization_section
+from sma_sim.report.html.page import Grid, Table
+
+COUNT, DRIFT, RATCHET = 12, -0.5, 1e-4  # cycles; what each moves the transformation by [K] and leaves behind
+
+
+def drifting_cycles(rows=400):
+    """Cycles of straight lines, each beginning with cooling."""
+    down = np.linspace(HOT, COLD, rows)
+    T, strain = [], []
+    for k in range(COUNT):
+        for ends, points in ((COOLING, down), (HEATING, down[::-1])):
+            T.append(points)
+            strain.append(way(*(end + k * DRIFT for end in ends), points) + k * RATCHET)
+    return np.concatenate(T), np.concatenate(strain)
+
+
+def test_each_cycle_is_evaluated_and_the_drift_is_told():
+    T, strain = drifting_cycles()
+    found = isobaric_features('whole', np.full(len(T), 2e8), T, strain)
+    assert found is not None and len(found.cycles) == COUNT
+    for k, one in enumerate(found.cycles):
+        assert one.temperatures == pytest.approx(np.array([*COOLING, *HEATING]) + k * DRIFT, abs=0.5)
+        assert one.recovered == pytest.approx(0.03, abs=1e-4) and not one.cycles
+    rise = found.cycles[-1].hottest_strain - found.cycles[0].hottest_strain
+    assert rise == pytest.approx((COUNT - 1) * (RATCHET + 1e-5 * DRIFT), abs=2e-5)
+    assert found.temperatures == found.cycles[COUNT // 2].temperatures
+    *_, last, words = as_text([found])
+    assert last.startswith('whole 12 ') and words.startswith('whole: 12 cycles, from the first to the last M_f -5.')
+    assert shown_cycles(100) == [0, 1, 4, 9, 19, 49, 99] and shown_cycles(3) == [0, 1, 2] and shown_cycles(1) == [0]
+
+
+def test_inner_loops_holds_and_halves_are_no_cycles():
+    T = np.concatenate([np.linspace(300, 400, 101), np.linspace(400, 380, 21), np.linspace(380, 400, 21), np.full(30, 400.0),
+                        np.linspace(400, 300, 101), np.linspace(300, 360, 61)])  # fmt: skip
+    rows = turning_rows(T)
+    assert T[rows].tolist() == [300.0, 400.0, 300.0, 360.0]
+    (heating, cooling), *rest = cycles(T, np.arange(float(len(T))))
+    assert not rest and heating[1][0] == 0.0 and heating[1][-1] == cooling[1][0] and cooling[0][-1] == 300.0
+    assert turning_rows(np.full(5, 1.0)) == [0] and turning_rows(np.empty(0)) == [] and cycles(T[:101], T[:101]) == []
+
+
+@pytest.fixture(scope='module')
+def whole_file(tmp_path_factory):
+    """A wire that fatigues, 12 cycles in one file whose thermometer has a noise of 3 K; time was not noted."""
+    fatigue = {'eps_r': 3e-3, 'sigma_r': 4e7, 'z_r': 10.0}
+    effects = ['smooth_transformation', 'functional_fatigue:' + ','.join(f'{k}={v}' for k, v in fatigue.items())]
+    truth = read_config(words=[*BENCH, 'wire.T0=385', 'wire.sigma_MW0=2e8'], effects=effects)
+    random = np.random.default_rng(4)
+    down = np.linspace(560.0, 310.0, 120)
+    T = np.concatenate([np.concatenate([down, down[::-1]]) for _ in range(COUNT)])
+    times = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(T)) / 0.5, 1e-3))])
+    values = np.column_stack([np.full(len(T), 2e8), T, 0.0 * T, np.full(len(T), 298.0)])
+    structure = truth.structure.structure
+    source = Input(times, values, (True, True, False, False), structure.input_columns)
+    strain = simulate(Model(truth), source, times)['strain']
+    folder = tmp_path_factory.mktemp('cycles')
+    columns = np.column_stack([T - 273.15 + 3.0 * random.normal(size=len(T)), strain + 3e-5 * random.normal(size=len(T))])
+    np.savetxt(folder / 'whole.csv', columns, delimiter=',', header='T_C,strain', comments='')
+    (folder / 'map.yaml').write_text(
+        'system: wire\ntime_s: {path: T_C, rate: 0.5}\nT_K: {column: T_C, offset: 273.15}\nstrain: strain\n'
+        'stress_Pa: {value: 2.0e+8}\n'
+    )
+    return truth, fatigue, read_dataset([folder / 'whole.csv'], structure.name, mapping=folder / 'map.yaml')
+
+
+def test_fatigue_over_the_cycles_is_fitted(whole_file):
+    """Known with sigma_T only is by how much the plateaus sink: at one stress temperature and stress are one."""
+    truth, fatigue, dataset = whole_file
+    effects = ('smooth_transformation', 'functional_fatigue')
+    start = read_config(words=[*BENCH[:4], 'wire.T0=385', 'wire.sigma_MW0=2e8', 'wire.sigma_T=8e6'], effects=effects)
+    found = calibrate(dataset, start, FitOptions(starts=1))
+    values = dict(zip(fatigue, found.config.effects[1].values, strict=True))
+    assert found.error < 1.3 and values['eps_r'] == pytest.approx(fatigue['eps_r'], rel=0.1)
+    sunk = values['sigma_r'] / found.config.parameters['wire.sigma_T']
+    assert sunk == pytest.approx(fatigue['sigma_r'] / truth.parameters['wire.sigma_T'], rel=0.3)
+
+
+def test_report_shows_cycles_measured_and_of_the_model(whole_file):
+    truth, fatigue, dataset = whole_file
+    tests = characterization(compare(dataset, truth))
+    (one,) = tests.isobaric
+    assert len(one.measured.cycles) == len(one.model.cycles) == COUNT
+    for measured, model in zip(one.measured.cycles, one.model.cycles, strict=True):
+        assert measured.temperatures == pytest.approx(model.temperatures, abs=4.0)
+    assert len(characterization_data(tests)['isobaric']['whole']['measured']['cycles']) == COUNT
+    section = characterization_section(tests, truth)
+    (table,) = [block for block in section.blocks if isinstance(block, Table) and block.caption == 'Cycles of whole']
+    assert [row[0] for row in table.rows] == ['1', '2', '5', '10', '12', 'drift']
+    assert float(table.rows[-1][5]) == pytest.approx(100.0 * fatigue['eps_r'] * (1.0 - np.exp(-2.4)), abs=0.1)
+    captions = [plot.caption for block in section.blocks if isinstance(block, Grid) for plot in block.plots]
+    assert sum(caption.startswith('whole: ') for caption in captions) == 2
