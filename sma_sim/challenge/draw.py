@@ -13,9 +13,19 @@ from sma_sim.solver.inputs import Input
 
 # Off by 5 to 15 % each, either way. Lengths are known; what is not is how far the wires were stretched.
 UNCERTAIN_PARAMETERS = (
-    'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
-    'beam.E', 'beam.b_x', 'beam.b_y', 'beam.b_alpha',
-)  # fmt: skip
+    'wire.E_A',
+    'wire.E_M',
+    'wire.eps_T',
+    'wire.sigma_T',
+    'wire.c_V',
+    'wire.lambda',
+    'wire.sigma_MW0',
+    'wire.dsigma',
+    'beam.E',
+    'beam.b_x',
+    'beam.b_y',
+    'beam.b_alpha',
+)
 MIN_PARAMETER_ERROR, MAX_PARAMETER_ERROR = 0.05, 0.15
 MAX_LENGTH_DEVIATION = 0.003  # of wire.l0, at the most
 MAX_POWER = 15.0  # [W]

@@ -182,9 +182,13 @@ def check_request(seed: int, plan: RecordingPlan) -> None:
 
 
 def noisy_recording(
-    name: str, command: Input, time: Vector, channels: Mapping[str, Vector], noise_std: Mapping[str, float],
+    name: str,
+    command: Input,
+    time: Vector,
+    channels: Mapping[str, Vector],
+    noise_std: Mapping[str, float],
     random: np.random.Generator,
-) -> Recording:  # fmt: skip
+) -> Recording:
     """A recording of the channels that have a noise, with it."""
     noisy = {channel: channels[channel] + std * random.standard_normal(len(time)) for channel, std in noise_std.items()}
     return Recording(name, 'module', time, noisy, command)

@@ -25,9 +25,11 @@ def add_parser(verbs: Any) -> None:
     new.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder to write; it must not exist')
     new.add_argument('--effects', type=int, choices=(0, 1, 2), help='number of hidden effects (default: drawn)')
     new.add_argument(
-        '--outside', action=argparse.BooleanOptionalAction, default=None,
+        '--outside',
+        action=argparse.BooleanOptionalAction,
+        default=None,
         help='hide only effects outside the library, or only effects of it (default: drawn)',
-    )  # fmt: skip
+    )
     new.add_argument('--kind', action='append', default=[], metavar='NAME', help='hide this effect (up to twice)')
     new.add_argument('--forces', action='store_true', help='record the forces of the wires too')
     new.add_argument('--runs', type=int, default=MIN_RUNS, help=f'number of recordings (default and minimum {MIN_RUNS})')
@@ -55,9 +57,13 @@ def write_new(arguments: argparse.Namespace) -> int:
     check_new(arguments.out)
     announce_first_compilation()
     challenge = make_challenge(
-        arguments.seed, arguments.effects, arguments.outside, arguments.kind, arguments.forces,
+        arguments.seed,
+        arguments.effects,
+        arguments.outside,
+        arguments.kind,
+        arguments.forces,
         RecordingPlan(arguments.runs, arguments.duration, arguments.rate),
-    )  # fmt: skip
+    )
     write_challenge(challenge, arguments.out, arguments.format)
     first = challenge.dataset.recordings[0]
     print(

@@ -41,9 +41,14 @@ def add_parser(verbs: Any) -> None:
     parser = add_command(verbs, 'compare', 'compare the model with recordings, and say where the error is')
     add_data_options(parser)
     parser.add_argument(
-        '--config', action='append', type=Path, default=[], metavar='FILE', dest='configs',
+        '--config',
+        action='append',
+        type=Path,
+        default=[],
+        metavar='FILE',
+        dest='configs',
         help='YAML parameter file (default: the paper\'s values); give it twice to compare two models',
-    )  # fmt: skip
+    )
     add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration')
     parser.add_argument('--no-nuisance', action='store_true', help='estimate neither the delay nor the initial states')
     add_overriding_options(parser)
@@ -93,8 +98,14 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
     for summary in summaries:
         comparison = summary.comparison
         name, delay = f'{comparison.label} ({comparison.config.simulated_kinetics} model)', 1e3 * comparison.delay
-        lines += [f'Compared {name} with the recordings; delay {delay:.3g} ms.', '',
-                  table_text(SCORE_HEADER, channel_rows(summary)), '', *finding_lines(summary), '']  # fmt: skip
+        lines += [
+            f'Compared {name} with the recordings; delay {delay:.3g} ms.',
+            '',
+            table_text(SCORE_HEADER, channel_rows(summary)),
+            '',
+            *finding_lines(summary),
+            '',
+        ]
     return '\n'.join([*lines, *(change.text for change in pairs)]).rstrip()
 
 
@@ -120,9 +131,13 @@ def score_groups(summary: Summary) -> list[tuple[str, list[ChannelScore]]]:
 def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
     """One channel."""
     return (
-        score.channel, kind, in_display_unit(score.channel, score.rmse), f'{100.0 * score.share:.2f} %',
-        f'{score.over_noise:.3f}', f'{score.whiteness.p:.2g}' if score.whiteness.p >= 1e-16 else '<1e-16',
-    )  # fmt: skip
+        score.channel,
+        kind,
+        in_display_unit(score.channel, score.rmse),
+        f'{100.0 * score.share:.2f} %',
+        f'{score.over_noise:.3f}',
+        f'{score.whiteness.p:.2g}' if score.whiteness.p >= 1e-16 else '<1e-16',
+    )
 
 
 def finding_lines(summary: Summary) -> list[str]:

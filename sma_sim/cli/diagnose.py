@@ -54,9 +54,10 @@ def add_parser(verbs: Any) -> None:
         '--no-equation', action='store_true', help='do not search for an equation where no known effect explains the error'
     )
     parser.add_argument(
-        '--no-variants', action='store_true',
+        '--no-variants',
+        action='store_true',
         help='do not try effects in one wire, coordinate or channel only, or shared by the wires, where they leave much',
-    )  # fmt: skip
+    )
     add_config_options(parser)
     parser.set_defaults(run=run)
 

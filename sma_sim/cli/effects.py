@@ -58,11 +58,16 @@ def effect_data(effect: Effect) -> dict[str, Any]:
     """An effect as plain data."""
     parameters = [
         {
-            'name': p.name, 'unit': p.unit, 'default': p.default, 'bounds': p.bounds, 'neutral': p.neutral,
-            'realistic': p.realistic, 'description': p.description,
+            'name': p.name,
+            'unit': p.unit,
+            'default': p.default,
+            'bounds': p.bounds,
+            'neutral': p.neutral,
+            'realistic': p.realistic,
+            'description': p.description,
         }
         for p in effect.parameters
-    ]  # fmt: skip
+    ]
     words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
     plain = {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)} | {'systems': systems_of(effect)}
     return plain | {'parameters': parameters, 'scopes': scope_names(effect)}

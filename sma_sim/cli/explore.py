@@ -31,9 +31,12 @@ def add_parser(verbs: Any) -> None:
     add_recording_options(parser, nargs='*')
     add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration, else hybrid')
     parser.add_argument(
-        '--session', type=Path, default=DEFAULT_FOLDER, metavar='FOLDER',
+        '--session',
+        type=Path,
+        default=DEFAULT_FOLDER,
+        metavar='FOLDER',
         help=f'folder that keeps every version of the model (default ./{DEFAULT_FOLDER})',
-    )  # fmt: skip
+    )
     parser.add_argument('--port', type=int, default=0, metavar='N', help='port on this machine (default: any that is free)')
     parser.add_argument('--no-browser', action='store_true', help='only print the address')
     add_config_options(parser)
@@ -64,8 +67,10 @@ def recordings_of(arguments: argparse.Namespace) -> DataRequest | None:
     """The recordings that were named, None without any. Raises UserError for those that are not there."""
     if not arguments.data:
         if arguments.hold_out or arguments.map or arguments.noise or arguments.namespace:
-            raise UserError('--hold-out, --map, --noise and --namespace are about recordings: name them too, as in '
-                            'sma-sim explore run1.csv run2.csv --hold-out run2')  # fmt: skip
+            raise UserError(
+                '--hold-out, --map, --noise and --namespace are about recordings: name them too, as in '
+                'sma-sim explore run1.csv run2.csv --hold-out run2'
+            )
         return None
     for path in arguments.data:
         if not path.exists():

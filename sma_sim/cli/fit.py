@@ -44,9 +44,11 @@ def add_parser(verbs: Any) -> None:
     parser = add_command(verbs, 'fit', 'estimate parameters of the model from recordings')
     add_data_options(parser)
     parser.add_argument(
-        '--free', action='append', metavar='NAMES',
+        '--free',
+        action='append',
+        metavar='NAMES',
         help='parameters to fit, separated by commas (default: those that such data determine, and all of active effects)',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--starts', type=int, default=2, metavar='N', help='number of starting points of the optimization (default 2)'
     )
@@ -72,9 +74,13 @@ def run(arguments: argparse.Namespace) -> int:
     made = provenance_of(arguments, (arguments.config, config))
     (config,) = from_curves(fitted, config)
     options = FitOptions(
-        split_names(arguments.free), arguments.model, arguments.starts, arguments.robust, arguments.seed,
+        split_names(arguments.free),
+        arguments.model,
+        arguments.starts,
+        arguments.robust,
+        arguments.seed,
         limits=limits_from(arguments.limits),
-    )  # fmt: skip
+    )
     announce_first_compilation()
     progress = ProgressLine('fitting')
     with chosen_executor(arguments) as executor:
@@ -109,10 +115,14 @@ def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
     """The result for the terminal."""
     lines = [
         f'Fitted the {found.config.simulated_kinetics} model in {found.iterations} iterations ({found.seconds:.1f} s)'
-        + ('' if found.converged else ', not converged') + (', stopped: the best so far' if found.interrupted else '') + '.',
-        '', table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)), '',
+        + ('' if found.converged else ', not converged')
+        + (', stopped: the best so far' if found.interrupted else '')
+        + '.',
+        '',
+        table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)),
+        '',
         table_text(('normalized RMSE', *found.channel_errors, 'all'), error_rows(found, predicted)),
-    ]  # fmt: skip
+    ]
     remarks = remarks_on(found)
     return '\n'.join([*lines, *([''] if remarks else []), *remarks])
 

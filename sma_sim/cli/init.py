@@ -70,11 +70,13 @@ MODULE = 'module'  # whose dimensions are asked for
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser: argparse.ArgumentParser = verbs.add_parser(
-        'init', epilog=example_of('init'), help='write the parameter file of your robot',
+        'init',
+        epilog=example_of('init'),
+        help='write the parameter file of your robot',
         description='Write the parameter file of your robot. On a terminal it asks for the dimensions. With a dimension '
         'among the options, or without a terminal, it does not ask; what is not given is taken from --config, else from '
         'the paper.',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='parameter file to write (default: robot.yaml)'
     )
@@ -134,8 +136,11 @@ def values_of_flags(arguments: argparse.Namespace) -> dict[str, float]:
 
 def check_flags(values: Mapping[str, float], config: Config) -> None:
     """Raise UserError for a dimension that the structure does not have."""
-    foreign = [question.flag for question in QUESTIONS if question.parameter in values and config.system != MODULE
-               and question.parameter.startswith(('beam.', 'plate.'))]  # fmt: skip
+    foreign = [
+        question.flag
+        for question in QUESTIONS
+        if question.parameter in values and config.system != MODULE and question.parameter.startswith(('beam.', 'plate.'))
+    ]
     if foreign:
         own = ', '.join(config.structure.structure.declared)
         raise UserError(f'--{foreign[0]}: a {config.system} has none; give its own with --set, which are {own}')

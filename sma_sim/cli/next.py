@@ -41,9 +41,12 @@ def add_parser(verbs: Any) -> None:
     parser = add_command(verbs, 'next', 'design the experiment that separates explanations, or determines parameters better')
     add_data_options(parser)
     parser.add_argument(
-        '--between', nargs='+', default=[], metavar='EFFECT',
+        '--between',
+        nargs='+',
+        default=[],
+        metavar='EFFECT',
         help='explanations to separate: effects, a+b for two together, `nothing` (default: those that rival the best)',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--parameters', nargs='+', default=[], metavar='NAME', help='parameters to determine better, instead of --between'
     )
@@ -101,10 +104,18 @@ def run(arguments: argparse.Namespace) -> int:
 def request_from(arguments: argparse.Namespace) -> DesignRequest:
     """The options."""
     return DesignRequest(
-        tuple(arguments.between), tuple(arguments.parameters), arguments.length, arguments.hold, arguments.max_power,
-        arguments.max_temperature, arguments.max_stress, arguments.model, arguments.tries, arguments.seed,
+        tuple(arguments.between),
+        tuple(arguments.parameters),
+        arguments.length,
+        arguments.hold,
+        arguments.max_power,
+        arguments.max_temperature,
+        arguments.max_stress,
+        arguments.model,
+        arguments.tries,
+        arguments.seed,
         tuple(effect_folders_of(arguments.config, arguments.words)),
-    )  # fmt: skip
+    )
 
 
 def plan_text(plan: Plan) -> Iterator[str]:

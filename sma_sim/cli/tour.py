@@ -18,17 +18,28 @@ from sma_sim.report.style import save
 TOUR_DATA = Path(__file__).parent / 'tour_data'
 ERROR_FIGURE = 'error_fall.png'
 STEPS = (
-    (compare, 'compare data --hold-out run3 --report 1_before.html',
-     "Compare three recordings of a robot with the model, which has the paper's values."),
-    (fit, 'fit data --hold-out run3 --model mas --starts 1 --report 2_fit.html -o fitted.yaml',
-     'Fit the parameters; run 3 is held out. An error remains that no parameter explains.'),
-    (diagnose, 'diagnose data --hold-out run3 --report 3_diagnosis.html --json verdict.json -o better.yaml',
-     'Find the missing physical effect: every effect of the library is tested, and the one that explains most is added.'),
-    (compare, 'compare data --hold-out run3 --config fitted.yaml --config better.yaml --report 4_after.html',
-     'Compare the fitted and the improved model.'),
-    (challenge, 'challenge reveal data verdict.json',
-     'The robot is simulated, and its answer is sealed. Open it.'),
-)  # fmt: skip
+    (
+        compare,
+        'compare data --hold-out run3 --report 1_before.html',
+        "Compare three recordings of a robot with the model, which has the paper's values.",
+    ),
+    (
+        fit,
+        'fit data --hold-out run3 --model mas --starts 1 --report 2_fit.html -o fitted.yaml',
+        'Fit the parameters; run 3 is held out. An error remains that no parameter explains.',
+    ),
+    (
+        diagnose,
+        'diagnose data --hold-out run3 --report 3_diagnosis.html --json verdict.json -o better.yaml',
+        'Find the missing physical effect: every effect of the library is tested, and the one that explains most is added.',
+    ),
+    (
+        compare,
+        'compare data --hold-out run3 --config fitted.yaml --config better.yaml --report 4_after.html',
+        'Compare the fitted and the improved model.',
+    ),
+    (challenge, 'challenge reveal data verdict.json', 'The robot is simulated, and its answer is sealed. Open it.'),
+)
 
 
 def add_parser(verbs: Any) -> None:

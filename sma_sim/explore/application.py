@@ -50,10 +50,19 @@ class Application:
         self._running, self._counting = Lock(), Lock()
         self._changes = 0
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
-            'state': self.state, 'curves': self.curves, 'frames': self.frames, 'change': self.change, 'undo': self.undo,
-            'redo': self.redo, 'go_to': self.go_to, 'rename': self.rename, 'differences': self.differences,
-            'command': self.set_command, **self.data.verbs, **self.live.verbs,
-        }  # fmt: skip
+            'state': self.state,
+            'curves': self.curves,
+            'frames': self.frames,
+            'change': self.change,
+            'undo': self.undo,
+            'redo': self.redo,
+            'go_to': self.go_to,
+            'rename': self.rename,
+            'differences': self.differences,
+            'command': self.set_command,
+            **self.data.verbs,
+            **self.live.verbs,
+        }
 
     def stored_command(self) -> Command:
         """The command that the session was left with; of another structure, or where there is none, a first one."""
@@ -79,13 +88,16 @@ class Application:
         config = self.session.config()
         structure = config.structure.structure
         return {
-            'changes': changes, 'steps': self.data.state(), 'history': self.session.as_data(),
+            'changes': changes,
+            'steps': self.data.state(),
+            'history': self.session.as_data(),
             'controls': controls_of(config, self._known),
-            'command': self._command.as_data(), 'columns': list(columns_of(structure)),
+            'command': self._command.as_data(),
+            'columns': list(columns_of(structure)),
             'channels': {name: display_of(name) for name in structure.channels},
             'recorded_columns': [*structure.input_columns[:-1], *structure.channel_columns],
             'modes': {number: {'name': MODE_NAMES[number], 'colour': MODE_COLOURS[number]} for number in MODE_NAMES},
-        }  # fmt: skip
+        }
 
     def curves(self, body: Body) -> Reply:
         """Curves of the current version with `values` and `effects` changed, or of `version`, and beside it `beside`."""

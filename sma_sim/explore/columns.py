@@ -19,9 +19,15 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.workflow.data_request import DataRequest
 
 MEANINGS = {
-    'time': 'time', 'J': 'electric power', 'T_E': 'temperature of the surroundings', 'T': 'temperature of wire',
-    'F': 'force of bundle', 'R': 'electrical resistance of wire', 'stress': 'stress', 'strain': 'strain',
-}  # fmt: skip
+    'time': 'time',
+    'J': 'electric power',
+    'T_E': 'temperature of the surroundings',
+    'T': 'temperature of wire',
+    'F': 'force of bundle',
+    'R': 'electrical resistance of wire',
+    'stress': 'stress',
+    'strain': 'strain',
+}
 
 
 def choices(request: DataRequest, system: str) -> dict[str, Any]:

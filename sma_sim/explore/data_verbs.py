@@ -30,12 +30,24 @@ BAG = 'robot'  # what the name of such a bag begins with
 CURVE_KINDS = ('measured', 'model', 'residual')
 MAX_HELD_OUT = 200
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
-    'compare': ('comparisons', 'noise_std'), 'check': ('runs', 'noise_std', 'notes', 'system'),
+    'compare': ('comparisons', 'noise_std'),
+    'check': ('runs', 'noise_std', 'notes', 'system'),
     'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
-    'diagnose': ('verdict', 'model', 'effects', 'ranking', 'error', 'intervals', 'held_out', 'interrupted', 'seconds',
-                 'proposed', 'next'),
+    'diagnose': (
+        'verdict',
+        'model',
+        'effects',
+        'ranking',
+        'error',
+        'intervals',
+        'held_out',
+        'interrupted',
+        'seconds',
+        'proposed',
+        'next',
+    ),
     'candidates': ('errors', 'error', 'expected_error', 'effects'),
-}  # fmt: skip
+}
 SHOWN_COMPARISON = ('error', 'channels', 'runs', 'patterns', 'findings', 'spread', 'delay')
 TYPES = {'.yaml': 'application/yaml', '.html': 'text/html; charset=utf-8', '.json': 'application/json'}
 
@@ -53,10 +65,19 @@ class DataVerbs:
         self._session, self._config_in, self._changed = session, config_in, changed
         self._overlay, self._uploads = Overlay(engine), Uploads(session.folder)
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
-            'start': self.start, 'stop': self.stop, 'job': self.job, 'overlay': self.overlay, 'settle': self.settle,
-            'part': self.part, 'accept': self.accept, 'export': self.export, 'recordings': self.recordings,
-            'upload': self._uploads.take, 'columns': self.columns, 'choose_columns': self.choose_columns,
-        }  # fmt: skip
+            'start': self.start,
+            'stop': self.stop,
+            'job': self.job,
+            'overlay': self.overlay,
+            'settle': self.settle,
+            'part': self.part,
+            'accept': self.accept,
+            'export': self.export,
+            'recordings': self.recordings,
+            'upload': self._uploads.take,
+            'columns': self.columns,
+            'choose_columns': self.choose_columns,
+        }
 
     def state(self) -> dict[str, Any]:
         """The steps and their jobs, for the page."""
@@ -68,10 +89,13 @@ class DataVerbs:
         compared = {job.version for job in compares if 'curves' in job.files}
         return {
             'data': request.as_data() if request else None,
-            'stages': self.engine.overview(), 'running': running.as_data() if running else None, 'version': version,
-            'candidates': candidates.as_data() if candidates else None, 'compared': sorted(compared),
+            'stages': self.engine.overview(),
+            'running': running.as_data() if running else None,
+            'version': version,
+            'candidates': candidates.as_data() if candidates else None,
+            'compared': sorted(compared),
             'recorded': [str(path) for path in recorded_bags(self._session.folder)],
-        }  # fmt: skip
+        }
 
     def start(self, body: Body) -> Reply:
         """Begin a step."""
@@ -136,9 +160,13 @@ class DataVerbs:
         """Write the current version with its report and the way to it."""
         done = export(self.engine)
         return {
-            'folder': str(done.folder), 'number': self._session.current.number, 'shell': done.shell, 'python': done.python,
-            'files': [path.name for path in done.files], 'yaml': (done.folder / EXPORTED_PARAMETERS).read_text('utf-8'),
-        }  # fmt: skip
+            'folder': str(done.folder),
+            'number': self._session.current.number,
+            'shell': done.shell,
+            'python': done.python,
+            'files': [path.name for path in done.files],
+            'yaml': (done.folder / EXPORTED_PARAMETERS).read_text('utf-8'),
+        }
 
     def recordings(self, body: Body) -> Reply:
         """Other recordings, or others held out (`hold_out`: names).

@@ -21,8 +21,13 @@ from sma_sim.workflow.code_folders import folders_from, parameter_file_at
 from sma_sim.workflow.data_request import DataRequest
 
 START, PARAMETERS, REPORT_FILE, COMPARISON, SHELL, PYTHON = (
-    'start.yaml', 'parameters.yaml', 'report.html', 'comparison.json', 'reproduce.sh', 'reproduce.py',
-)  # fmt: skip
+    'start.yaml',
+    'parameters.yaml',
+    'report.html',
+    'comparison.json',
+    'reproduce.sh',
+    'reproduce.py',
+)
 OUTPUTS = 'again'  # where the commands and the Python lines write
 
 
@@ -145,7 +150,7 @@ def request_lines(request: DataRequest) -> list[str]:
     return [
         f'request = DataRequest(data=({data},), hold_out={tuple(entries["hold_out"])!r}, map={mapping}, '
         f'noise={entries["noise"]!r}, namespace={entries["namespace"]!r})'
-    ]  # fmt: skip
+    ]
 
 
 def fit_lines(options: Mapping[str, Any]) -> list[str]:
@@ -164,8 +169,9 @@ def diagnosis_lines(options: Mapping[str, Any]) -> list[str]:
 STEP_LINES = {'calibrate': fit_lines, 'diagnose': diagnosis_lines}
 FOLDERS = "folders_from(file, effect_folders_of(HERE / 'start.yaml', ()))"
 WRITE_LINES = {
-    'calibrate': f'write_fitted(file, found, {FOLDERS})', 'diagnose': f'write_improved(file, found, {FOLDERS})',
-}  # fmt: skip
+    'calibrate': f'write_fitted(file, found, {FOLDERS})',
+    'diagnose': f'write_improved(file, found, {FOLDERS})',
+}
 IMPORTS = (
     'from sma_sim.evidence.data.json_values import write_json',
     'from sma_sim.evidence.estimation.starting_values import started_from_curves',
@@ -175,12 +181,14 @@ IMPORTS = (
 )
 STEP_IMPORTS: Mapping[str, tuple[str, ...]] = {
     'calibrate': (
-        'from sma_sim.model.given import effect_folders_of', 'from sma_sim.workflow.code_folders import folders_from',
+        'from sma_sim.model.given import effect_folders_of',
+        'from sma_sim.workflow.code_folders import folders_from',
         'from sma_sim.workflow.fit import write_fitted',
     ),
     'diagnose': (
         'from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest',
-        'from sma_sim.model.given import effect_folders_of', 'from sma_sim.workflow.diagnosis import write_improved',
+        'from sma_sim.model.given import effect_folders_of',
+        'from sma_sim.workflow.diagnosis import write_improved',
         'from sma_sim.workflow.code_folders import folders_from',
     ),
-}  # fmt: skip
+}

@@ -78,10 +78,12 @@ class History:
     def as_data(self) -> dict[str, Any]:
         """The history as JSON can hold it."""
         return {
-            'format': FORMAT, 'current': self.current, 'revision': self.revision,
+            'format': FORMAT,
+            'current': self.current,
+            'revision': self.revision,
             'forward': {str(before): after for before, after in self.forward.items()},
             'versions': [asdict(version) for version in self.versions],
-        }  # fmt: skip
+        }
 
 
 def history_from(content: Any) -> History:

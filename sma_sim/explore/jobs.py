@@ -27,8 +27,14 @@ from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
 JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
-    'jobs', 'request.json', 'state.json', 'events.jsonl', 'log.txt', 'lock', 'stop',
-)  # fmt: skip
+    'jobs',
+    'request.json',
+    'state.json',
+    'events.jsonl',
+    'log.txt',
+    'lock',
+    'stop',
+)
 RESULT, PARAMETERS, REPORT, CURVES, SUMMARY = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz', 'summary.txt'
 FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES, 'summary': SUMMARY}
 COMMANDS = {'compare': 'compare', 'calibrate': 'fit', 'diagnose': 'diagnose'}  # by stage, the verb of sma-sim
@@ -161,11 +167,14 @@ class Job:
         unknown_zero = config.structure.structure.is_quasi_static
         return {
             name: Nuisance(
-                float(curves['nuisance.delay']), tuple(curves['nuisance.start'].tolist()),
-                tuple(curves['nuisance.switches'].tolist()), unknown_zero,
+                float(curves['nuisance.delay']),
+                tuple(curves['nuisance.start'].tolist()),
+                tuple(curves['nuisance.switches'].tolist()),
+                unknown_zero,
             )
-            for name, curves in self.curves().items() if 'nuisance.delay' in curves
-        }  # fmt: skip
+            for name, curves in self.curves().items()
+            if 'nuisance.delay' in curves
+        }
 
     def stop(self) -> None:
         """Ask it to end with what it has, as Ctrl-C does."""
@@ -186,10 +195,16 @@ class Job:
         state, words = self.read_state()
         words = self.words if state == 'running' else words
         return {
-            'number': self.number, 'stage': self.stage, 'version': self.version, 'options': dict(self.options),
-            'time': self.time, 'seconds': self.seconds, 'state': state, 'words': words,
+            'number': self.number,
+            'stage': self.stage,
+            'version': self.version,
+            'options': dict(self.options),
+            'time': self.time,
+            'seconds': self.seconds,
+            'state': state,
+            'words': words,
             'files': {name: str(path) for name, path in self.files.items()},
-        }  # fmt: skip
+        }
 
 
 def jobs_in(session: Path) -> tuple[Job, ...]:

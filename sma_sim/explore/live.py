@@ -69,9 +69,16 @@ class LiveFeed:
             self._state['state'] = 'starting'
             self._model['path'] = str(parameters)
             process = subprocess.Popen(
-                words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-                encoding='utf-8', errors='replace', start_new_session=True,
-            )  # fmt: skip
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=environment,
+                encoding='utf-8',
+                errors='replace',
+                start_new_session=True,
+            )
             self._process = process
         Thread(target=self._listen, args=(process, process.stdout), daemon=True).start()
         Thread(target=self._note, args=(process.stderr, self._said), daemon=True).start()

@@ -22,8 +22,11 @@ class LiveVerbs:
         self._session, self._feed = session, LiveFeed()
         self._shown: Path | None = None  # the file of the version that runs beside the robot
         self.verbs: Mapping[str, Callable[[Body], Reply]] = {
-            'live': self.live, 'live_start': self.start, 'live_stop': self.stop, 'record': self.record,
-        }  # fmt: skip
+            'live': self.live,
+            'live_start': self.start,
+            'live_stop': self.stop,
+            'record': self.record,
+        }
 
     def live(self, body: Body) -> Reply:
         """What was heard from sample number `since` on."""
@@ -34,9 +37,10 @@ class LiveVerbs:
         domain = body.get('domain')
         self._shown = self._session.file()
         self._feed.start(
-            self._shown, text(body.get('namespace', ''), 'namespace'),
+            self._shown,
+            text(body.get('namespace', ''), 'namespace'),
             None if domain is None else as_int(domain, 'domain'),
-        )  # fmt: skip
+        )
         return self._heard()
 
     def stop(self, _: Body) -> Reply:

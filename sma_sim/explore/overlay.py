@@ -64,7 +64,7 @@ class Shown:
 @dataclass(frozen=True)
 class View:
     """What is drawn: the window [s], None for all; the width in pixels; of ``measured``, ``model`` and ``residual`` (over
-    noise) those that are asked for."""  # fmt: skip
+    noise) those that are asked for."""
 
     window: tuple[float, float] | None
     pixels: int
@@ -163,20 +163,24 @@ def overlay_data(shown: Shown, view: View, numbers: Numbers) -> dict[str, Any]:
     names = in_order({name for run in shown.runs for name in run.measured}, shown.system)
     runs = [
         {
-            'name': run.name, 'held_out': run.held_out, 'begin': float(run.time[0]), 'end': float(run.time[-1]),
-            'error': json_number(pooled(run_errors := errors_of((run,), names))), 'errors': run_errors,
-            'channels': {
-                name: curves_of_channel(run, name, view, numbers) for name in names if name in run.measured
-            },
+            'name': run.name,
+            'held_out': run.held_out,
+            'begin': float(run.time[0]),
+            'end': float(run.time[-1]),
+            'error': json_number(pooled(run_errors := errors_of((run,), names))),
+            'errors': run_errors,
+            'channels': {name: curves_of_channel(run, name, view, numbers) for name in names if name in run.measured},
         }
         for run in shown.runs
-    ]  # fmt: skip
+    ]
     parts = {name: errors_of(shown.part(held_out), names) for name, held_out in (('train', False), ('held_out', True))}
     return {
-        'runs': runs, 'channels': [channel_data(name, shown) for name in names], 'parts': parts,
+        'runs': runs,
+        'channels': [channel_data(name, shown) for name in names],
+        'parts': parts,
         'error': {name: json_number(pooled(errors)) for name, errors in parts.items()},
         'exact': shown.exact,
-    }  # fmt: skip
+    }
 
 
 def errors_of(runs: tuple[ComparedRun, ...], channels: list[str]) -> dict[str, float]:

@@ -26,9 +26,22 @@ LOOPBACK = '127.0.0.1'
 ASSETS = Path(__file__).parent / 'assets'
 SCRIPT = 'text/javascript; charset=utf-8'
 SCRIPTS = (
-    'app', 'chart', 'columns', 'command', 'controls', 'drawing', 'figures', 'focus', 'history', 'live', 'recordings',
-    'results', 'stages', 'steps', 'wire',
-)  # fmt: skip
+    'app',
+    'chart',
+    'columns',
+    'command',
+    'controls',
+    'drawing',
+    'figures',
+    'focus',
+    'history',
+    'live',
+    'recordings',
+    'results',
+    'stages',
+    'steps',
+    'wire',
+)
 TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
 JSON, BINARY = 'application/json', 'application/octet-stream'
 MAX_BODY = 25_000_000  # bytes
@@ -36,14 +49,17 @@ MAX_INT = 300  # digits
 HEARTBEAT = 10.0  # [s]
 IDLE = 60.0  # [s] after which a connection is closed
 HEADERS = {
-    'Cache-Control': 'no-store', 'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
-    'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
+    'Cache-Control': 'no-store',
+    'X-Content-Type-Options': 'nosniff',
+    'X-Frame-Options': 'DENY',
+    'Referrer-Policy': 'no-referrer',
+    'Cross-Origin-Resource-Policy': 'same-origin',
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Content-Security-Policy': (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
-}  # fmt: skip
+}
 REFUSED = 'Not allowed. Open the address that sma-sim explore has printed: it holds the key to this page.'
 
 

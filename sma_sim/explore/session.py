@@ -143,9 +143,13 @@ class Session:
         return checked(given | {name: RawValue(value, FROM_SESSION) for name, value in (values or {}).items()})
 
     def change(
-        self, values: Mapping[str, Value] | None = None, effects: Sequence[str] | None = None, *, words: str = '',
+        self,
+        values: Mapping[str, Value] | None = None,
+        effects: Sequence[str] | None = None,
+        *,
+        words: str = '',
         expected: int | None = None,
-    ) -> Version:  # fmt: skip
+    ) -> Version:
         """A new version with other values or effects, as `preview` has them; the current one where nothing changes.
 
         `words`: what was done, by default what differs. `expected`: the version that the change was meant for. Raises
@@ -155,9 +159,7 @@ class Session:
             self.check_expected(expected)
             return self.adopt(self.preview(values, effects), words)
 
-    def adopt(
-        self, config: Config, words: str = '', folders: Sequence[Path] = (), step: int | None = None
-    ) -> Version:  # fmt: skip
+    def adopt(self, config: Config, words: str = '', folders: Sequence[Path] = (), step: int | None = None) -> Version:
         """A new version from a whole configuration; the current one where nothing changes. Raises UserError.
 
         `folders`: of effects of the user's own that the current version does not name. `step`: the job whose model it is.
@@ -218,10 +220,14 @@ class Session:
         with self._thread_lock:
             versions = [asdict(version) | {'file': str(self.file(version.number))} for version in self.versions]
             return {
-                'folder': str(self.folder), 'versions': versions, 'current': self.current.number,
-                'can_undo': self.can_undo, 'can_redo': self.can_redo, 'revision': self.revision,
+                'folder': str(self.folder),
+                'versions': versions,
+                'current': self.current.number,
+                'can_undo': self.can_undo,
+                'can_redo': self.can_redo,
+                'revision': self.revision,
                 'data': self.data.as_data() if self.data else None,
-            }  # fmt: skip
+            }
 
     def check_expected(self, expected: int | None) -> None:
         """Raise ConflictError where the current version is another than somebody thinks."""

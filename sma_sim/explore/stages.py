@@ -26,9 +26,12 @@ KINETICS = (*MODELS, 'auto')
 NUMBERS: dict[str, tuple[int, int]] = {'starts': (1, 100), 'seed': (0, 2**31)}
 SWITCHES = ('robust', 'equation', 'variants')
 OPTIONS: dict[str, tuple[str, ...]] = {
-    'check': (), 'compare': (), 'calibrate': ('free', 'model', 'starts', 'robust', 'seed'),
-    'diagnose': ('model', 'seed', 'equation', 'variants'), 'candidates': ('effects',),
-}  # fmt: skip
+    'check': (),
+    'compare': (),
+    'calibrate': ('free', 'model', 'starts', 'robust', 'seed'),
+    'diagnose': ('model', 'seed', 'equation', 'variants'),
+    'candidates': ('effects',),
+}
 USABLE = ('done', 'stopped')
 
 

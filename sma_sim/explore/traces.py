@@ -66,12 +66,17 @@ def part_of_residual(
         )
     scaled = run.residual(channel) / run.noise[channel]
     return {
-        'run': name, 'channel': channel, 't0': low, 't1': high, 'samples': int(inside.sum()),
-        'over_noise': float(np.sqrt(np.mean(scaled[inside] ** 2))), 'bias_over_noise': float(np.mean(scaled[inside])),
+        'run': name,
+        'channel': channel,
+        't0': low,
+        't1': high,
+        'samples': int(inside.sum()),
+        'over_noise': float(np.sqrt(np.mean(scaled[inside] ** 2))),
+        'bias_over_noise': float(np.mean(scaled[inside])),
         'states': [asdict(share) for share in states_in(comparison, number, inside)],
         'temperatures': temperatures_in(comparison, number, inside),
         'effects': effects_like(candidates.curves(), where, (run.time[inside], scaled[inside])) if candidates else [],
-    }  # fmt: skip
+    }
 
 
 def comparison_from(job: Job, config: Config) -> Comparison:

@@ -147,9 +147,12 @@ def fit_options(options: Mapping[str, Any]) -> FitOptions:
     """The options of a calibration: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed``."""
     free = options.get('free')
     return FitOptions(
-        tuple(free) if free is not None else None, options.get('model'), int(options.get('starts', 2)),
-        bool(options.get('robust', False)), int(options.get('seed', 0)),
-    )  # fmt: skip
+        tuple(free) if free is not None else None,
+        options.get('model'),
+        int(options.get('starts', 2)),
+        bool(options.get('robust', False)),
+        int(options.get('seed', 0)),
+    )
 
 
 def diagnose_version(order: WorkOrder) -> bool:
@@ -178,9 +181,13 @@ def diagnosis_request(
 ) -> DiagnosisRequest:
     """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``."""
     return DiagnosisRequest(
-        options.get('model'), folders, int(options.get('seed', 0)),
-        equation=bool(options.get('equation', True)), variants=bool(options.get('variants', True)), on_model=on_model,
-    )  # fmt: skip
+        options.get('model'),
+        folders,
+        int(options.get('seed', 0)),
+        equation=bool(options.get('equation', True)),
+        variants=bool(options.get('variants', True)),
+        on_model=on_model,
+    )
 
 
 def switch_candidates_on(order: WorkOrder) -> bool:
@@ -217,6 +224,9 @@ def curves_of(comparison: Comparison) -> dict[str, Any]:
 
 
 WORK: dict[str, Callable[[WorkOrder], bool]] = {
-    'check': check, 'compare': compare_version, 'calibrate': calibrate_version, 'diagnose': diagnose_version,
+    'check': check,
+    'compare': compare_version,
+    'calibrate': calibrate_version,
+    'diagnose': diagnose_version,
     'candidates': switch_candidates_on,
-}  # fmt: skip
+}

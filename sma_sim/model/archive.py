@@ -196,9 +196,13 @@ class Reader:
     """Plain data as values again. Raises UserError for what this version does not have."""
 
     def __init__(
-        self, path: Path, arrays: Mapping[str, Any], objects: list[Any], effects: Mapping[str, FoundEffect],
+        self,
+        path: Path,
+        arrays: Mapping[str, Any],
+        objects: list[Any],
+        effects: Mapping[str, FoundEffect],
         structures: Mapping[str, FoundStructure],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._path, self._arrays, self._objects, self._made = path, arrays, objects, dict[int, Any]()
         self._effects, self._structures = package_effects() | dict(effects), package_structures() | dict(structures)
 

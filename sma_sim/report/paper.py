@@ -46,9 +46,12 @@ MODEL_LINES: dict[str, dict[str, Any]] = {
     'mas': {'color': RED, 'ls': (0, (4, 2)), 'label': 'MAS'},
 }
 CHANNEL_LABELS = {
-    'alpha_rad': ('alpha [deg]', 180.0 / np.pi), 'U_x_m': ('U_x [um]', 1e6), 'U_y_m': ('U_y [um]', 1e6),
-    'T_1_K': ('T of wire 1 [K]', 1.0), 'T_2_K': ('T of wire 2 [K]', 1.0),
-}  # fmt: skip
+    'alpha_rad': ('alpha [deg]', 180.0 / np.pi),
+    'U_x_m': ('U_x [um]', 1e6),
+    'U_y_m': ('U_y [um]', 1e6),
+    'T_1_K': ('T of wire 1 [K]', 1.0),
+    'T_2_K': ('T of wire 2 [K]', 1.0),
+}
 
 
 def write_paper(folder: Path, results: PaperResults) -> Path:
@@ -119,19 +122,35 @@ def paper_text(results: PaperResults) -> str:
     inside_low, inside_high = results.plateau_offsets
     alpha = np.degrees(random.difference_of('alpha_rad')[2])
     return TEMPLATE.read_text(encoding='utf-8').format(
-        runs=results.runs, seed=results.seed, machine=machine(),
-        path=' -> '.join(f'{100 * strain:g} %' for strain in LOOP_STRAIN), rate=LOOP_RATE, bath=BATH,
+        runs=results.runs,
+        seed=results.seed,
+        machine=machine(),
+        path=' -> '.join(f'{100 * strain:g} %' for strain in LOOP_STRAIN),
+        rate=LOOP_RATE,
+        bath=BATH,
         loops='\n'.join(loop_row(loop) for loop in results.loops),
-        inside_low=1e-6 * inside_low, inside_high=1e-6 * inside_high,
-        duration=RUN_LENGTH, largest=LARGEST, shortest=SHORTEST, longest=LONGEST, sample_rate=SAMPLE_RATE,
+        inside_low=1e-6 * inside_low,
+        inside_high=1e-6 * inside_high,
+        duration=RUN_LENGTH,
+        largest=LARGEST,
+        shortest=SHORTEST,
+        longest=LONGEST,
+        sample_rate=SAMPLE_RATE,
         differences='\n'.join(difference_row(random, name) for name in COMPARED_COLUMNS),
-        alpha=alpha, alpha_part=100.0 * alpha / np.degrees(random.swing), exact=EXACT_RTOL,
-        repeats=REPEATS, times='\n'.join([paper_row(), *timing_rows(equal_error), *timing_rows(equal_tolerance)]),
-        paper_saved=saved(PAPER_SECONDS['hybrid'], PAPER_SECONDS['mas']), saved=mean_saved(equal_error),
+        alpha=alpha,
+        alpha_part=100.0 * alpha / np.degrees(random.swing),
+        exact=EXACT_RTOL,
+        repeats=REPEATS,
+        times='\n'.join([paper_row(), *timing_rows(equal_error), *timing_rows(equal_tolerance)]),
+        paper_saved=saved(PAPER_SECONDS['hybrid'], PAPER_SECONDS['mas']),
+        saved=mean_saved(equal_error),
         saved_default=mean_saved(equal_tolerance),
-        sine=SINE_AMPLITUDE, period=SINE_PERIOD, width=np.degrees(sine.width('hybrid')),
-        mas_width=np.degrees(sine.width('mas')), sine_gap=np.degrees(sine.largest_difference),
-    )  # fmt: skip
+        sine=SINE_AMPLITUDE,
+        period=SINE_PERIOD,
+        width=np.degrees(sine.width('hybrid')),
+        mas_width=np.degrees(sine.width('mas')),
+        sine_gap=np.degrees(sine.largest_difference),
+    )
 
 
 def machine() -> str:

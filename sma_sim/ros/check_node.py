@@ -318,9 +318,12 @@ class ModelCheck:
         rates, tau = row[self._messages.where.rates], row[self._messages.where.tau]
         position, velocity, effort = residual[: len(rates)], now.joints[1] - rates, now.joints[2] - tau
         message = JointState(
-            header=Header(stamp=stamp), name=self._messages.joint_names, position=position.tolist(),
-            velocity=values_or_none(velocity), effort=values_or_none(effort),
-        )  # fmt: skip
+            header=Header(stamp=stamp),
+            name=self._messages.joint_names,
+            position=position.tolist(),
+            velocity=values_or_none(velocity),
+            effort=values_or_none(effort),
+        )
         self._topics['residuals'].publish(message)
         for topic, what, values in (
             ('channel_residuals', 'measured - model of {} [SI]', residual),

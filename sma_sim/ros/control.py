@@ -87,8 +87,10 @@ class Control:
         # While a service waits for its answer, the executor takes the next message or request.
         self.callback_group = ReentrantCallbackGroup()
         for kind, name, callback in (
-            (SetBool, '~/pause', self._pause), (Trigger, '~/step', self._step), (Trigger, '~/reset', self._reset),
-        ):  # fmt: skip
+            (SetBool, '~/pause', self._pause),
+            (Trigger, '~/step', self._step),
+            (Trigger, '~/reset', self._reset),
+        ):
             node.create_service(kind, name, callback, callback_group=self.callback_group)
 
     def ask(self, work: Callable[[], T]) -> Future[T]:

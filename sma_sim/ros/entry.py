@@ -98,8 +98,11 @@ def answered(program: Program, arguments: Sequence[str]) -> int | None:
         return 0
     given = shlex.join(ignored)
     form = given if ignored[0].startswith('-') else f'-p {program.example}'
-    print(f'{program.name}: {given}: only ROS arguments are taken, after --ros-args, as in\n'
-          f'  {program.name} --ros-args {form}\nSee {program.name} --help.', file=sys.stderr)  # fmt: skip
+    print(
+        f'{program.name}: {given}: only ROS arguments are taken, after --ros-args, as in\n'
+        f'  {program.name} --ros-args {form}\nSee {program.name} --help.',
+        file=sys.stderr,
+    )
     return 2
 
 

@@ -22,9 +22,13 @@ class GraphCheck:
     """
 
     def __init__(
-        self, node: Node, owned: Sequence[str], inputs: Mapping[str, Any], command: str = '',
+        self,
+        node: Node,
+        owned: Sequence[str],
+        inputs: Mapping[str, Any],
+        command: str = '',
         subscriptions: Sequence[Any] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._node, self._owned, self._inputs, self._command = node, owned, inputs, command
         self._subscriptions = subscriptions
         self._logged: set[str] = set()

@@ -36,7 +36,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'controller': ('', 'Python file of a controller node, or controller or trajectory_follower of the examples'),
     'alpha_target': ('0.0', 'target angle of the controller [rad]'),
     'demo': ('false', 'the target is a sine; without another controller, the example controller follows it'),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -100,9 +100,18 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
     if controller and not Path(controller).is_file():
         raise RuntimeError(f'controller: there is no file {controller}; of the examples there are {", ".join(EXAMPLES)}')
     return ModuleArguments(
-        file, text['namespace'].strip('/'), tuple(overrides.items()), text['record'], text['log_level'],
-        use_sim_time, rviz, controller, angle('alpha_target', text['alpha_target']), demo, text['joint_prefix'],
-    )  # fmt: skip
+        file,
+        text['namespace'].strip('/'),
+        tuple(overrides.items()),
+        text['record'],
+        text['log_level'],
+        use_sim_time,
+        rviz,
+        controller,
+        angle('alpha_target', text['alpha_target']),
+        demo,
+        text['joint_prefix'],
+    )
 
 
 def refuse_without_angle(system: str) -> None:
@@ -178,10 +187,16 @@ def python_node(file: str, name: str, given: ModuleArguments, parameters: Mappin
     """A node that is one Python file, run by the Python that runs the launch; when it ends, so does everything."""
     values: dict[Any, Any] = {**parameters, 'use_sim_time': given.use_sim_time}
     return Node(
-        executable=sys.executable, arguments=[file], name=name, exec_name=name, namespace=given.namespace,
-        parameters=[values], ros_arguments=['--log-level', given.log_level], output='screen',
+        executable=sys.executable,
+        arguments=[file],
+        name=name,
+        exec_name=name,
+        namespace=given.namespace,
+        parameters=[values],
+        ros_arguments=['--log-level', given.log_level],
+        output='screen',
         on_exit=Shutdown(reason=f'{name} has ended'),
-    )  # fmt: skip
+    )
 
 
 def rviz_actions(given: ModuleArguments) -> list[Action]:

@@ -78,9 +78,13 @@ class SimulationServices:
             node.create_service(kind, name, callback, callback_group=control.callback_group)
         served: Any = ByComputerClock(node)
         self._action = ActionServer(
-            served, SimulateSteps, '~/simulate_steps', self._simulate_steps, callback_group=control.callback_group,
+            served,
+            SimulateSteps,
+            '~/simulate_steps',
+            self._simulate_steps,
+            callback_group=control.callback_group,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )  # fmt: skip
+        )
 
     def _get_features(self, _: Any, response: Any) -> Any:
         response.features.features = list(FEATURES)

@@ -95,29 +95,33 @@ def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int)
     counts = [len(effect.parameters) + MASK_SIZE for effect in effects]
     fields = [fields_read(effect.kernel) for effect in effects]
     states = [states_together(effect, structure) for effect in effects]
-    return Layout(order, tuple(scales), {
-        'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
-        'series_start': sum(effect.order < SERIES for effect in effects),
-        'value': addresses[0],
-        'rate': addresses[1],
-        'start': addresses[2],
-        'states': np.array(states, dtype=np.int64),
-        'state_start': np.array(state_start, dtype=np.int64),
-        'scale': np.array(scales, dtype=float),
-        'row': np.array([structure.wires - 1 if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
-        'slot': np.array([channel_slots(effect, structure) for effect in effects], dtype=np.int64).reshape(
-            -1, len(structure.channels)
-        ),
-        'code': np.array(channel_codes(structure), dtype=np.int64),
-        'kind': np.array(channel_kinds(structure), dtype=np.int64),
-        'shared': np.array([effect.scope.shared for effect in effects], dtype=np.int64),
-        'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
-        'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
-        'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
-        'depends_on_t': np.array(['t' in read for read in fields], dtype=np.int64),
-        'depends_on_neighbours': np.array(['neighbours' in read for read in fields], dtype=np.int64),
-        'parameter_start': np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
-    })  # fmt: skip
+    return Layout(
+        order,
+        tuple(scales),
+        {
+            'port_start': np.searchsorted(ports, np.arange(len(PORT_NAMES) + 1)).astype(np.int64),
+            'series_start': sum(effect.order < SERIES for effect in effects),
+            'value': addresses[0],
+            'rate': addresses[1],
+            'start': addresses[2],
+            'states': np.array(states, dtype=np.int64),
+            'state_start': np.array(state_start, dtype=np.int64),
+            'scale': np.array(scales, dtype=float),
+            'row': np.array([structure.wires - 1 if port >= STRUCTURE_FORCE else -1 for port in ports], dtype=np.int64),
+            'slot': np.array([channel_slots(effect, structure) for effect in effects], dtype=np.int64).reshape(
+                -1, len(structure.channels)
+            ),
+            'code': np.array(channel_codes(structure), dtype=np.int64),
+            'kind': np.array(channel_kinds(structure), dtype=np.int64),
+            'shared': np.array([effect.scope.shared for effect in effects], dtype=np.int64),
+            'depends_on_x': np.array(['x' in read for read in fields], dtype=np.int64),
+            'depends_on_eps': np.array(['eps' in read or 'length' in read for read in fields], dtype=np.int64),
+            'depends_on_dx': np.array(['dx' in read for read in fields], dtype=np.int64),
+            'depends_on_t': np.array(['t' in read for read in fields], dtype=np.int64),
+            'depends_on_neighbours': np.array(['neighbours' in read for read in fields], dtype=np.int64),
+            'parameter_start': np.array([sum(counts[:k]) for k in range(len(counts))], dtype=np.int64),
+        },
+    )
 
 
 def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:

@@ -163,10 +163,14 @@ class Fragment(AnnouncingDispatcher):
 def fragment(python: Callable[..., Any], inlined: bool) -> Any:
     """A fragment of a plain function; `inlined` wherever it is called, or nowhere."""
     options = {
-        'nopython': True, 'nogil': True, 'error_model': 'numpy', 'forceinline': inlined,
+        'nopython': True,
+        'nogil': True,
+        'error_model': 'numpy',
+        'forceinline': inlined,
         '_nrt': False,  # no reference counts: our functions allocate nothing, and counting costs ten times the arithmetic
-        'no_cpython_wrapper': True, 'no_cfunc_wrapper': True,
-    }  # fmt: skip
+        'no_cpython_wrapper': True,
+        'no_cfunc_wrapper': True,
+    }
     compiler = OwnFragmentCompiler if python.__module__.startswith('sma_sim.') else FragmentCompiler
     made: Any = Fragment(python, targetoptions=options, pipeline_class=compiler)
     return made

@@ -126,13 +126,14 @@ def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
     states, count = len(effect.states), n if one.role == 'value' else len(effect.states) * len(kinds.acting)
     constants = len(kinds.constants._fields)
     lines = [
-        f'def {effect.name}_{one.role}(s, w, p, m, out):', f'    out_ = carray(out, {max(count, 1)})',
+        f'def {effect.name}_{one.role}(s, w, p, m, out):',
+        f'    out_ = carray(out, {max(count, 1)})',
         f'    s_, w_ = carray(s, {S_POSE + 2 * n}), carray(w, {constants})',
         f'    p_, m_ = carray(p, {parameters + MASK_SIZE}), carray(m, {max(1, states * len(acting))})',
         f'    w__ = Constants({", ".join(f"w_[{i}]" for i in range(constants))})',
         f'    p__ = Parameters({", ".join(parameter_entries(effect, kinds.structure).values())})',
         *mask_lines(parameters, range(n)),
-    ]  # fmt: skip
+    ]
     if one.role == 'value' and functions_of(effect):
         lines += whole_lines(effect, one, kinds, is_tuple)
     else:
@@ -151,7 +152,7 @@ def whole_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: bo
         q, dq = (', '.join(f's_[{S_POSE + first + j}] * k_{j}' for j in part) + ',' for first in (0, n))
         memory = [
             ', '.join(f'm_[{place[j] * states + k}]' if j in place else '0.0' for j in part) + ',' for k in range(states)
-        ]  # fmt: skip
+        ]
         pose = f'Pose({q})'
         if of_series(effect, kinds.structure):
             pose = f'Place({begin // together}, s_[{S_POSE}:{S_POSE + n}].reshape(({n // together}, {together})))'

@@ -97,9 +97,14 @@ def _w_method(
     inverse = np.linalg.inv(Gamma)
     weights = alpha[-1] + Gamma[-1]
     return WMethod(
-        name, source, order, float(Gamma[0, 0]), np.tril(alpha @ inverse, -1), -np.tril(inverse, -1),
+        name,
+        source,
+        order,
+        float(Gamma[0, 0]),
+        np.tril(alpha @ inverse, -1),
+        -np.tril(inverse, -1),
         (weights - np.array(embedded)) @ inverse,
-    )  # fmt: skip
+    )
 
 
 _GAMMA = 0.435866521508459

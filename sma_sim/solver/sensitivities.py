@@ -124,21 +124,42 @@ def new_tangents(model: Model, run: Run, sizes: tuple[int, int, int], **given: A
     n, wires = len(run.state.y), len(run.state.mode)
     obs = new_findings(model.compiled)
     return Tangents(
-        shift=np.zeros(count), y=np.zeros((NODES, n)), dy=np.zeros((NODES, n)), obs=np.zeros((NODES, *obs.shape)),
-        shown=np.zeros((NODES, c)), by_state=np.zeros((NODES, n + c, n + wires)), by_unknown=np.zeros((NODES, n + c, count)),
+        shift=np.zeros(count),
+        y=np.zeros((NODES, n)),
+        dy=np.zeros((NODES, n)),
+        obs=np.zeros((NODES, *obs.shape)),
+        shown=np.zeros((NODES, c)),
+        by_state=np.zeros((NODES, n + c, n + wires)),
+        by_unknown=np.zeros((NODES, n + c, count)),
         sensed=np.zeros((NODES, c, count)),
-        slope=np.zeros((n, count)), matrix=np.zeros((n, n + wires)), stage=np.zeros((n, count)),
-        stages=np.zeros((STAGES, n, count)), rhs=np.zeros((n, count)), new=np.zeros((n, count)),
-        dense=np.zeros((2, n, count)), mode=np.zeros(wires, dtype=np.int64), x_frozen=np.zeros(wires),
-        moved=np.zeros(n), moved_x=np.zeros(wires), row=np.zeros(1, dtype=np.int64),
-        samples=np.zeros((k, c, count)), slopes=np.zeros((k, c)), **given,
-    )  # fmt: skip
+        slope=np.zeros((n, count)),
+        matrix=np.zeros((n, n + wires)),
+        stage=np.zeros((n, count)),
+        stages=np.zeros((STAGES, n, count)),
+        rhs=np.zeros((n, count)),
+        new=np.zeros((n, count)),
+        dense=np.zeros((2, n, count)),
+        mode=np.zeros(wires, dtype=np.int64),
+        x_frozen=np.zeros(wires),
+        moved=np.zeros(n),
+        moved_x=np.zeros(wires),
+        row=np.zeros(1, dtype=np.int64),
+        samples=np.zeros((k, c, count)),
+        slopes=np.zeros((k, c)),
+        **given,
+    )
 
 
 def simulate_with_tangents(
-    model: Model, source: Input, sample_times: Vector | float, initial_state: Run, channels: Sequence[str],
-    neighbours: Sequence[Neighbour], delta: float, max_steps: int = 10_000_000,
-) -> Sensitivities | None:  # fmt: skip
+    model: Model,
+    source: Input,
+    sample_times: Vector | float,
+    initial_state: Run,
+    channels: Sequence[str],
+    neighbours: Sequence[Neighbour],
+    delta: float,
+    max_steps: int = 10_000_000,
+) -> Sensitivities | None:
     """Run a model under an input, with the derivatives of its samples in unknowns.
 
     Parameters
@@ -172,11 +193,22 @@ def simulate_with_tangents(
     p, records = model.compiled._replace(antagonistic=antagonistic), moved_systems(model, neighbours, antagonistic)
     s, r = differences_of_starts(run, neighbours, delta)
     tangents = new_tangents(
-        model, run, (len(numbers), len(neighbours), len(seen)), numbers=numbers, direct=direct_states(model, numbers),
-        timed=timed_channels(model, numbers), systems=records.addresses, delta=delta, row_shift=shifts,
-        value_shift=lines.value_shifts, slope_shift=lines.slope_shifts, moved_u=np.zeros_like(work.u),
-        moved_du=np.zeros_like(work.u), s=s, r=r,
-    )  # fmt: skip
+        model,
+        run,
+        (len(numbers), len(neighbours), len(seen)),
+        numbers=numbers,
+        direct=direct_states(model, numbers),
+        timed=timed_channels(model, numbers),
+        systems=records.addresses,
+        delta=delta,
+        row_shift=shifts,
+        value_shift=lines.value_shifts,
+        slope_shift=lines.slope_shifts,
+        moved_u=np.zeros_like(work.u),
+        moved_du=np.zeros_like(work.u),
+        s=s,
+        r=r,
+    )
     log = new_log(model, seen, numbers)
     limits = Limits(np.inf, max_steps, stall_step(model))
     stretches = InputStretches(lines.times, lines.values, lines.slopes, model.uses_time)

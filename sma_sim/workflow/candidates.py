@@ -172,9 +172,14 @@ class LinearModel:
 
 
 def candidate_effects(
-    fitted: Dataset, config: Config, folders: Sequence[Path], executor: Executor,
-    callbacks: tuple[Callable[[str], None], OnCandidate], names: Sequence[str] | None = None, stop: Stop | None = None,
-) -> CandidateEffects:  # fmt: skip
+    fitted: Dataset,
+    config: Config,
+    folders: Sequence[Path],
+    executor: Executor,
+    callbacks: tuple[Callable[[str], None], OnCandidate],
+    names: Sequence[str] | None = None,
+    stop: Stop | None = None,
+) -> CandidateEffects:
     """Switch listed effects on, one at a time, and see what becomes of the errors: `names` of effects, or all.
 
     `callbacks`: the first gets what is being done, the second every effect as it is known, with how many are `done` of how
@@ -203,10 +208,13 @@ def candidate_effects(
     none, *weights = probabilities([base.evidence(0.0), *(effect.evidence for effect in effects)])
     effects = [replace(effect, probability=weight) for effect, weight in zip(effects, weights, strict=True)]
     return CandidateEffects(
-        *errors_at(fitted, base, rtol, executor), base.expected_error(), none,
+        *errors_at(fitted, base, rtol, executor),
+        base.expected_error(),
+        none,
         tuple(sorted(effects, key=lambda effect: effect.expected_error)),
-        {run.name: np.asarray(run.time) for run in runs}, {run.name: tuple(run.channels) for run in runs},
-    )  # fmt: skip
+        {run.name: np.asarray(run.time) for run in runs},
+        {run.name: tuple(run.channels) for run in runs},
+    )
 
 
 def errors_at(fitted: Dataset, model: LinearModel, rtol: float, executor: Executor) -> tuple[dict[str, float], float]:
@@ -247,9 +255,12 @@ def switched_on(
         z, reach = float(z), NORMAL_95 * float(std)
         low, high = max(z - reach, free.low), min(z + reach, free.high)
         parameters[free.name.rpartition('.')[2]] = EffectValue(
-            free.value(z), free.value(low), free.value(high), at_end=min(z - free.low, free.high - z) < AT_END,
+            free.value(z),
+            free.value(low),
+            free.value(high),
+            at_end=min(z - free.low, free.high - z) < AT_END,
             determined=low > free.low or high < free.high,
-        )  # fmt: skip
+        )
     errors, error = errors_at(fitted, alone, rtol, executor)
     evidence = both.evidence(component.log_prior)
     return CandidateEffect(component.name, parameters, errors, error, both.expected_error(), evidence, traces(base, alone))
@@ -260,8 +271,11 @@ def fitted_alone(base: LinearModel, result: ScreeningResult, executor: Executor)
     found = result.candidate.found
     config = with_effect(base.problem.config, found, {})
     values = dict(zip([p.name for p in found.effect.parameters], config.effects[-1].values, strict=True))
-    free = [realistic(f'effects.{found.effect.name}.{p.name}', values[p.name], p)
-            for p in found.effect.parameters if p.name in result.values]  # fmt: skip
+    free = [
+        realistic(f'effects.{found.effect.name}.{p.name}', values[p.name], p)
+        for p in found.effect.parameters
+        if p.name in result.values
+    ]
     problem = replace(base.problem, config=config, free=tuple(free))
     said = np.array([one.coordinate(result.values[one.name.rpartition('.')[2]]) for one in free])
     low, high = problem.limits()
@@ -319,7 +333,7 @@ def joined(base: LinearModel, alone: LinearModel) -> LinearModel:
 
 def traces(base: LinearModel, alone: LinearModel) -> dict[str, Matrix]:
     """By run, what an effect takes from the residuals over noise, (channels, k), as far as nothing else can: as much of it
-    as explains most, to first order."""  # fmt: skip
+    as explains most, to first order."""
     changes = [run.residuals - without.residuals for run, without in zip(alone.linear, base.linear, strict=True)]
     rest = base.projection(np.concatenate([change.ravel() for change in changes]))
     residuals = np.concatenate([run.residuals.ravel() for run in base.linear])

@@ -40,20 +40,25 @@ def run_data(recording: Recording, held_out: bool) -> dict[str, Any]:
     steps = np.diff(recording.time)
     inputs = inputs_at(recording.source, recording.time)
     return {
-        'name': recording.name, 'held_out': held_out, 'samples': len(recording.time),
-        'begin': float(recording.time[0]), 'end': float(recording.time[-1]),
+        'name': recording.name,
+        'held_out': held_out,
+        'samples': len(recording.time),
+        'begin': float(recording.time[0]),
+        'end': float(recording.time[-1]),
         'sample_time': float(np.median(steps)) if len(steps) else None,
         'longest_gap': float(steps.max()) if len(steps) else None,
         'channels': {name: range_data(recording.channels[name]) for name in in_order(recording.channels, recording.system)},
         'inputs': {name: range_data(values) for name, values in inputs.items()},
         'notes': list(recording.notes),
-    }  # fmt: skip
+    }
 
 
 def range_data(values: Any) -> dict[str, Any]:
     """Samples that are there and missing, the least and the largest value."""
     known = values[np.isfinite(values)]
     return {
-        'samples': len(known), 'missing': len(values) - len(known),
-        'least': float(known.min()) if len(known) else None, 'largest': float(known.max()) if len(known) else None,
-    }  # fmt: skip
+        'samples': len(known),
+        'missing': len(values) - len(known),
+        'least': float(known.min()) if len(known) else None,
+        'largest': float(known.max()) if len(known) else None,
+    }

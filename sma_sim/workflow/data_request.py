@@ -50,9 +50,14 @@ class DataRequest:
         inside = {file.resolve() for path in self.data if path.is_dir() for file in path.iterdir()}
         further = [file for file in held_out_files(self.hold_out) if file.resolve() not in known | inside]
         return read_dataset(
-            [*self.data, *further], config.structure.structure.name, config.parameters['environment.T_E'], self.map,
-            self.noise, self.namespace, limits_in(config.parameters),
-        )  # fmt: skip
+            [*self.data, *further],
+            config.structure.structure.name,
+            config.parameters['environment.T_E'],
+            self.map,
+            self.noise,
+            self.namespace,
+            limits_in(config.parameters),
+        )
 
     def split(self, dataset: Dataset) -> tuple[Dataset, Dataset | None]:
         """The recordings to fit, and those held out. Raises UserError."""
@@ -77,9 +82,12 @@ class DataRequest:
     def as_data(self) -> dict[str, Any]:
         """The request as YAML and JSON can hold it."""
         return {
-            'data': list(map(str, self.data)), 'hold_out': list(self.hold_out), 'map': str(self.map) if self.map else None,
-            'noise': dict(self.noise), 'namespace': self.namespace,
-        }  # fmt: skip
+            'data': list(map(str, self.data)),
+            'hold_out': list(self.hold_out),
+            'map': str(self.map) if self.map else None,
+            'noise': dict(self.noise),
+            'namespace': self.namespace,
+        }
 
 
 def fingerprint(request: DataRequest) -> str:
@@ -108,9 +116,12 @@ def data_request_from(content: Any, where: str) -> DataRequest | None:
     if wrong:
         raise UserError(f'{where}: {wrong[0]} = {content.get(wrong[0])!r}: expected {expected(wrong[0])}')
     return DataRequest(
-        tuple(map(Path, lists['data'])), tuple(lists['hold_out']), Path(texts['map']) if texts['map'] else None,
-        {str(name): float(std) for name, std in noise.items()}, texts['namespace'],
-    )  # fmt: skip
+        tuple(map(Path, lists['data'])),
+        tuple(lists['hold_out']),
+        Path(texts['map']) if texts['map'] else None,
+        {str(name): float(std) for name, std in noise.items()},
+        texts['namespace'],
+    )
 
 
 def is_texts(value: Any) -> bool:

@@ -28,7 +28,7 @@ from sma_sim.workflow.code_folders import parameter_file_at
 @dataclass(frozen=True)
 class FitReview:
     """A calibration beside its data: `start` is the model that it began with, `predicted` the runs that were held out,
-    `runs` a wire run by run where there are several runs."""  # fmt: skip
+    `runs` a wire run by run where there are several runs."""
 
     found: Calibration
     start: Config
@@ -93,22 +93,26 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'model': found.config.simulated_kinetics,
         'parameters': {
             parameter.name: {
-                'value': found.values[parameter.name], 'unit': parameter.unit, **interval_data(intervals.get(parameter.name))
+                'value': found.values[parameter.name],
+                'unit': parameter.unit,
+                **interval_data(intervals.get(parameter.name)),
             }
             for parameter in found.free
         },
         'delay': found.delay,
         'delay_std': uncertainty.delay_std if uncertainty else None,
         'error': {
-            'train': found.error, 'held_out': mean_error_of(predicted), 'channels': found.channel_errors,
+            'train': found.error,
+            'held_out': mean_error_of(predicted),
+            'channels': found.channel_errors,
             'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
             | {fit.name: run_data(fit, held_out=True) for fit in predicted},
         },
         'kinetics': found.kinetics,
         'unseen': uncertainty.unseen if uncertainty else None,
-        'directions': [
-            {'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions
-        ] if uncertainty else None,
+        'directions': [{'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions]
+        if uncertainty
+        else None,
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
         'limits': [asdict(limit) | {'text': limit.text} for limit in found.limits],
@@ -123,7 +127,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'converged': found.converged,
         'interrupted': found.interrupted,
         'seconds': found.seconds,
-    }  # fmt: skip
+    }
 
 
 def interval_data(interval: Any) -> dict[str, Any]:

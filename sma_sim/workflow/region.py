@@ -19,7 +19,7 @@ SAME_EVERYWHERE = ('run', 'time in the run')  # dimensions that say nothing of a
 @dataclass(frozen=True)
 class StateShare:
     """A state in which the model is for a `share` of the samples: of which `dimension` (``mode of wire 1``), which class
-    (``label``), and both in `words`; `elsewhere`: its share in the rest of all runs."""  # fmt: skip
+    (``label``), and both in `words`; `elsewhere`: its share in the rest of all runs."""
 
     dimension: str
     label: str

@@ -16,8 +16,10 @@ def counted_frames(time: Vector, channels: Channels, p: Values) -> dict[str, Vec
 
 TRUTHS = (
     sensor_truth(
-        'truth_clock_skew', counted_frames,
+        'truth_clock_skew',
+        counted_frames,
         drawn_parameter('excess', '-', 5e-4, 1e-2, 'frames in a second beyond what the file says, over them'),
-        library='clock_skew', variables=('t', 'value'),
+        library='clock_skew',
+        variables=('t', 'value'),
     ),
-)  # fmt: skip
+)

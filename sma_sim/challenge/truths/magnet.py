@@ -20,6 +20,6 @@ EFFECT = Effect(
         0.0,
         0.0,
         -p.M_0 * ((s.alpha - p.alpha_0) / p.w) / (1.0 + ((s.alpha - p.alpha_0) / p.w) ** 2) ** 2,
-    ),  # fmt: skip
+    ),
 )
 TRUTHS = (simulated_truth(EFFECT, variables=('alpha',), file=__file__),)

@@ -18,8 +18,11 @@ def tilted_axes(time: Vector, channels: Channels, p: Values) -> dict[str, Vector
 
 TRUTHS = (
     sensor_truth(
-        'truth_sensor_crosstalk', tilted_axes,
+        'truth_sensor_crosstalk',
+        tilted_axes,
         drawn_parameter('tilt', 'rad', 0.02, 0.15, 'angle between the axis of a load cell and that of its bundle'),
-        library='sensor_crosstalk', variables=('value',), signed=('tilt',),
+        library='sensor_crosstalk',
+        variables=('value',),
+        signed=('tilt',),
     ),
-)  # fmt: skip
+)

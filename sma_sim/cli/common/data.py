@@ -41,15 +41,22 @@ def add_recording_options(parser: argparse.ArgumentParser, nargs: str = '+') -> 
     """``DATA...`` and how they are to be read."""
     parser.add_argument('data', nargs=nargs, type=Path, metavar='DATA', help='CSV files, bags, or folders of them')
     parser.add_argument(
-        '--hold-out', nargs='+', action='extend', default=[], metavar='FILE-OR-STEM',
+        '--hold-out',
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='FILE-OR-STEM',
         help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
-    )  # fmt: skip
+    )
     parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(
-        '--noise', action='append', default=[], metavar='CHANNEL=STD',
+        '--noise',
+        action='append',
+        default=[],
+        metavar='CHANNEL=STD',
         help='standard deviation of the noise of a channel, SI units (default: that of meta.json, else estimated)',
-    )  # fmt: skip
+    )
     add_namespace_option(parser)
 
 
@@ -76,9 +83,13 @@ def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
 def add_limit_option(parser: argparse.ArgumentParser) -> None:
     """``--limit`` of what fits."""
     parser.add_argument(
-        '--limit', action='append', default=[], metavar='NAME=LOW:HIGH', dest='limits',
+        '--limit',
+        action='append',
+        default=[],
+        metavar='NAME=LOW:HIGH',
+        dest='limits',
         help='between which values (SI) a parameter, the delay or zero.strain is estimated, in place of the usual limits',
-    )  # fmt: skip
+    )
 
 
 def limits_from(words: Sequence[str]) -> dict[str, tuple[float, float]]:

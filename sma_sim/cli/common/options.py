@@ -32,9 +32,13 @@ def add_overriding_options(parser: argparse.ArgumentParser) -> None:
         help='set a parameter, such as wire.E_A=12e9',
     )
     parser.add_argument(
-        '--effect', action='append', default=[], metavar='NAME[:PARAM=VALUE,...]', dest='effects',
+        '--effect',
+        action='append',
+        default=[],
+        metavar='NAME[:PARAM=VALUE,...]',
+        dest='effects',
         help='switch an effect on; `sma-sim effects` lists them and their scopes, as in natural_convection@wire_1',
-    )  # fmt: skip
+    )
 
 
 def add_namespace_option(parser: argparse.ArgumentParser) -> None:

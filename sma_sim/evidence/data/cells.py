@@ -167,10 +167,9 @@ def parsed_by_cell(text: str, line: int, layout: CellLayout) -> NDArray[np.float
                 f'{layout.path}, row {number}: expected {layout.width} cells as in the header, got {len(row)} '
                 f'(decimals need points, not commas)'
             )
-        rows.append([
-            cell_number(row, index, name, number, layout)
-            for name, index in zip(layout.names, layout.indices, strict=True)
-        ])  # fmt: skip
+        rows.append(
+            [cell_number(row, index, name, number, layout) for name, index in zip(layout.names, layout.indices, strict=True)]
+        )
     return np.array(rows, float).reshape(-1, len(layout.names))
 
 

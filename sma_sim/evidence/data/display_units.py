@@ -8,9 +8,13 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.model.parameters import ZERO_CELSIUS as ZERO_CELSIUS
 
 BY_SUFFIX = {  # of a column: the unit, and what an SI value is multiplied by
-    'm': ('mm', 1e3), 'rad': ('deg', 180.0 / math.pi), 'N': ('N', 1.0), 'K': ('K', 1.0), 'Pa': ('MPa', 1e-6),
+    'm': ('mm', 1e3),
+    'rad': ('deg', 180.0 / math.pi),
+    'N': ('N', 1.0),
+    'K': ('K', 1.0),
+    'Pa': ('MPa', 1e-6),
     'ohm': ('ohm', 1.0),
-}  # fmt: skip
+}
 
 
 class DisplayUnits(dict[str, tuple[str, float]]):

@@ -20,13 +20,34 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     '-': {'-': (1.0, 0.0), '%': (1e-2, 0.0)},
 }
 SPELLINGS = {
-    'percent': '%', 'degC': 'C', '°C': 'C', 'celsius': 'C', 'kelvin': 'K', 'µm': 'um', 'Ohm': 'ohm', 'degrees': 'deg',
-    'sec': 's', 'seconds': 's', 'min': 'min', 'minutes': 'min', '°': 'deg',
-}  # fmt: skip
+    'percent': '%',
+    'degC': 'C',
+    '°C': 'C',
+    'celsius': 'C',
+    'kelvin': 'K',
+    'µm': 'um',
+    'Ohm': 'ohm',
+    'degrees': 'deg',
+    'sec': 's',
+    'seconds': 's',
+    'min': 'min',
+    'minutes': 'min',
+    '°': 'deg',
+}
 WORDS = {
-    't': 'time', 'temperature': 'T', 'temp': 'T', 'force': 'F', 'load': 'F', 'heating': 'J', 'angle': 'alpha',
-    'ambient': 'T_E', 'room': 'T_E', 't_ambient': 'T_E', 't_room': 'T_E', 't_e': 'T_E',
-}  # fmt: skip
+    't': 'time',
+    'temperature': 'T',
+    'temp': 'T',
+    'force': 'F',
+    'load': 'F',
+    'heating': 'J',
+    'angle': 'alpha',
+    'ambient': 'T_E',
+    'room': 'T_E',
+    't_ambient': 'T_E',
+    't_room': 'T_E',
+    't_e': 'T_E',
+}
 LIKE = 0.75  # of two names, from which on one is proposed for the other
 
 

@@ -48,8 +48,10 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     zeros = {channels[name]: entry.zero_std for name, entry in stated.items() if entry.zero_std}
     floor = {channels[name]: entry.floor for name, entry in stated.items() if entry.floor and channels[name] in measured}
     if floor and mapping.independent_after <= 0.0:
-        raise UserError(f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
-                        'repeated experiments differ by lasts')  # fmt: skip
+        raise UserError(
+            f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
+            'repeated experiments differ by lasts'
+        )
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
     if zeros or drifts:
@@ -95,8 +97,10 @@ def repeatability(recordings: Sequence[Recording], noise_std: Mapping[str, float
 def note_of_repeats(found: Repeatability) -> str:
     """The repeatability of a channel in words."""
     size = in_display_unit(found.channel, found.floor)
-    return (f'{", ".join(found.names)} repeat one command and differ in {found.channel} by {size}, for '
-            f'{found.lasting:.2g} s: no model can be closer (floor and {INDEPENDENT_AFTER} of a map)')  # fmt: skip
+    return (
+        f'{", ".join(found.names)} repeat one command and differ in {found.channel} by {size}, for '
+        f'{found.lasting:.2g} s: no model can be closer (floor and {INDEPENDENT_AFTER} of a map)'
+    )
 
 
 def energy(recording: Recording, times: Vector) -> Vector:

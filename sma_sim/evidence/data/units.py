@@ -113,8 +113,13 @@ CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
 
 
 SIGNED_POWER = 'J_eq'  # what the names of commands of antagonistic pairs begin with
-BY_SUFFIX = {'_m': displacement_mismatch, '_rad': angle_mismatch, '_K': temperature_mismatch, '_W': heating_mismatch,
-             '_ohm': resistance_mismatch}  # fmt: skip
+BY_SUFFIX = {
+    '_m': displacement_mismatch,
+    '_rad': angle_mismatch,
+    '_K': temperature_mismatch,
+    '_W': heating_mismatch,
+    '_ohm': resistance_mismatch,
+}
 
 
 def mismatch_of(name: str, values: Vector) -> UnitMismatch | None:

@@ -105,8 +105,11 @@ class StageData:
         structures = [known_structures()[recording.system] for recording in self.training.recordings]
         if not all(structure.is_quasi_static for structure in structures) or 'strain' not in self.training.noise_std:
             return CRITERIA.unexplained
-        span = max(float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
-                   for run in self.training.recordings if 'strain' in run.channels)  # fmt: skip
+        span = max(
+            float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
+            for run in self.training.recordings
+            if 'strain' in run.channels
+        )
         return unexplained_above(span / self.training.noise_std['strain'])
 
     def predicted_by(self, fit: FitResult, context: SearchContext) -> tuple[RunFit, ...]:
@@ -143,7 +146,7 @@ def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: Search
     without = replace(dataset, recordings=tuple(replace(one, unpowered_side=side) for one in dataset.recordings))
     errors = [
         [run.error for run in evaluate_held_out(fit.config, runs, fit.delay, context.pool)] for runs in (dataset, without)
-    ]  # fmt: skip
+    ]
     pairs = zip(dataset.recordings, without.recordings, *errors, strict=True)
     return replace(dataset, recordings=tuple(lost if less < error else one for one, lost, error, less in pairs))
 

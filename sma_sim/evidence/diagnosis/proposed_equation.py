@@ -79,21 +79,28 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
         name = f'effects.{proposal.effect}.{p.name}'
         interval, std = seen.get(name), proposal.std.get(name)
         found[p.name] = {
-            'value': effect_values(diagnosis)[p.name], 'unit': p.unit, 'description': p.description,
+            'value': effect_values(diagnosis)[p.name],
+            'unit': p.unit,
+            'description': p.description,
             'std': None if std is None else finite(std),
-            'low': finite(interval.low) if interval else None, 'high': finite(interval.high) if interval else None,
-        }  # fmt: skip
+            'low': finite(interval.low) if interval else None,
+            'high': finite(interval.high) if interval else None,
+        }
     return found
 
 
 def ranked(fit: FormulaFit) -> dict[str, Any]:
     """A formula that was refitted."""
     return {
-        'effect': fit.formula.name, 'port': fit.formula.location.hook, 'formula': fit.formula.equation,
-        'error': finite(fit.error), 'log_odds': finite(fit.log_odds),
+        'effect': fit.formula.name,
+        'port': fit.formula.location.hook,
+        'formula': fit.formula.equation,
+        'error': finite(fit.error),
+        'log_odds': finite(fit.log_odds),
         'parameters': {p.name: p.default for p in fit.formula.parameters},
-        'variables': list(fit.formula.variables), 'stability': finite(fit.stability),
-    }  # fmt: skip
+        'variables': list(fit.formula.variables),
+        'stability': finite(fit.stability),
+    }
 
 
 def proposed_text(diagnosis: Diagnosis) -> Iterator[str]:

@@ -239,9 +239,12 @@ class Calibration(Shown, Saved):
 
 
 def calibrate(
-    dataset: Dataset, config: Config, options: FitOptions | None = None, executor: Executor | None = None,
+    dataset: Dataset,
+    config: Config,
+    options: FitOptions | None = None,
+    executor: Executor | None = None,
     progress: OnIteration | None = None,
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """Fit free parameters to all recordings of a dataset.
 
     Parameters
@@ -297,7 +300,7 @@ def calibrate(
 
 def fit_with_kinetics(
     dataset: Dataset, config: Config, options: FitOptions, context: SearchContext
-) -> tuple[FitResult, Mapping[str, float]]:  # fmt: skip
+) -> tuple[FitResult, Mapping[str, float]]:
     """A search with the kinetics to try; the more probable ones, and the probabilities where there are two.
 
     Where the data do not decide they stay open, so that a later fit may choose again, and hybrid as they are by default.
@@ -341,8 +344,10 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
         raise UserError('there is no recording to fit')
     for recording in dataset.recordings:
         if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
-            raise UserError(f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
-                            f'{config.system}: change it, or leave the recording out')  # fmt: skip
+            raise UserError(
+                f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
+                f'{config.system}: change it, or leave the recording out'
+            )
 
 
 def on_leading_bench(config: Config, dataset: Dataset) -> Config:
@@ -377,9 +382,13 @@ def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Probl
     whole = problem_for(dataset, fit.problem.config, options, 1, step_limited=False)
     problem = fit.problem
     return replace(
-        whole, free=problem.free, nominal_effects=problem.nominal_effects, differences=problem.differences,
-        tempering=problem.tempering, delay_range=problem.delay_range,
-    )  # fmt: skip
+        whole,
+        free=problem.free,
+        nominal_effects=problem.nominal_effects,
+        differences=problem.differences,
+        tempering=problem.tempering,
+        delay_range=problem.delay_range,
+    )
 
 
 def multistart_search(
@@ -407,8 +416,10 @@ def multistart_search(
     k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
     others = tuple(
         OtherStart(more, thinned.values(fit.z), abs(more) < SAME_OPTIMUM, more / k**2)
-        for fit in fits if fit is not best for more in [fit.cost - best.cost]
-    )  # fmt: skip
+        for fit in fits
+        if fit is not best
+        for more in [fit.cost - best.cost]
+    )
     if len(subset.runs) < len(thinned.runs):
         z = from_subset(thinned, start_point(thinned), best.z)
         best = continued_fit(best, thinned, z, replace(criteria, damping=JOINING_DAMPING), context, 'all runs')
@@ -417,7 +428,7 @@ def multistart_search(
 
 def continued_fit(
     fit: FitResult, problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str
-) -> FitResult:  # fmt: skip
+) -> FitResult:
     """A fit continued from z on another problem with the same parameters; iterations of both."""
     job = partial(minimize, problem, z, criteria, context, f'{problem.config.simulated_kinetics}, {label}')
     (found,) = run_in_threads([job], context.stop)
@@ -453,11 +464,15 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         known = with_other_minima(checked, last.other_starts)
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
-        found, config=with_tolerance(with_starts(last.config, found.runs), rtol),
+        found,
+        config=with_tolerance(with_starts(last.config, found.runs), rtol),
         fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
-        uncertainty=known, interrupted=context.stop.is_set(),
-        seconds=time.perf_counter() - t_start, implausible=implausible_of(last, known), by_run=by_run,
-    )  # fmt: skip
+        uncertainty=known,
+        interrupted=context.stop.is_set(),
+        seconds=time.perf_counter() - t_start,
+        implausible=implausible_of(last, known),
+        by_run=by_run,
+    )
 
 
 def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
@@ -473,12 +488,25 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     errors = errors_by_channel(fit.problem, runs)
     reached = limits_reached(fit.problem, fit.z, runs)
     return Calibration(
-        config=fit.config, free=fit.problem.free, fixed=(), values=fit.values, delay=fit.delay, runs=runs,
-        channel_errors=errors, error=mean_error(errors), cost=fit.cost, iterations=fit.iterations, converged=fit.converged,
-        interrupted=context.stop.is_set(), at_bound=tuple(limit.name for limit in reached),
-        other_starts=fit.other_starts, uncertainty=None, seconds=0.0, limits=reached,
+        config=fit.config,
+        free=fit.problem.free,
+        fixed=(),
+        values=fit.values,
+        delay=fit.delay,
+        runs=runs,
+        channel_errors=errors,
+        error=mean_error(errors),
+        cost=fit.cost,
+        iterations=fit.iterations,
+        converged=fit.converged,
+        interrupted=context.stop.is_set(),
+        at_bound=tuple(limit.name for limit in reached),
+        other_starts=fit.other_starts,
+        uncertainty=None,
+        seconds=0.0,
+        limits=reached,
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
-    )  # fmt: skip
+    )
 
 
 def with_tolerance(config: Config, rtol: float) -> Config:

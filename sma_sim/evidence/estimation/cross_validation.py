@@ -108,10 +108,22 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires(run)))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
         zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
-        fits.append(RunFit(
-            run.name, nuisance.start, x, nuisance.switches, errors, mean_error(errors), zero, zeros, drifts,
-            quasi_static=nuisance.unknown_zero, ambient=nuisance.ambient, ambient_std=run.ambient_std,
-        ))  # fmt: skip
+        fits.append(
+            RunFit(
+                run.name,
+                nuisance.start,
+                x,
+                nuisance.switches,
+                errors,
+                mean_error(errors),
+                zero,
+                zeros,
+                drifts,
+                quasi_static=nuisance.unknown_zero,
+                ambient=nuisance.ambient,
+                ambient_std=run.ambient_std,
+            )
+        )
     return tuple(fits)
 
 

@@ -52,9 +52,10 @@ def other_minima(found: Calibration) -> list[str]:
     words = []
     for start in found.other_starts:
         moved = [
-            f'{name} {value:.4g} (here {found.values[name]:.4g})' for name, value in start.values.items()
+            f'{name} {value:.4g} (here {found.values[name]:.4g})'
+            for name, value in start.values.items()
             if name in found.values and abs(value - found.values[name]) > DIFFERENT * abs(found.values[name])
-        ]  # fmt: skip
+        ]
         if moved and start.log_odds < DECISIVE:
             part = '; the intervals hold these values too' if start.log_odds < RULED_OUT else ''
             words.append(f'another minimum is nearly as probable (log odds {start.log_odds:.1f}): {", ".join(moved)}{part}')

@@ -28,8 +28,15 @@ NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0':
 # from thin wires (Morgan, Adv. Heat Transfer 11 (1975) 199); damping is a guess.
 WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 0.7}
 MATERIAL_NAMES = (
-    'wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
-)  # fmt: skip
+    'wire.E_A',
+    'wire.E_M',
+    'wire.eps_T',
+    'wire.sigma_T',
+    'wire.c_V',
+    'wire.lambda',
+    'wire.sigma_MW0',
+    'wire.dsigma',
+)
 KINETICS_NAMES = ('wire.V_L', 'wire.omega_x')
 HEAT_NAMES = ('wire.c_V', 'wire.lambda', 'wire.rho')
 RESISTIVITY_NAMES = ('wire.resistivity_A', 'wire.resistivity_M', 'wire.resistivity_T_A', 'wire.resistivity_T_M')
@@ -143,12 +150,15 @@ def values_of(config: Config) -> dict[str, float]:
 def with_values(config: Config, values: Mapping[str, float]) -> Config:
     """The configuration with some parameters changed, those of effects included."""
     effects = tuple(
-        replace(active, values=tuple(
-            values.get(f'effects.{active.found.effect.name}.{p.name}', old)
-            for p, old in zip(active.found.effect.parameters, active.values, strict=True)
-        ))
+        replace(
+            active,
+            values=tuple(
+                values.get(f'effects.{active.found.effect.name}.{p.name}', old)
+                for p, old in zip(active.found.effect.parameters, active.values, strict=True)
+            ),
+        )
         for active in config.effects
-    )  # fmt: skip
+    )
     own = {name: value for name, value in values.items() if name in config.parameters}
     return config.variant(own, effects=effects)
 
@@ -207,8 +217,10 @@ def choose_free(
     for name in requested:
         if name not in declared:
             hint = suggestion(name, declared)
-            raise UserError(f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
-                            'or effects.NAME.* of an active effect')  # fmt: skip
+            raise UserError(
+                f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
+                'or effects.NAME.* of an active effect'
+            )
     fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]
     left = remaining(requested, fixed)
     for equivalence in equivalences(config, measured):

@@ -107,9 +107,10 @@ def wire_ports(structure: Structure) -> tuple[Port, ...]:
     ]
     return tuple(
         Port(f'{group}_{i + 1}', unit, hook, i, group, probe, f'{words} wire {i + 1}')
-        for group, unit, hook, probe, words in quantities for i in range(structure.wires)
+        for group, unit, hook, probe, words in quantities
+        for i in range(structure.wires)
         if structure.imposed_temperature < 0 or group not in ('heat', 'power')
-    )  # fmt: skip
+    )
 
 
 def sensor_ports(structure: Structure, channels: Collection[str]) -> tuple[Port, ...]:
@@ -118,11 +119,19 @@ def sensor_ports(structure: Structure, channels: Collection[str]) -> tuple[Port,
     coordinates = {coordinate.name: coordinate for coordinate in structure.coordinates}
     return tuple(
         Port(
-            f'sense_{channel}', column[len(channel) + 1 :] or '-', 'sensing', k, f'sense_{channel}',
-            sensor_probe(channel, coordinates.get(channel), structure), f'offset of the shown {channel}', channel, column,
+            f'sense_{channel}',
+            column[len(channel) + 1 :] or '-',
+            'sensing',
+            k,
+            f'sense_{channel}',
+            sensor_probe(channel, coordinates.get(channel), structure),
+            f'offset of the shown {channel}',
+            channel,
+            column,
         )
-        for k, (channel, column) in enumerate(sensors) if channel in channels and column not in structure.resistance_columns
-    )  # fmt: skip
+        for k, (channel, column) in enumerate(sensors)
+        if channel in channels and column not in structure.resistance_columns
+    )
 
 
 def sensor_probe(channel: str, coordinate: Coordinate | None, structure: Structure) -> float:

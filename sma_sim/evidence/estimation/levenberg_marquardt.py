@@ -138,9 +138,7 @@ def normal_parts(
     return [normal_equations(linear, problem.robust) for linear in linearize(problem, z, executor, steps, central)]
 
 
-def minimize(
-    problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = ''
-) -> FitResult:  # fmt: skip
+def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = '') -> FitResult:
     """Minimise the cost from z. Raises SimulationError when the model cannot be run at the start.
 
     Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
@@ -174,9 +172,13 @@ def minimize(
 
 
 def secant_minimum(
-    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], limits: tuple[float, float], context: SearchContext,
+    problem: Problem,
+    z: Vector,
+    linear: Sequence[LinearizedRun],
+    limits: tuple[float, float],
+    context: SearchContext,
     target: float = np.inf,
-) -> FitResult:  # fmt: skip
+) -> FitResult:
     """Where minimisation from z leads without another linearisation: `linear` is one at z, or near it.
 
     Each step corrects the derivatives (Broyden, Math. Comp. 19, 1965) and costs one run of the model, where a linearisation

@@ -69,8 +69,9 @@ def within_limits(problem: Problem, limits: Mapping[str, Range]) -> Problem:
     names = [free.name for free in problem.free]
     for name, (low, high) in limits.items():
         if name not in (*names, DELAY_NAME, STRAIN_ZERO):
-            raise UserError(f'--limit {name}: expected {DELAY_NAME}, {STRAIN_ZERO}, or a parameter that is fitted: '
-                            f'{", ".join(names)}')  # fmt: skip
+            raise UserError(
+                f'--limit {name}: expected {DELAY_NAME}, {STRAIN_ZERO}, or a parameter that is fitted: {", ".join(names)}'
+            )
         if not low < high:
             raise UserError(f'--limit {name}={low:g}:{high:g}: expected the lower end first')
     free = tuple(narrowed(one, limits[one.name]) if one.name in limits else one for one in problem.free)
@@ -93,8 +94,9 @@ def limits_reached(problem: Problem, z: Vector, runs: Sequence[RunFit]) -> tuple
     declared = declared_parameters(problem.config)
     found = [
         of_unknown(one, float(x), declared.get(one.name))
-        for one, x in zip(problem.shared, z, strict=False) if is_at_limit(one, float(x))
-    ]  # fmt: skip
+        for one, x in zip(problem.shared, z, strict=False)
+        if is_at_limit(one, float(x))
+    ]
     offsets = dict[str, list[tuple[str, float, Range]]]()
     for data, fit in zip(problem.runs, runs, strict=True):
         stds = dict(zip(data.channels, data.zero_std, strict=bool(data.zero_std)))

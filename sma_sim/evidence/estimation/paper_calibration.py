@@ -27,7 +27,7 @@ TEMPERATURE_TOLERANCE = 1.0  # [K]
 @dataclass(frozen=True)
 class Loop:
     """One isotherm: its temperature [K], sigma_MW and dsigma there [Pa] with the standard deviations of their logarithms
-    (NaN where not known), and the RMSE of its stress [Pa] under the model that was calibrated."""  # fmt: skip
+    (NaN where not known), and the RMSE of its stress [Pa] under the model that was calibrated."""
 
     name: str
     T_E: float
@@ -74,8 +74,9 @@ def calibrate_as_the_paper(
         found = ', '.join(f'{temperature(loop):g}' for loop in loops)
         raise UserError(f'expected isotherms at {at:g} K and at another temperature, got {found or "none"} [K]')
     here = fitted_at(Dataset(tuple(first), dataset.noise_std), config, REFERENCE_NAMES, executor)
-    fits = {loop.name: fitted_at(Dataset((loop,), dataset.noise_std), here.config, FURTHER_NAMES, executor)
-            for loop in others}  # fmt: skip
+    fits = {
+        loop.name: fitted_at(Dataset((loop,), dataset.noise_std), here.config, FURTHER_NAMES, executor) for loop in others
+    }
     fits |= {loop.name: here for loop in first}
     T = np.array([temperature(loop) for loop in loops])
     stress = np.array([fits[loop.name].values['wire.sigma_MW0'] for loop in loops])
@@ -114,9 +115,13 @@ def log_std(found: Calibration, name: str) -> float:
 
 
 def summary(
-    config: Config, first: Calibration, recordings: list[Recording], fits: Mapping[str, Calibration],
-    rmse: Mapping[str, float], sigma_T: float,
-) -> PaperCalibration:  # fmt: skip
+    config: Config,
+    first: Calibration,
+    recordings: list[Recording],
+    fits: Mapping[str, Calibration],
+    rmse: Mapping[str, float],
+    sigma_T: float,
+) -> PaperCalibration:
     """The loops with the fit of each of them alone."""
     loops = tuple(loop_of(recording, fits[recording.name], rmse[recording.name]) for recording in recordings)
     pairs = [(a, b) for a, b in zip(loops, loops[1:], strict=False) if b.T_E - a.T_E > TEMPERATURE_TOLERANCE]
@@ -128,6 +133,11 @@ def summary(
 def loop_of(recording: Recording, fit: Calibration, rmse: float) -> Loop:
     """What the fit of one loop says of it."""
     return Loop(
-        recording.name, temperature(recording), fit.values['wire.sigma_MW0'], log_std(fit, 'wire.sigma_MW0'),
-        fit.values['wire.dsigma'], log_std(fit, 'wire.dsigma'), rmse,
-    )  # fmt: skip
+        recording.name,
+        temperature(recording),
+        fit.values['wire.sigma_MW0'],
+        log_std(fit, 'wire.sigma_MW0'),
+        fit.values['wire.dsigma'],
+        log_std(fit, 'wire.dsigma'),
+        rmse,
+    )

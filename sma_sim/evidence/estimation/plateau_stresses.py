@@ -114,8 +114,10 @@ def plateau(smooth: Vector, flat: NDArray[np.bool_]) -> float:
 
 def plateaus_as_text(tests: Sequence[IsothermalTest]) -> list[str]:
     """A table of the plateau stresses."""
-    lines = ['plateau stresses of isothermal tests [MPa], strain that the plateau takes:',
-             'test                 temperature [deg C]  loading  unloading   strain']  # fmt: skip
+    lines = [
+        'plateau stresses of isothermal tests [MPa], strain that the plateau takes:',
+        'test                 temperature [deg C]  loading  unloading   strain',
+    ]
     for test in tests:
         numbers = f'{1e-6 * test.loading:9.1f}{1e-6 * test.unloading:11.1f}{100.0 * test.plateau_strain:7.2f} %'
         lines.append(f'{test.name:<20} {test.temperature - 273.15:19.1f}{numbers}')

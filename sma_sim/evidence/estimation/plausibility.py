@@ -135,10 +135,12 @@ def implausible_data(parameter: ImplausibleParameter) -> dict[str, Any]:
 
 def reported_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> Matrix:
     """The covariance (p, p) in z behind the intervals of a fit; infinite for what the data do not see."""
-    std = np.array([
-        interval.std / parameter.scale if interval.seen else BOUND_STDS * 1e3
-        for interval, parameter in zip(known.intervals, free, strict=True)
-    ])  # fmt: skip
+    std = np.array(
+        [
+            interval.std / parameter.scale if interval.seen else BOUND_STDS * 1e3
+            for interval, parameter in zip(known.intervals, free, strict=True)
+        ]
+    )
     correlation = np.reshape(known.correlation, (len(std), len(std)))
     found: Matrix = correlation * np.outer(std, std)
     return found

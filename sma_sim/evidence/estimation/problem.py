@@ -191,8 +191,9 @@ def linearize(
     indices, shared, config = problem.indices(), np.arange(len(problem.shared)), problem.fitted(z)
     submitted = {
         k: executor.submit(linearized_by_tangents, tangent_task(problem, z, run, indices[k]))
-        for k, run in enumerate(problem.runs) if tangents_apply(config, run)
-    }  # fmt: skip
+        for k, run in enumerate(problem.runs)
+        if tangents_apply(config, run)
+    }
     found = {k: future.result() for k, future in submitted.items()}
     linear = {k: LinearizedRun(indices[k], *run) for k, run in found.items() if run is not None}
     missing = [k for k in range(len(problem.runs)) if k not in linear]
@@ -210,12 +211,17 @@ def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.
     moved = part + DELTA * np.eye(len(part))
     own, nuisances = PickledConfig(problem.fitted(part)), [problem.nuisance(run, at) for at in moved]
     return TangentTask(
-        run, (own, problem.nuisance(run, part)),
-        (*((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
-         *((own, one) for one in nuisances[free:])),
-        free if problem.delay is None else -1, DELAY.scale, tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),
+        run,
+        (own, problem.nuisance(run, part)),
+        (
+            *((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
+            *((own, one) for one in nuisances[free:]),
+        ),
+        free if problem.delay is None else -1,
+        DELAY.scale,
+        tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),
         differences_apart(problem, part, run),
-    )  # fmt: skip
+    )
 
 
 def differences_apart(
@@ -286,9 +292,12 @@ def difference_points(part: Vector, low: Vector, high: Vector, steps: Vector, ce
 
 
 def assembled(
-    run: FitData, part: Vector, indices: NDArray[np.int64], moves: Sequence[tuple[int, Vector]],
+    run: FitData,
+    part: Vector,
+    indices: NDArray[np.int64],
+    moves: Sequence[tuple[int, Vector]],
     found: Sequence[Matrix | None],
-) -> LinearizedRun:  # fmt: skip
+) -> LinearizedRun:
     """Difference quotients from the residuals at the points of one run."""
     base = found[0]
     if base is None:

@@ -18,7 +18,7 @@ class RecordingDifference:
     temperature; or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
-    """  # fmt: skip
+    """
 
     words: str
     channel: str = ''

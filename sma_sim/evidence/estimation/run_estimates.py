@@ -131,7 +131,7 @@ def score_overdispersion(run: FitData, residuals: Matrix, unknowns: int, robust:
 @dataclass(frozen=True)
 class OwnValues:
     """How far a shared unknown moves in each recording (m,) that may have its own, their covariance (m, m), and the
-    information (m,) of each recording where all else is known."""  # fmt: skip
+    information (m,) of each recording where all else is known."""
 
     shifts: Vector
     covariance: Matrix
@@ -236,9 +236,12 @@ def by_run_data(found: Sequence[ParameterByRun]) -> dict[str, Any]:
 def parameter_data(parameter: ParameterByRun) -> Mapping[str, Any]:
     """One parameter."""
     return {
-        'value': parameter.value, 'unit': parameter.unit, 'Q': parameter.Q, 'dof': parameter.dof,
+        'value': parameter.value,
+        'unit': parameter.unit,
+        'Q': parameter.Q,
+        'dof': parameter.dof,
         'p': parameter.p if parameter.dof else None,
         'recordings': {
             run.run: {name: value for name, value in asdict(run).items() if name != 'run'} for run in parameter.runs
         },
-    }  # fmt: skip
+    }

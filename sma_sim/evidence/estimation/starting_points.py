@@ -35,7 +35,7 @@ class StartingPoint:
 
 def starting_points(
     problem: Problem, shown: Mapping[str, float], count: int, seed: int, pool: Executor
-) -> list[StartingPoint]:  # fmt: skip
+) -> list[StartingPoint]:
     """The middle of the priors; if more are asked for, what a single wire gives reason to try, then random points.
 
     The curves of its tests may have `shown` parameters elsewhere. Every run can be made at all points but the first.
@@ -78,7 +78,7 @@ def points_of_single_wire(problem: Problem) -> list[StartingPoint]:
 
 def minimized_from(
     point: StartingPoint, problem: Problem, criteria: StopCriteria, context: SearchContext, label: str
-) -> FitResult:  # fmt: skip
+) -> FitResult:
     """The optimum to which a starting point leads; iterations of all its weights."""
     z, iterations = point.z, 0
     for factor in point.weights:

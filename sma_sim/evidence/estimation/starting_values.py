@@ -131,9 +131,10 @@ def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True
         return config, features
     defaults: Mapping[str, float] = config.structure.structure.default_values
     own = {
-        name: value for name, value in starting_values(features).items()
+        name: value
+        for name, value in starting_values(features).items()
         if config.parameters[name] == defaults[name] and name not in config.priors
-    }  # fmt: skip
+    }
     return config.variant(own), features
 
 

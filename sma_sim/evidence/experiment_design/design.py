@@ -107,9 +107,12 @@ class SearchOutcome:
 
 
 def next_experiment(
-    training: Dataset, config: Config, request: DesignRequest, executor: Executor | None = None,
+    training: Dataset,
+    config: Config,
+    request: DesignRequest,
+    executor: Executor | None = None,
     on_progress: Callable[[str], None] | None = None,
-) -> Plan:  # fmt: skip
+) -> Plan:
     """Design the next experiment.
 
     Parameters
@@ -261,8 +264,9 @@ def operating_limits(
     stress = request.stress or float(margin * max(run.stress for run in reached))
     above = 'a tenth above what the recordings reached in the model'
     return OperatingLimits(temperature, stress), {
-        'temperature': 'given' if request.temperature else above, 'stress': 'given' if request.stress else above,
-    }  # fmt: skip
+        'temperature': 'given' if request.temperature else above,
+        'stress': 'given' if request.stress else above,
+    }
 
 
 def simulated_recordings(hypothesis: ModelHypothesis, pool: Executor) -> list[SimulatedRun]:
@@ -304,9 +308,12 @@ def utility_for(hypotheses: Sequence[ModelHypothesis], combinations: Matrix) -> 
 
 
 def search_design(
-    training: Dataset, hypotheses: Sequence[ModelHypothesis], problem: DesignProblem, request: DesignRequest,
+    training: Dataset,
+    hypotheses: Sequence[ModelHypothesis],
+    problem: DesignProblem,
+    request: DesignRequest,
     context: SearchContext,
-) -> SearchOutcome:  # fmt: skip
+) -> SearchOutcome:
     """The linear search, continued with refitted rivals where there are any. Raises UserError if no command is allowed."""
     single = len(hypotheses) == 1
     budget = request.budget if single else round(DESIGN_CRITERIA.linear_share * request.budget)
@@ -337,12 +344,21 @@ def plan_from(
     defaults = [default.predictions for default in evaluated if default.predictions is not None]
     gain = InformationGain(best.utility, float(np.mean([default.utility for default in evaluated])))
     return Plan(
-        hypotheses=hypotheses, grid=problem.grid, levels=outcome.levels, limits=problem.limits, limits_from=origins,
+        hypotheses=hypotheses,
+        grid=problem.grid,
+        levels=outcome.levels,
+        limits=problem.limits,
+        limits_from=origins,
         expected=() if single else expected_ratios(hypotheses, best.predictions, defaults, outcome.refitted),
         precision=parameter_precision(hypotheses[0], best.predictions[0], [d[0] for d in defaults]) if single else (),
-        gain=gain if single else InformationGain(0.0, 0.0), predictions=best.predictions, run=problem.run, every=1,
-        evaluated=outcome.count, interrupted=outcome.interrupted, seconds=0.0,
-    )  # fmt: skip
+        gain=gain if single else InformationGain(0.0, 0.0),
+        predictions=best.predictions,
+        run=problem.run,
+        every=1,
+        evaluated=outcome.count,
+        interrupted=outcome.interrupted,
+        seconds=0.0,
+    )
 
 
 def expected_ratios(

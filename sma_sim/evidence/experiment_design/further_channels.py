@@ -95,9 +95,12 @@ class FurtherChannel:
 
 
 def further_channels(
-    hypotheses: Sequence[ModelHypothesis], noise_std: Mapping[str, float], counted: Sequence[RivalPair],
-    combinations: Matrix, pool: Executor,
-) -> tuple[FurtherChannel, ...]:  # fmt: skip
+    hypotheses: Sequence[ModelHypothesis],
+    noise_std: Mapping[str, float],
+    counted: Sequence[RivalPair],
+    combinations: Matrix,
+    pool: Executor,
+) -> tuple[FurtherChannel, ...]:
     """All channels of the system by utility, the best first.
 
     `noise_std` (SI): of the recordings; `counted`: pairs that the utility counts; `combinations` (k, n): of parameters to be
@@ -126,9 +129,11 @@ class SensedChannel:
 
 
 def judged(
-    channel: FurtherChannel, hypotheses: Sequence[ModelHypothesis], shown: Sequence[SensedChannel],
+    channel: FurtherChannel,
+    hypotheses: Sequence[ModelHypothesis],
+    shown: Sequence[SensedChannel],
     counted: Sequence[RivalPair],
-) -> FurtherChannel:  # fmt: skip
+) -> FurtherChannel:
     """The channel with what it is expected to tell of the hypotheses."""
     pairs = [RivalPair(a, b) for a in range(len(hypotheses)) for b in range(len(hypotheses)) if a != b]
     ratios = evidence_ratios([sensed_channel.prediction for sensed_channel in shown], pairs)
@@ -173,8 +178,9 @@ def with_resistivities(fit: FitResult) -> tuple[Problem, Matrix, NDArray[np.int6
     declared, values = declared_parameters(config), values_of(config)
     more = tuple(
         free_parameter(name, values[name], declared[name], config.priors.get(name))
-        for name in RESISTIVITY_NAMES if name not in known
-    )  # fmt: skip
+        for name in RESISTIVITY_NAMES
+        if name not in known
+    )
     z = np.insert(fit.z, at, np.zeros(len(more)))
     own = np.arange(at, at + len(more))
     order = np.concatenate([np.delete(np.arange(len(z)), own), own])
@@ -188,10 +194,12 @@ def with_channels(run: FitData, noise: Mapping[str, float]) -> FitData:
     missing = tuple(name for name in noise if name not in run.channels)
     weight = np.array([np.full(len(time), 1.0 / noise[name]) for name in missing]).reshape(len(missing), len(time))
     return replace(
-        run, channels=(*run.channels, *missing), time=time,
+        run,
+        channels=(*run.channels, *missing),
+        time=time,
         measured=np.vstack([run.measured[:, ::every], np.zeros_like(weight)]),
         weight=np.sqrt(every) * np.vstack([run.weight[:, ::every], weight]),
-    )  # fmt: skip
+    )
 
 
 def channel_prediction(name: str, runs: Sequence[FitData], linear: Sequence[LinearizedRun], root: Matrix) -> RunPrediction:
@@ -229,7 +237,11 @@ def channels_sentence(found: Sequence[FurtherChannel]) -> str:
 def channel_data(channel: FurtherChannel) -> dict[str, Any]:
     """One of them for programs (SI, natural logarithms)."""
     return {
-        'channel': channel.channel, 'measured': channel.measured, 'noise_std': channel.noise_std, 'utility': channel.utility,
-        'decides': channel.decides, 'information_nat': channel.information,
+        'channel': channel.channel,
+        'measured': channel.measured,
+        'noise_std': channel.noise_std,
+        'utility': channel.utility,
+        'decides': channel.decides,
+        'information_nat': channel.information,
         'expected_log_evidence_ratio': [asdict(ratio) for ratio in channel.expected],
-    }  # fmt: skip
+    }

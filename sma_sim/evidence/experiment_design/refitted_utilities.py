@@ -115,9 +115,12 @@ def thinned_rivals(
 
 
 def refit_problem(
-    training: Dataset, hypotheses: Sequence[ModelHypothesis], best: EvaluatedSequence,
-    counted: Sequence[RivalPair], context: SearchContext,
-) -> RefitProblem:  # fmt: skip
+    training: Dataset,
+    hypotheses: Sequence[ModelHypothesis],
+    best: EvaluatedSequence,
+    counted: Sequence[RivalPair],
+    context: SearchContext,
+) -> RefitProblem:
     """All pairs, or those of them that the linearly best sequence discriminates the least."""
     assert best.predictions is not None
     pairs = all_pairs(len(hypotheses))
@@ -147,9 +150,13 @@ def is_ratio_accurate(base: float, costs: Sequence[float]) -> bool:
 
 
 def squares_left_by(
-    rival: ThinnedRival, true: ThinnedRival, values: Vector, run: FitData, stop_criteria: StopCriteria,
+    rival: ThinnedRival,
+    true: ThinnedRival,
+    values: Vector,
+    run: FitData,
+    stop_criteria: StopCriteria,
     context: SearchContext,
-) -> float:  # fmt: skip
+) -> float:
     """Half the squares by which a run that `true` predicts raises the cost of a refitted rival; NaN: cannot be simulated."""
     experiment = predicted_run(true, values, run, context)
     if experiment is None:
@@ -171,8 +178,10 @@ def refit_to_sequences(
     runs = [with_command(problem.run, sequence.levels, problem.grid) for sequence in sequences]
     jobs = [
         partial(squares_left_by, refits.rivals[pair.rival], refits.rivals[pair.true], values, run, stop_criteria, context)
-        for run in runs for pair in refits.pairs for values in refits.rivals[pair.true].true_values
-    ]  # fmt: skip
+        for run in runs
+        for pair in refits.pairs
+        for values in refits.rivals[pair.true].true_values
+    ]
     shape = len(sequences), len(refits.pairs), TRUE_VALUES
     left = np.reshape(run_in_threads(jobs, context.stop) if jobs else [], shape)
     if context.stop.is_set():
@@ -214,9 +223,12 @@ def lower_ratio(first: EvidenceRatio, second: EvidenceRatio) -> EvidenceRatio:
 
 
 def search_with_refits(
-    refits: RefitProblem, problem: DesignProblem, linear: SequenceSearchResult, budget: int,
+    refits: RefitProblem,
+    problem: DesignProblem,
+    linear: SequenceSearchResult,
+    budget: int,
     on_progress: Callable[[str], None],
-) -> RefitSearchResult | None:  # fmt: skip
+) -> RefitSearchResult | None:
     """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was evaluated."""
     criteria, stop = DESIGN_CRITERIA, refits.context.stop
     random = np.random.default_rng([refits.context.seed, 1])

@@ -170,8 +170,9 @@ def leading_rivals(base: FitResult, context: SearchContext) -> list[NamedFit]:
     limit = ranked[0].score(k) - WINDOW
     return [
         NamedFit(next((one.name for one in model.components), NO_EFFECT), model.fit)
-        for model in ranked if model.score(k) >= limit
-    ]  # fmt: skip
+        for model in ranked
+        if model.score(k) >= limit
+    ]
 
 
 def with_common_kinetics(rivals: Sequence[NamedFit], context: SearchContext) -> list[NamedFit]:

@@ -28,7 +28,9 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         'parameters': {parameter.name: precision_data(parameter) for parameter in plan.precision},
         'information_nat': {'designed': plan.gain.designed, 'default': plan.gain.default},
         'limits': {
-            'power_W': plan.grid.power, 'temperature_K': plan.limits.temperature, 'stress_Pa': plan.limits.stress,
+            'power_W': plan.grid.power,
+            'temperature_K': plan.limits.temperature,
+            'stress_Pa': plan.limits.stress,
             'from': dict(plan.limits_from),
         },
         'reached': {
@@ -40,7 +42,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         'tried': plan.evaluated,
         'interrupted': plan.interrupted,
         'seconds': plan.seconds,
-    }  # fmt: skip
+    }
 
 
 def hypothesis_data(hypothesis: ModelHypothesis) -> dict[str, Any]:

@@ -23,7 +23,7 @@ STATE_DEPENDENCES = {  # of a force: the coordinate that its port names
     'transformation_stress': (('T',), ('x',), ('T', 'x')),
     'actuation': (('J',),),
     'sensing': (('value',),),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)

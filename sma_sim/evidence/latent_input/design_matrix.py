@@ -248,10 +248,18 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
         part = slice(first_row[port.name], first_row[port.name] + len(u))
         residuals = residuals - ((u / port.probe) @ all_rows[part]).reshape(residuals.shape)
     return RunDesign(
-        run.name, run.channels, grid, residuals, all_rows, first_row, point.problem.indices()[k],
-        statistics_by_fold(all_rows, residuals, grid), excess, run.samples,
+        run.name,
+        run.channels,
+        grid,
+        residuals,
+        all_rows,
+        first_row,
+        point.problem.indices()[k],
+        statistics_by_fold(all_rows, residuals, grid),
+        excess,
+        run.samples,
         columns_at_knots(initial_state, replace(fixed_run, time=grid.knots), nuisance),
-    )  # fmt: skip
+    )
 
 
 def port_responses(

@@ -47,7 +47,7 @@ CONFOUNDING_REASONS = {
     frozenset(('force_U_x', 'force_U_y')): 'on a bent beam the directions mix',
     frozenset(('stiffness', 'moment_alpha')): 'a softer beam bends as if a moment helped',
     frozenset(('stiffness', 'force_U_y')): 'a softer beam bends as if a force helped',
-}  # fmt: skip
+}
 WIRE_QUANTITIES = ('heat', 'power', 'stress', 'strain')
 ALONG_WIRES = 'force_U_x'  # stretches the beam, which no tension of a wire does alone
 FORCES_UNMEASURED = 'where no force is measured, the tension of the wires shows only as the force or moment that it makes'

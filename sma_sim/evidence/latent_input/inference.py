@@ -38,9 +38,11 @@ class SufficientStatistics:
 def sum_of_statistics(parts: Sequence[SufficientStatistics]) -> SufficientStatistics:
     """Those of several parts of the data together."""
     return SufficientStatistics(
-        np.sum([part.gram for part in parts], axis=0), np.sum([part.score for part in parts], axis=0),
-        sum(part.squares for part in parts), sum(part.count for part in parts),
-    )  # fmt: skip
+        np.sum([part.gram for part in parts], axis=0),
+        np.sum([part.score for part in parts], axis=0),
+        sum(part.squares for part in parts),
+        sum(part.count for part in parts),
+    )
 
 
 @dataclass(frozen=True)
@@ -97,10 +99,12 @@ def best_prior(gram: Matrix, score: Vector, covariances: Mapping[str, Matrix], m
     first = max(singles, key=lambda prior: prior.log_evidence)
     size = float(np.mean(np.sum(first.root**2, axis=1)))
     mixtures = [
-        best_amplitude(gram, score, f'{first.description}; {name}',
-                       first.root @ first.root.T + MIXTURE_WEIGHT * size * covariance)
-        for name, covariance in covariances.items() if mixed and name != first.description
-    ]  # fmt: skip
+        best_amplitude(
+            gram, score, f'{first.description}; {name}', first.root @ first.root.T + MIXTURE_WEIGHT * size * covariance
+        )
+        for name, covariance in covariances.items()
+        if mixed and name != first.description
+    ]
     return max([first, *mixtures], key=lambda prior: prior.log_evidence)
 
 

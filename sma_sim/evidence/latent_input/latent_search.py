@@ -91,9 +91,13 @@ class LatentRequest:
 
 
 def estimate_latent_inputs(
-    dataset: Dataset, config: Config, held_out: Dataset | None = None, request: LatentRequest | None = None,
-    executor: Executor | None = None, on_progress: OnProgress | None = None,
-) -> LatentInputs:  # fmt: skip
+    dataset: Dataset,
+    config: Config,
+    held_out: Dataset | None = None,
+    request: LatentRequest | None = None,
+    executor: Executor | None = None,
+    on_progress: OnProgress | None = None,
+) -> LatentInputs:
     """Find the input, and where it acts, that would make `config` explain the dataset's recordings.
 
     Parameters
@@ -222,9 +226,20 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
     result = LatentInputs(
-        'none', {}, (), error, float('nan'), 0.0, 1.0, config, config.simulated_kinetics, problem.delay_at(z),
-        tuple(run.name for run in problem.runs), False, 0.0,
-    )  # fmt: skip
+        'none',
+        {},
+        (),
+        error,
+        float('nan'),
+        0.0,
+        1.0,
+        config,
+        config.simulated_kinetics,
+        problem.delay_at(z),
+        tuple(run.name for run in problem.runs),
+        False,
+        0.0,
+    )
     if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:
         context.on_progress('fitting with a tempered likelihood')
         fitted = tempered_fit(fitted, context)[0]
@@ -247,9 +262,13 @@ def nominal_error_in_gaps(point: LinearizationPoint, context: SearchContext) -> 
 
 
 def evaluate_hypotheses(
-    result: LatentInputs, start: LinearizationPoint, design: DesignMatrix, ports: Sequence[Port],
-    difference: Sequence[Matrix], context: SearchContext,
-) -> LatentInputs:  # fmt: skip
+    result: LatentInputs,
+    start: LinearizationPoint,
+    design: DesignMatrix,
+    ports: Sequence[Port],
+    difference: Sequence[Matrix],
+    context: SearchContext,
+) -> LatentInputs:
     """The evidence of all hypotheses; where one is more probable than none, the best are refined and compared again."""
     hypotheses = hypotheses_of(ports)
     context.on_progress(f'comparing {len(hypotheses)} hypotheses')
@@ -267,10 +286,14 @@ def evaluate_hypotheses(
     final = [evidence_of(evidence.design, evidence.hypothesis, inflation) for evidence in reported]
     null = null_log_evidence(design.statistics(hypotheses[0], inflation), design.z)
     findings = [
-        finding_for(replace(evidence, log_evidence=evidence.log_evidence - null),
-                    simulated.get(evidence.hypothesis.name), difference, inflation)
+        finding_for(
+            replace(evidence, log_evidence=evidence.log_evidence - null),
+            simulated.get(evidence.hypothesis.name),
+            difference,
+            inflation,
+        )
         for evidence in final
-    ]  # fmt: skip
+    ]
     findings.sort(key=lambda finding: -finding.log_evidence)
     best = best_explanation(findings)
     findings.sort(key=lambda finding: finding is not best)
@@ -325,8 +348,13 @@ def finding_for(
             inputs.append(InputEstimate(run.name, port, run.grid.knots, port.probe * u[part], port.probe * band[part]))
             at = part.stop
     return InputFinding(
-        evidence.hypothesis, evidence.log_evidence - 0.5 * max(squares - estimate.squares, 0.0), prior.dof,
-        prior.description, error_from_squares(design, squares, inflation), errors_in_gaps(evidence, inflation)[1],
-        float(np.mean(np.abs(u) > band)), tuple(inputs),
+        evidence.hypothesis,
+        evidence.log_evidence - 0.5 * max(squares - estimate.squares, 0.0),
+        prior.dof,
+        prior.description,
+        error_from_squares(design, squares, inflation),
+        errors_in_gaps(evidence, inflation)[1],
+        float(np.mean(np.abs(u) > band)),
+        tuple(inputs),
         simulated.point.problem.values(simulated.point.z) if simulated else {},
-    )  # fmt: skip
+    )

@@ -121,11 +121,15 @@ def single_wire_variants(refined: Sequence[RefinedHypothesis], context: SearchCo
     """Hypotheses of both wires on either of them alone, after two steps."""
     variants = [
         replace(
-            both, converged=False, evidence=replace(both.evidence, hypothesis=InputHypothesis(port.name, (port,))),
+            both,
+            converged=False,
+            evidence=replace(both.evidence, hypothesis=InputHypothesis(port.name, (port,))),
             point=replace(both.point, inputs=tuple({port: inputs[port]} for inputs in both.point.inputs)),
         )
-        for both in refined for port in both.hypothesis.ports if len(both.hypothesis.ports) > 1
-    ]  # fmt: skip
+        for both in refined
+        for port in both.hypothesis.ports
+        if len(both.hypothesis.ports) > 1
+    ]
     if not variants:
         return []
     context.on_progress(f'simulating {hypothesis_names(variants)}')
@@ -213,10 +217,14 @@ def trial_steps(
             target, z = inputs_by_run(point, refined.hypothesis, estimate.u), design.z + estimate.z
             for fraction in STEP_FRACTIONS:
                 pairs = zip(point.inputs, target, strict=True)
-                yield evidence, replace(
-                    point, z=np.clip(point.z + fraction * (z - point.z), low, high),
-                    inputs=tuple(blended(now, then, fraction) for now, then in pairs),
-                )  # fmt: skip
+                yield (
+                    evidence,
+                    replace(
+                        point,
+                        z=np.clip(point.z + fraction * (z - point.z), low, high),
+                        inputs=tuple(blended(now, then, fraction) for now, then in pairs),
+                    ),
+                )
 
 
 def simulated_squares(point: LinearizationPoint, pool: Executor) -> tuple[float, float]:

@@ -29,9 +29,13 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 TIME_FUNCTION_FOLDER = Path(__file__).parent / 'time_functions'
 EFFECT_BY_HOOK = {
-    'structure_force': 'latent_force', 'wire_heat': 'latent_heat', 'wire_strain': 'latent_strain',
-    'transformation_stress': 'latent_stress', 'actuation': 'latent_power', 'stiffness': 'latent_stiffness',
-}  # fmt: skip
+    'structure_force': 'latent_force',
+    'wire_heat': 'latent_heat',
+    'wire_strain': 'latent_strain',
+    'transformation_stress': 'latent_stress',
+    'actuation': 'latent_power',
+    'stiffness': 'latent_stiffness',
+}
 MIN_KNOT_SPACING = 1.0  # [s]: heat and bending take about as long
 BINS_PER_KNOT = 5  # so that a hat function is resolved
 KNOTS_PER_TASK = 5  # they share the simulation up to the first of them
@@ -150,9 +154,13 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
             begin = until
         affected = (run.time - nuisance.delay >= begin) | (state is None)
         later = replace(
-            run, time=run.time[affected], measured=run.measured[:, affected], weight=run.weight[:, affected],
-            source=input_between(source, begin, float(source.times[-1])), initial_state=state,
-        )  # fmt: skip
+            run,
+            time=run.time[affected],
+            measured=run.measured[:, affected],
+            weight=run.weight[:, affected],
+            source=input_between(source, begin, float(source.times[-1])),
+            initial_state=state,
+        )
         knots = tuple(range(first, min(first + KNOTS_PER_TASK, len(grid.knots))))
         segments.append(RunSegment(knots, later, affected, nominal[:, affected]))
     return segments

@@ -36,11 +36,16 @@ def ranking_rows(found: LatentInputs) -> list[tuple[str, ...]]:
     """A row per port, the best first."""
     return [
         (
-            finding.name, f'{finding.error:.2f}', f'{finding.held_out:.2f}', f'{finding.dof:.0f}',
-            f'{removed_per_value(found, finding):.3g}', f'{finding.log_evidence:.0f}', finding.prior,
+            finding.name,
+            f'{finding.error:.2f}',
+            f'{finding.held_out:.2f}',
+            f'{finding.dof:.0f}',
+            f'{removed_per_value(found, finding):.3g}',
+            f'{finding.log_evidence:.0f}',
+            finding.prior,
         )
         for finding in found.findings
-    ]  # fmt: skip
+    ]
 
 
 def removed_per_value(found: LatentInputs, finding: InputFinding) -> float:

@@ -131,9 +131,7 @@ def interpolated(low: float, high: float, fraction: float) -> float:
 
 def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float]) -> Config:
     """The configuration with one more active effect: at `values`, its other parameters neutral, or at their defaults."""
-    at = tuple(
-        values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters
-    )  # fmt: skip
+    at = tuple(values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters)
     return config.variant(effects=(*config.effects, ActiveEffect(found, at)))
 
 

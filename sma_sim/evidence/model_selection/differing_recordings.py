@@ -52,8 +52,9 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
     known = {difference.words for difference in problem.differences}
     found = [
         Promise(difference, gain(responses, linear, project))
-        for difference, responses in responses_at(problem, z, linear, context) if difference.words not in known
-    ]  # fmt: skip
+        for difference, responses in responses_at(problem, z, linear, context)
+        if difference.words not in known
+    ]
     for side in (1, -1):
         lost = unpowered_side(problem, z, linear, side, context)
         found += [lost] if lost is not None and lost.difference.words not in known else []
@@ -104,9 +105,10 @@ def unpowered_side(
     before = [float(np.vdot(run.residuals, run.residuals)) for run in linear]
     after = [np.inf if residuals is None else float(np.vdot(residuals, residuals)) for residuals in shown]
     gains = {
-        run.name: a - b for run, a, b in zip(problem.runs, before, after, strict=True)
+        run.name: a - b
+        for run, a, b in zip(problem.runs, before, after, strict=True)
         if not run.unpowered_side and b < WITHOUT_POWER * a
-    }  # fmt: skip
+    }
     if not 0 < len(gains) < len(problem.runs):
         return None
     words = f'the power of the wires that {"positive" if side > 0 else "negative"} commands heat'

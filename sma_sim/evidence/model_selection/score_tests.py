@@ -56,8 +56,9 @@ def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: E
         for family in candidate.families:
             projected = [
                 projected_response(probe, response, project)
-                for probe in family if (response := responses.get(id(probe))) is not None
-            ]  # fmt: skip
+                for probe in family
+                if (response := responses.get(id(probe))) is not None
+            ]
             visible = [response for response in projected if response is not None]
             if visible:
                 gain, amounts = explained(visible, residuals)
@@ -97,9 +98,12 @@ def probe_all(
     config, indices = problem.fitted(z), problem.indices()
     measured = {channel for run in problem.runs for channel in run.channels}
     probes = [
-        (candidate, probe) for candidate in candidates for family in candidate.families for probe in family
+        (candidate, probe)
+        for candidate in candidates
+        for family in candidate.families
+        for probe in family
         if candidate.found.effect.is_seen(probe.parameter, measured)
-    ]  # fmt: skip
+    ]
     futures = []
     for candidate, probe in probes:
         values = {**probe.shape, probe.parameter: probe.neutral + probe.step}

@@ -72,7 +72,7 @@ def at_defaults(problem: Problem) -> Vector:
 
 def sketched(
     base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext, target: float = inf
-) -> list[list[FitResult]]:  # fmt: skip
+) -> list[list[FitResult]]:
     """By candidate, its sketches: from the fit without it, and from the middle of all priors; the best first.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
@@ -83,7 +83,7 @@ def sketched(
     ]
     return [
         sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost) for fits in zip(*by_start, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def sketches_from(
@@ -102,9 +102,12 @@ def sketches_from(
 
 
 def sketch(
-    start: FitResult, linear: Sequence[LinearizedRun], limits: tuple[float, float], screened: ScreeningResult,
+    start: FitResult,
+    linear: Sequence[LinearizedRun],
+    limits: tuple[float, float],
+    screened: ScreeningResult,
     context: SearchContext,
-) -> FitResult | None:  # fmt: skip
+) -> FitResult | None:
     """The sketch of one candidate; None where the model cannot be run at its start. `limits`: damping and target."""
     problem, z = with_candidate(start, screened)
     first = len(start.problem.free)

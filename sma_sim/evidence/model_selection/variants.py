@@ -31,9 +31,10 @@ def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tup
     measured = set(channels)
     return tuple(
         candidate_of(candidate.found.in_scope(scope))
-        for candidate in candidates for scope in scopes_of(candidate.found)
+        for candidate in candidates
+        for scope in scopes_of(candidate.found)
         if not scope.channel or scope.channel in measured
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -85,10 +86,7 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
         return np.asarray(kernel(state, constants, SimpleNamespace(**values), *given), dtype=float)
 
     without = forces(neutral)
-    return {
-        name: forces({**neutral, name: value}) != without
-        for name, value in strengths(effect)
-    }  # fmt: skip
+    return {name: forces({**neutral, name: value}) != without for name, value in strengths(effect)}
 
 
 def strengths(effect: Effect) -> Iterator[tuple[str, float]]:

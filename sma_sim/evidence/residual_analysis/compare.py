@@ -63,8 +63,10 @@ class ComparedRun(Shown, Comparable):
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""
-        errors = (f'{CHANNEL_COLUMNS[name]} {self.rmse(name):.3g} ({self.rmse(name) / self.noise[name]:.3g} times the noise)'
-                  for name in self.measured)  # fmt: skip
+        errors = (
+            f'{CHANNEL_COLUMNS[name]} {self.rmse(name):.3g} ({self.rmse(name) / self.noise[name]:.3g} times the noise)'
+            for name in self.measured
+        )
         return {'run': f'{self.name}{", held out" if self.held_out else ""}', 'RMSE': listed(errors)}
 
 
@@ -114,9 +116,13 @@ class Comparison(Shown, Saved):
 
 
 def compare(
-    dataset: Dataset, config: Config, held_out: Dataset | None = None, label: str = '', nuisances: bool = True,
+    dataset: Dataset,
+    config: Config,
+    held_out: Dataset | None = None,
+    label: str = '',
+    nuisances: bool = True,
     executor: Executor | None = None,
-) -> Comparison:  # fmt: skip
+) -> Comparison:
     """Put a configuration as it is beside a dataset, and beside runs that are held out.
 
     Parameters
@@ -177,9 +183,12 @@ def compared_calibration(
 
 
 def comparison_of_runs(
-    config: Config, delay: float, fitted: tuple[Dataset, Sequence[RunFit]],
-    held_out: tuple[Dataset | None, Sequence[RunFit]], label: str,
-) -> Comparison:  # fmt: skip
+    config: Config,
+    delay: float,
+    fitted: tuple[Dataset, Sequence[RunFit]],
+    held_out: tuple[Dataset | None, Sequence[RunFit]],
+    label: str,
+) -> Comparison:
     """Runs with their nuisances (those of the configuration where there are none) under one configuration."""
     runs = []
     for (dataset, fits), is_held_out in ((fitted, False), (held_out, True)):
@@ -199,9 +208,12 @@ def compared_run(dataset: Dataset, k: int, config: Config, known: Mapping[str, N
 
 
 def run_beside_model(
-    config: Config, prepared: tuple[Recording, FitData], nuisance: Nuisance, noise_std: Mapping[str, float],
+    config: Config,
+    prepared: tuple[Recording, FitData],
+    nuisance: Nuisance,
+    noise_std: Mapping[str, float],
     with_states: bool = True,
-) -> ComparedRun:  # fmt: skip
+) -> ComparedRun:
     """A recording, and the same made ready, beside a model; without `with_states` its states are left out.
 
     Raises SimulationError when the model cannot be run.
@@ -209,7 +221,9 @@ def run_beside_model(
     recording, run = prepared
     columns = model_columns(config, run, nuisance)
     return ComparedRun(
-        name=recording.name, held_out=False, time=np.asarray(run.time),
+        name=recording.name,
+        held_out=False,
+        time=np.asarray(run.time),
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
         predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
         noise={
@@ -217,5 +231,6 @@ def run_beside_model(
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
         states=with_derived_states(config, run.on_bench(config), run.time, columns) if with_states else {},
-        nuisance=nuisance, system=recording.system,
-    )  # fmt: skip
+        nuisance=nuisance,
+        system=recording.system,
+    )

@@ -59,9 +59,13 @@ def samples_of(comparison: Comparison, channel: str) -> ChannelSamples:
     joined = np.concatenate(residual)
     index = np.flatnonzero(np.isfinite(joined))
     return ChannelSamples(
-        channel, joined[index], np.concatenate(scaled)[index], np.concatenate(number)[index], np.concatenate(part)[index],
+        channel,
+        joined[index],
+        np.concatenate(scaled)[index],
+        np.concatenate(number)[index],
+        np.concatenate(part)[index],
         index,
-    )  # fmt: skip
+    )
 
 
 def all_splits(comparison: Comparison) -> tuple[Split, ...]:
@@ -81,10 +85,16 @@ def split_by(samples: ChannelSamples, way: Dimension) -> Split:
             continue
         residual, scaled = samples.residual[inside], samples.scaled[inside]
         error = float(np.sum(scaled**2))
-        shares.append(Share(
-            label, error / total if total > 0.0 else 0.0, float(inside.mean()), float(np.sqrt(np.mean(residual**2))),
-            float(residual.mean()), float(np.sqrt(np.mean(scaled**2))),
-        ))  # fmt: skip
+        shares.append(
+            Share(
+                label,
+                error / total if total > 0.0 else 0.0,
+                float(inside.mean()),
+                float(np.sqrt(np.mean(residual**2))),
+                float(residual.mean()),
+                float(np.sqrt(np.mean(scaled**2))),
+            )
+        )
     return Split(samples.channel, way.name, tuple(shares))
 
 

@@ -61,7 +61,7 @@ def find_error_regions(comparison: Comparison) -> tuple[ErrorRegion, ...]:
         region
         for channel in comparison.channels
         for region in findings_of_channel(thinned(samples_of(comparison, channel)), ways)
-    ]  # fmt: skip
+    ]
     return tuple(sorted(found, key=lambda region: -region.weight))
 
 
@@ -101,10 +101,20 @@ def make_finding(samples: ChannelSamples, region: Region, certainty: RegionCerta
     low, high = scale * certainty.low, scale * certainty.high
     text = finding_text(samples.channel, words, (share, low, high, time), certainty, bias / rmse, rmse)
     return ErrorRegion(
-        channel=samples.channel, conditions=words, share=share, low=low, high=high, time=time,
-        over_noise=float(np.sqrt(np.mean(squares[inside]))), bias=bias, p=certainty.p, again=certainty.again,
-        trend=certainty.trend, weight=(share - time) * excess, text=text,
-    )  # fmt: skip
+        channel=samples.channel,
+        conditions=words,
+        share=share,
+        low=low,
+        high=high,
+        time=time,
+        over_noise=float(np.sqrt(np.mean(squares[inside]))),
+        bias=bias,
+        p=certainty.p,
+        again=certainty.again,
+        trend=certainty.trend,
+        weight=(share - time) * excess,
+        text=text,
+    )
 
 
 def finding_text(

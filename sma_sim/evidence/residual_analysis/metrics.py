@@ -52,10 +52,14 @@ def channel_score(runs: Sequence[ComparedRun], channel: str) -> ChannelScore | N
     measured = np.concatenate([run.measured[channel] for run in runs])
     rmse, span = float(np.sqrt(np.mean(joined**2))), float(np.nanmax(measured) - np.nanmin(measured))
     return ChannelScore(
-        channel=channel, samples=len(joined), rmse=rmse, bias=float(joined.mean()),
-        share=rmse / span if span > 0.0 else float('nan'), over_noise=error_over_noise(runs, channel),
+        channel=channel,
+        samples=len(joined),
+        rmse=rmse,
+        bias=float(joined.mean()),
+        share=rmse / span if span > 0.0 else float('nan'),
+        over_noise=error_over_noise(runs, channel),
         whiteness=ljung_box(residuals),
-    )  # fmt: skip
+    )
 
 
 def error_over_noise(runs: Sequence[ComparedRun], channel: str) -> float:

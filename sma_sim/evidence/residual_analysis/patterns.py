@@ -63,10 +63,12 @@ def find_patterns(comparison: Comparison) -> tuple[Pattern, ...]:
 def fit_pattern(comparison: Comparison, samples: ChannelSamples, shape: str) -> Pattern:
     """One shape in one channel."""
     channel = samples.channel
-    joined = np.concatenate([
-        PATTERN_SHAPES[shape](run, channel) if channel in run.predicted else np.full(len(run.time), np.nan)
-        for run in comparison.runs
-    ])[samples.index]  # fmt: skip
+    joined = np.concatenate(
+        [
+            PATTERN_SHAPES[shape](run, channel) if channel in run.predicted else np.full(len(run.time), np.nan)
+            for run in comparison.runs
+        ]
+    )[samples.index]
     noise = np.array([run.noise.get(channel, np.nan) for run in comparison.runs])[samples.run]
     regressor = joined / noise
     block = blocks_of(samples)

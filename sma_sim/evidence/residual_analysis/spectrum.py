@@ -48,10 +48,16 @@ def error_bands(runs: Sequence[ComparedRun], channel: str) -> tuple[Band, ...]:
     if seconds == 0.0 or total <= 0.0:
         return ()
     return tuple(
-        Band(BAND_EDGES[k], BAND_EDGES[k + 1], float(power[k] / total), float(np.sqrt(power[k] / seconds)),
-             float(np.sqrt(power[k] / noise[k])))
-        for k in range(len(power)) if noise[k] > 0.0
-    )  # fmt: skip
+        Band(
+            BAND_EDGES[k],
+            BAND_EDGES[k + 1],
+            float(power[k] / total),
+            float(np.sqrt(power[k] / seconds)),
+            float(np.sqrt(power[k] / noise[k])),
+        )
+        for k in range(len(power))
+        if noise[k] > 0.0
+    )
 
 
 def power_density(time: Vector, residual: Vector) -> tuple[Vector, Vector] | None:

@@ -51,8 +51,9 @@ def changing_states(comparison: Comparison) -> Sequence[tuple[str, Vector]]:
     for suffix, wire in wires_of(comparison.config).items():
         columns += [
             (f'temperature of {wire} [deg C]', f'T{suffix}_K', 1.0, -ZERO_CELSIUS),
-            (f'strain of {wire} [%]', f'strain{suffix}', 100.0, 0.0), (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0, 0.0),
-        ]  # fmt: skip
+            (f'strain of {wire} [%]', f'strain{suffix}', 100.0, 0.0),
+            (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0, 0.0),
+        ]
     for name in comparison.config.structure.structure.commands:
         columns.append(('power J [W]' if name == 'J' else f'{name} [W]', f'{name}_W', 1.0, 0.0))
     joined = [

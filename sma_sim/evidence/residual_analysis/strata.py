@@ -20,9 +20,13 @@ STILL_FRACTION = 0.02  # of its largest rate: below it a motion counts as none
 MAX_BANDS = 8  # more cannot be read in a figure
 ROUND_FACTORS = (1.0, 2.0, 2.5, 5.0, 10.0)
 MODE_LABELS = (
-    'at rest', 'in mode 1 (austenite)', 'in mode 2 (martensite)', 'in mode 3 (inside the hysteresis)',
-    'in mode 4 (to martensite)', 'in mode 5 (to austenite)',
-)  # fmt: skip
+    'at rest',
+    'in mode 1 (austenite)',
+    'in mode 2 (martensite)',
+    'in mode 3 (inside the hysteresis)',
+    'in mode 4 (to martensite)',
+    'in mode 5 (to austenite)',
+)
 assert MODE_LABELS[RESTING] == 'at rest'
 TRANSFORMING = ('no wire transforms', 'only wire 1 transforms', 'only wire 2 transforms', 'both wires transform')
 QUARTERS = ('first', 'second', 'third', 'last')
@@ -67,8 +71,9 @@ def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
     ambient = [run.states['T_E_K'] for run in runs]
     found += [
         band_dimension('ambient temperature', ambient, 'the ambient temperature is {}', 'deg C', ZERO_CELSIUS),
-        quarter_dimension(runs), run_dimension(runs),
-    ]  # fmt: skip
+        quarter_dimension(runs),
+        run_dimension(runs),
+    ]
     return tuple(way for way in found if len(np.unique(np.concatenate(way.classes))) > 1)
 
 
@@ -82,10 +87,13 @@ def wire_dimensions(runs: Sequence[ComparedRun], suffix: str, wire: str) -> list
         Dimension(f'mode{of_wire}', MODE_LABELS, wire + ' is {}', modes),
         band_dimension(f'temperature{of_wire}', temperatures, wire + ' is {}', 'deg C', ZERO_CELSIUS),
         sign_dimension(
-            f'heating or cooling{of_wire}', rates, STEADY_RATE, ('cooling', 'neither heating nor cooling', 'heating'),
+            f'heating or cooling{of_wire}',
+            rates,
+            STEADY_RATE,
+            ('cooling', 'neither heating nor cooling', 'heating'),
             wire + ' is {}',
         ),
-    ]  # fmt: skip
+    ]
 
 
 def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
@@ -95,21 +103,36 @@ def module_dimensions(runs: Sequence[ComparedRun]) -> list[Dimension]:
     moving = tuple(transforming(run) for run in runs)
     return [
         Dimension('transforming wires', TRANSFORMING, '{}', moving),
-        sign_dimension('command', [run.states['J_eq_W'] for run in runs], 0.0,
-               ('J_eq heats bundle 2', 'J_eq is 0', 'J_eq heats bundle 1'), '{}'),
-        sign_dimension('direction of motion', rates, STILL_FRACTION * robust_maximum(rates),
-               ('alpha falls', 'alpha stands still', 'alpha rises'), '{}'),
+        sign_dimension(
+            'command',
+            [run.states['J_eq_W'] for run in runs],
+            0.0,
+            ('J_eq heats bundle 2', 'J_eq is 0', 'J_eq heats bundle 1'),
+            '{}',
+        ),
+        sign_dimension(
+            'direction of motion',
+            rates,
+            STILL_FRACTION * robust_maximum(rates),
+            ('alpha falls', 'alpha stands still', 'alpha rises'),
+            '{}',
+        ),
         band_dimension('amplitude', [np.abs(angle) for angle in angles], '|alpha| is {}', 'deg'),
-    ]  # fmt: skip
+    ]
 
 
 def structure_dimensions(runs: Sequence[ComparedRun], structure: Structure) -> list[Dimension]:
     """By command and by the motion of every coordinate."""
     found = [
-        sign_dimension(f'command {name}', [run.states[f'{name}_W'] for run in runs], 0.0,
-               (f'{name} is negative', f'{name} is 0', f'{name} is positive'), '{}')
+        sign_dimension(
+            f'command {name}',
+            [run.states[f'{name}_W'] for run in runs],
+            0.0,
+            (f'{name} is negative', f'{name} is 0', f'{name} is positive'),
+            '{}',
+        )
         for name in structure.commands
-    ]  # fmt: skip
+    ]
     for coordinate in structure.coordinates:
         rates = [rate_of_change(run.time, run.states[coordinate.column]) for run in runs]
         labels = (f'{coordinate.name} falls', f'{coordinate.name} stands still', f'{coordinate.name} rises')

@@ -73,12 +73,17 @@ def summarize(comparison: Comparison) -> Summary:
     """Look at a comparison in every way."""
     channels = comparison.channels
     return Summary(
-        comparison, channel_scores(comparison.part(False), channels), channel_scores(comparison.part(True), channels),
-        {run.name: channel_scores((run,), channels) for run in comparison.runs}, find_patterns(comparison),
-        find_error_regions(comparison), all_splits(comparison),
+        comparison,
+        channel_scores(comparison.part(False), channels),
+        channel_scores(comparison.part(True), channels),
+        {run.name: channel_scores((run,), channels) for run in comparison.runs},
+        find_patterns(comparison),
+        find_error_regions(comparison),
+        all_splits(comparison),
         {channel: error_bands(comparison.runs, channel) for channel in channels},
-        state_densities(comparison), characterization(comparison),
-    )  # fmt: skip
+        state_densities(comparison),
+        characterization(comparison),
+    )
 
 
 def comparison_data(summary: Summary) -> dict[str, Any]:
@@ -98,7 +103,8 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
         },
         'runs': {
             run.name: {
-                'held_out': run.held_out, 'start': run.nuisance.start,
+                'held_out': run.held_out,
+                'start': run.nuisance.start,
                 'channels': {channel: asdict(entry) for channel, entry in summary.runs[run.name].items()},
             }
             for run in comparison.runs
@@ -109,7 +115,7 @@ def comparison_data(summary: Summary) -> dict[str, Any]:
         'splits': [asdict(split) for split in summary.splits],
         'bands': {channel: [asdict(band) for band in found] for channel, found in summary.bands.items()},
         **({'characterization': characterization_data(summary.tests)} if summary.tests else {}),
-    }  # fmt: skip
+    }
 
 
 def comparison_result(
@@ -118,5 +124,6 @@ def comparison_result(
     """One comparison or two, the second with its changes of the first's errors, for JSON."""
     return {
         'comparisons': [comparison_data(summary) for summary in summaries],
-        'changes': [vars(change) for change in changes], 'noise_std': noise_std,
-    }  # fmt: skip
+        'changes': [vars(change) for change in changes],
+        'noise_std': noise_std,
+    }

@@ -25,7 +25,7 @@ def wires_of(config: Config) -> dict[str, str]:
 
 def with_derived_states(
     config: Config, run_config: Config, time: Vector, columns: Mapping[str, Vector]
-) -> dict[str, Vector]:  # fmt: skip
+) -> dict[str, Vector]:
     """The columns (k,), and for each wire (suffix s): ``strain{s}`` [-], ``dT{s}`` [K/s], ``deps{s}`` [1/s], and
     ``class{s}``: its mode, or RESTING where nothing of it moves. `run_config` is on the bench of the run."""
     found = dict(columns)

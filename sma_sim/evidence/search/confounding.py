@@ -68,8 +68,9 @@ def most_similar(fit: FitResult, first: SelectionStep, pool: Executor) -> Simila
     others = [(candidate.found.effect, response(candidate.fit, pool)) for candidate in first.candidate_fits]
     found = [
         SimilarEffect(effect, cosine(proposed - base, other - base))
-        for effect, other in others if base.shape == proposed.shape == other.shape  # else a run could not be made
-    ]  # fmt: skip
+        for effect, other in others
+        if base.shape == proposed.shape == other.shape  # else a run could not be made
+    ]
     return max((one for one in found if not isnan(one.cosine)), key=lambda one: one.cosine, default=None)
 
 

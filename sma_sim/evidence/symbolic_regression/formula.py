@@ -155,12 +155,17 @@ class Formula:
         docstring = f'"""{location.description.capitalize()} [{location.unit}]."""'
         body = f'\n\ndef quantity({arguments}):\n    {docstring}\n    return {self.sum}\n\n' if separate else ''
         lines = [
-            f'name={self.name!r},', f'port={location.hook!r},', *wrapped_argument('equation', self.equation),
+            f'name={self.name!r},',
+            f'port={location.hook!r},',
+            *wrapped_argument('equation', self.equation),
             *wrapped_argument('source', source),
-            'parameters=(', *(f'    {line}' for p in self.parameters for line in declaration(p)), '),',
+            'parameters=(',
+            *(f'    {line}' for p in self.parameters for line in declaration(p)),
+            '),',
             *self.state_lines(arguments, constants),
-            f'kernel=lambda {arguments}: {kernel},', *port_lines(location.hook, self.structure, location.channel),
-        ]  # fmt: skip
+            f'kernel=lambda {arguments}: {kernel},',
+            *port_lines(location.hook, self.structure, location.channel),
+        ]
         effect = '\n'.join(f'    {line}' for line in lines)
         imports = 'import math\n\n' if 'math.' in effect + body else ''
         imports += 'from sma_sim import Effect, Parameter\n' + (STIFFNESS_IMPORT if self.along_stiffness else '')

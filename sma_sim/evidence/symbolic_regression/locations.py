@@ -43,11 +43,14 @@ class Location:
 CHAIN_STAGES = {'actuation': 'gain', 'sensing': 'bias'}
 POWER_UNIT, POWER_PROBE = 'W', 0.02  # of terms of the electrical power, whose port is a fraction of it
 SYMBOLS = {'wire_heat': 'Q', 'wire_strain': 'e', 'transformation_stress': 's_A = s_M', 'actuation': 'P', 'sensing': 'shown'}
-EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType({
-    'heat': 'heat into each wire', 'strain': 'strain of each wire',
-    'stress': 'shift of both transformation stresses of each wire',
-    'power': 'electrical heating of each wire',
-})  # fmt: skip
+EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        'heat': 'heat into each wire',
+        'strain': 'strain of each wire',
+        'stress': 'shift of both transformation stresses of each wire',
+        'power': 'electrical heating of each wire',
+    }
+)
 
 
 def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ...]:
@@ -70,9 +73,11 @@ def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ..
         at = structure.coordinate_names.index(port.variable)
         return term_library.sensor_terms(pose_fields(structure)[len(structure.coordinates) + at])
     library = {
-        'wire_heat': term_library.heat_terms, 'actuation': term_library.power_terms,
-        'wire_strain': term_library.strain_terms, 'transformation_stress': term_library.strain_terms,
-    }  # fmt: skip
+        'wire_heat': term_library.heat_terms,
+        'actuation': term_library.power_terms,
+        'wire_strain': term_library.strain_terms,
+        'transformation_stress': term_library.strain_terms,
+    }
     return library[port.hook]()
 
 
@@ -94,9 +99,17 @@ def location_of(port: Port, structure: Structure, config: Config) -> Location:
     sensed = port.hook == 'sensing'
     component = channel_codes(structure)[port.component] if sensed else port.component
     return Location(
-        port.name, port.hook, component, unit, probe, (port.name,), port.description, symbol_of(port, structure),
-        port.variable if sensed else '', terms_at(port, structure, config),
-    )  # fmt: skip
+        port.name,
+        port.hook,
+        component,
+        unit,
+        probe,
+        (port.name,),
+        port.description,
+        symbol_of(port, structure),
+        port.variable if sensed else '',
+        terms_at(port, structure, config),
+    )
 
 
 def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, ...]:

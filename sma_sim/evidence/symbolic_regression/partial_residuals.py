@@ -25,9 +25,13 @@ NODES_PER_RUN = 25  # hat functions: points of a run in the plot
 NOT_DRAWN = ('memory', 'constant', 'deps', 'dx')  # variables that are no axis of a plot
 VARIABLE_UNITS = {'t': 's', 'T': 'K', 'T_other': 'K', 'J': 'W', 'x': '-'}
 VARIABLE_LABELS = {
-    't': 'time', 'T': 'temperature of the wire', 'T_other': 'temperature of the other wire', 'J': 'heating of the wire',
-    'x': 'x_M', 'value': 'true value',
-}  # fmt: skip
+    't': 'time',
+    'T': 'temperature of the wire',
+    'T_other': 'temperature of the other wire',
+    'J': 'heating of the wire',
+    'x': 'x_M',
+    'value': 'true value',
+}
 
 
 @dataclass(frozen=True)

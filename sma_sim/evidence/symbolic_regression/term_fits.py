@@ -169,9 +169,10 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup, stop: Stop) ->
     ranges = linearized.ranges(group.members[-1])
     trials = [
         TermTrial(term, shapes, single.probe / size)
-        for term in single.terms for shapes in shape_grid(term, ranges)
+        for term in single.terms
+        for shapes in shape_grid(term, ranges)
         if (size := max(rms_value(term, shapes, states) for states in ranges.visited)) > 0.0
-    ]  # fmt: skip
+    ]
     by_location = [responses_at(linearized, location, trials) for location in group.singles]
     best: dict[tuple[str, str], TermFit] = {}
     for k, trial in enumerate(trials):
@@ -204,16 +205,19 @@ def columns_of(
     trials: Sequence[TermTrial], visited: Sequence[VisitedStates], times: Sequence[int] = ()
 ) -> list[Vector | None]:
     """Each trial along all runs, that of each run so many `times` (once without); None where that does not tell what it is
-    in between."""  # fmt: skip
+    in between."""
     times = times or [1] * len(visited)
     return [
-        np.concatenate([
-            np.tile(trial.coefficient * term_values(trial.term, trial.shapes, states), count)
-            for states, count in zip(visited, times, strict=True)
-        ])
-        if follows_slow_states(trial.term) else None
+        np.concatenate(
+            [
+                np.tile(trial.coefficient * term_values(trial.term, trial.shapes, states), count)
+                for states, count in zip(visited, times, strict=True)
+            ]
+        )
+        if follows_slow_states(trial.term)
+        else None
         for trial in trials
-    ]  # fmt: skip
+    ]
 
 
 def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, response: Vector | None) -> TermFit | None:
@@ -230,15 +234,16 @@ def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
     """Locations grouped: the wires and every wire; all others alone."""
     groups = [
         LocationGroup(tuple(location for location in locations if location.name in every.ports), every)
-        for every in locations if every.component == EVERY_WIRE
-    ]  # fmt: skip
+        for every in locations
+        if every.component == EVERY_WIRE
+    ]
     grouped = {location.name for group in groups for location in group.members}
     return [*(LocationGroup((location,)) for location in locations if location.name not in grouped), *groups]
 
 
 def terms_at(fit: FitResult, overdispersion: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
     """All terms (of these ports) on a model where it lies, the largest error reduction first: of squares over those that an
-    overdispersion lets count. Raises SimulationError."""  # fmt: skip
+    overdispersion lets count. Raises SimulationError."""
     linearized = LinearizedFit(fit.problem.weighted(1.0 / overdispersion), fit.z, context.pool)
     return fit_all_terms(linearized, context.stop, hooks)
 
@@ -267,9 +272,10 @@ def with_own_responses(linearized: LinearizedFit, fits: Sequence[TermFit]) -> li
         for name in singles
     }
     own = {
-        (name, trial): response for name, trials in asked.items()
+        (name, trial): response
+        for name, trials in asked.items()
         for trial, response in zip(trials, linearized.responses(singles[name], trials), strict=True)
-    }  # fmt: skip
+    }
     found = []
     for fit in fits:
         parts = [own.get((name, fit.trial)) for name in fit.location.ports]

@@ -12,8 +12,13 @@ FINE_PARTS = {'rad': 1.0 / 15.0}  # of a usual change, over which friction build
 FINE_PART = 0.3  # ... beside what slides
 SENSOR_SHAPES = ('value', 'value_abs', 'value_square', 'value_cube', 'value_above', 'value_below', 'value_wave')
 # A hat function of time: no term of a formula, but the basis of a partial-residual plot.
-HAT_FUNCTION = Term('pulse', 'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})', '-', ('t',), (
-    ShapeParameter('t_0', 's', 'instant'), ShapeParameter('width', 's', 'time_constant')))  # fmt: skip
+HAT_FUNCTION = Term(
+    'pulse',
+    'max(0.0, 1.0 - abs(s.t - {t_0}) / {width})',
+    '-',
+    ('t',),
+    (ShapeParameter('t_0', 's', 'instant'), ShapeParameter('width', 's', 'time_constant')),
+)
 DECAY_POWER = ShapeParameter('power', '-', 'fixed', values=(1.5,), description='how fast it decays with the distance')
 CONSTANT = Term('constant', '1.0', '-', ('constant',))
 
@@ -44,9 +49,14 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
         Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
-        Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (
-            wavenumber, ShapeParameter('phase', 'rad', 'phase', description='phase'))),
-    ]  # fmt: skip
+        Term(
+            f'{name}_wave',
+            f'math.sin({{k}} * {value} + {{phase}})',
+            '-',
+            on,
+            (wavenumber, ShapeParameter('phase', 'rad', 'phase', description='phase')),
+        ),
+    ]
 
 
 @cache
@@ -101,14 +111,19 @@ def power_terms() -> tuple[Term, ...]:
     command = Term('J', 's.J', 'W', ('J',))
     return (
         *(term for term in of_variable('J', 's.J', 'W', 'J') if term.name in ('J', 'J_square', 'J_cube', 'J_above')),
-        Term('J_bent', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (
-            ShapeParameter('J_0', 'W', 'width', 'J', description='power at which it bends'),)),
+        Term(
+            'J_bent',
+            's.J * math.tanh(s.J / {J_0})',
+            'W',
+            ('J',),
+            (ShapeParameter('J_0', 'W', 'width', 'J', description='power at which it bends'),),
+        ),
         times(command, Term('x', 's.x', '-', ('x',))),
         times(command, Term('x_square', 's.x ** 2', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
         *(times(command, term) for term in of_time()),
         averaged_term('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -143,10 +158,17 @@ def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> li
         Term(f'{name}_damping', rate, f'{unit}/s', on[:1]),
         Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
         Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=scale),
-        Term(f'{name}_leaking', 'm.z / {z_0}', '-', on, (reach, leak),
-             f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}', scale=scale),
+        Term(
+            f'{name}_leaking',
+            'm.z / {z_0}',
+            '-',
+            on,
+            (reach, leak),
+            f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}',
+            scale=scale,
+        ),
         Term(f'{name}_relaxing', 'm.z', unit, on, (leak,), f'{rate} - m.z / {{tau}}', scale=10.0 * scale),
-    ]  # fmt: skip
+    ]
 
 
 @dataclass(frozen=True)

@@ -43,9 +43,11 @@ class UniversalTerm:
         """Its parameters for one term at one location."""
         numbered = {f'q_{k}': shape for k, shape in enumerate(shapes)}
         return {
-            'term': float([*map(text_of, self.terms)].index(text_of(term))), 'component': float(location.component),
-            'c': coefficient, **numbered,
-        }  # fmt: skip
+            'term': float([*map(text_of, self.terms)].index(text_of(term))),
+            'component': float(location.component),
+            'c': coefficient,
+            **numbered,
+        }
 
 
 def text_of(term: Term) -> tuple[str, str, str]:
@@ -95,8 +97,12 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool,
     if has_state:
         parts.append(choice_function('rate_of', read, [numbered_text(t, 'rate') for t in terms]))
         parts.append(choice_function('start_of', 's, p', [numbered_text(t, 'start') for t in terms]))
-        lines += ["states=('z',),", 'scale=(0.1,),', 'rate=lambda s, w, p, m: (rate_of(s, p, m),),',
-                  'start=lambda s, w, p: (start_of(s, p),),']  # fmt: skip
+        lines += [
+            "states=('z',),",
+            'scale=(0.1,),',
+            'rate=lambda s, w, p, m: (rate_of(s, p, m),),',
+            'start=lambda s, w, p: (start_of(s, p),),',
+        ]
     lines += port_lines(hook, on.structure)
     body = '\n'.join(f'    {line}' for line in lines)
     return ''.join(parts) + f'\n\nEFFECT = Effect(\n{body}\n)\n'

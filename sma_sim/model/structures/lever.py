@@ -68,8 +68,9 @@ STRUCTURE = Structure(
     size_parameter='lever.L',
     fitted=('lever.k', 'lever.b'),
     defaults={'wire.n': 1.0},
-    energy=lambda q, v, p: 0.5 * p.J * v.angle**2 + 0.5 * p.k * q.angle**2
-    - p.m * p.g * p.a * math.cos(q.angle - p.vertical),
+    energy=lambda q, v, p: (
+        0.5 * p.J * v.angle**2 + 0.5 * p.k * q.angle**2 - p.m * p.g * p.a * math.cos(q.angle - p.vertical)
+    ),
     description='J_eq > 0 heats wire 1 and turns the lever to positive angles',
     source=SOURCE,
-)  # fmt: skip
+)

@@ -45,11 +45,21 @@ def constants(values: Any) -> SpatialConstants:
     }
     L, E, bending = p['L'], p['E'], p['E'] * math.pi * p['h'] ** 4 / 4.0
     return SpatialConstants(
-        L=L, r=p['r'], m_H=p['m_H'], J_bend=p['m_H'] * p['r'] ** 2 / 4.0, J_twist=p['m_H'] * p['r'] ** 2 / 2.0,
-        k_x=E * math.pi * p['h'] ** 2 / L, k_y=12.0 * bending / L**3, k_ya=6.0 * bending / L**2, k_a=4.0 * bending / L,
+        L=L,
+        r=p['r'],
+        m_H=p['m_H'],
+        J_bend=p['m_H'] * p['r'] ** 2 / 4.0,
+        J_twist=p['m_H'] * p['r'] ** 2 / 2.0,
+        k_x=E * math.pi * p['h'] ** 2 / L,
+        k_y=12.0 * bending / L**3,
+        k_ya=6.0 * bending / L**2,
+        k_a=4.0 * bending / L,
         k_twist=E / (2.0 + 2.0 * p['nu']) * math.pi * p['h'] ** 4 / (2.0 * L),
-        b_x=p['b_x'], b_y=p['b_y'], b_alpha=p['b_alpha'], b_twist=p['b_twist'],
-    )  # fmt: skip
+        b_x=p['b_x'],
+        b_y=p['b_y'],
+        b_alpha=p['b_alpha'],
+        b_twist=p['b_twist'],
+    )
 
 
 def across(i: int, q: Any, p: SpatialConstants) -> tuple[float, float, float]:
@@ -184,4 +194,4 @@ STRUCTURE = Structure(
     energy=energy,
     description='three bundles with a command each; it bends towards what is heated',
     source=SOURCE,
-)  # fmt: skip
+)

@@ -129,7 +129,9 @@ def drawn(q: Any, p: StackConstants) -> list[tuple[list[Line], list[Line]]]:
 def stack_of(modules: int) -> Structure:
     """A stack of so many modules."""
     return in_series(
-        MODULE, modules, 'module',
+        MODULE,
+        modules,
+        'module',
         name=NAME if modules == DEFAULT_MODULES else f'{NAME}_{modules}',
         title='stack',
         parameters=(
@@ -140,8 +142,7 @@ def stack_of(modules: int) -> Structure:
         ),
         accelerations=accelerations,
         gravity=gravity,
-        named_effects={'gravity': NamedEffect(
-            'gravity (stack.g_x, stack.g_y)', {'g_x': 'stack.g_x', 'g_y': 'stack.g_y'})},
+        named_effects={'gravity': NamedEffect('gravity (stack.g_x, stack.g_y)', {'g_x': 'stack.g_x', 'g_y': 'stack.g_y'})},
         constants=constants,
         energy=energy,
         drawing=Drawing(
@@ -156,7 +157,7 @@ def stack_of(modules: int) -> Structure:
         'module 1, wires 3 and 4 of module 2; coordinates are relative to the plate below; stack.g_x = 9.81 lets it hang, '
         '-9.81 stand',
         source=PAPER,
-    )  # fmt: skip
+    )
 
 
 MODULE = module.STRUCTURE

@@ -26,17 +26,19 @@ def by_run_blocks(found: Sequence[ParameterByRun]) -> list[Block]:
     if not agreement_sentence(found):
         return []
     blocks: list[Block] = [
-        Paragraph('Recording by recording:'), Bullets([agreement_sentence(found)]),
+        Paragraph('Recording by recording:'),
+        Bullets([agreement_sentence(found)]),
         Plot(deviation_figure(found), FIGURE_WORDS, 130 + 26 * len(found)),
-    ]  # fmt: skip
+    ]
     names = [run.run for run in found[0].runs]
     if len(names) <= MAX_COLUMNS:
         rows = [shared_row(parameter) for parameter in found]
         alone = [(parameter.name, *map(alone_cell, parameter.runs), parameter.unit) for parameter in found]
         blocks += [
             Table(('parameter', 'all', *names, 'unit', 'p'), rows, 'Each recording, the other parameters shared'),
-            Paragraph(NOTE, 'note'), Table(('parameter', *names, 'unit'), alone, ALONE_CAPTION),
-        ]  # fmt: skip
+            Paragraph(NOTE, 'note'),
+            Table(('parameter', *names, 'unit'), alone, ALONE_CAPTION),
+        ]
     return blocks
 
 
@@ -56,11 +58,17 @@ def deviation_figure(found: Sequence[ParameterByRun]) -> object:
     """Standard errors from all together, by parameter and recording."""
     figure = new_figure()
     figure.add_heatmap(
-        x=[run.run for run in found[0].runs], y=[parameter.name for parameter in found],
+        x=[run.run for run in found[0].runs],
+        y=[parameter.name for parameter in found],
         z=[[round(run.deviation, 2) if run.seen else None for run in parameter.runs] for parameter in found],
-        zmin=-MAX_DEVIATION, zmax=MAX_DEVIATION, colorscale='RdBu', xgap=1, ygap=1, colorbar={'thickness': 10, 'len': 0.9},
+        zmin=-MAX_DEVIATION,
+        zmax=MAX_DEVIATION,
+        colorscale='RdBu',
+        xgap=1,
+        ygap=1,
+        colorbar={'thickness': 10, 'len': 0.9},
         hovertemplate='%{y}, %{x}: %{z:.1f}<extra></extra>',
-    )  # fmt: skip
+    )
     figure.update_xaxes(automargin=True, showgrid=False, type='category')
     figure.update_yaxes(automargin=True, showgrid=False, autorange='reversed')
     figure.update_layout(margin={'t': 12})

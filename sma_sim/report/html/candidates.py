@@ -64,9 +64,13 @@ def candidate_row(candidate: CandidateFit, held_out_ratios: Mapping[str, float])
     """The table row of a candidate."""
     held_out = held_out_ratios.get(candidate.name)
     return (
-        candidate.name, f'{candidate.log_odds:.1f}', f'{candidate.error_ratio:.3f}',
-        '' if held_out is None else f'{held_out:.3f}', f'{candidate.delta_bic:.0f}', 'yes' if candidate.plausible else 'no',
-    )  # fmt: skip
+        candidate.name,
+        f'{candidate.log_odds:.1f}',
+        f'{candidate.error_ratio:.3f}',
+        '' if held_out is None else f'{held_out:.3f}',
+        f'{candidate.delta_bic:.0f}',
+        'yes' if candidate.plausible else 'no',
+    )
 
 
 def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:

@@ -27,16 +27,24 @@ def comparison_sections(summary: Summary) -> list[Section]:
     """What there is to see of one configuration beside a dataset."""
     comparison = summary.comparison
     return [
-        summary_section(summary), characterization_section(summary.tests, comparison.config),
-        error_location_section(summary), runs_section(summary), hysteresis_section(comparison),
+        summary_section(summary),
+        characterization_section(summary.tests, comparison.config),
+        error_location_section(summary),
+        runs_section(summary),
+        hysteresis_section(comparison),
         states_section(summary.densities),
-    ]  # fmt: skip
+    ]
 
 
 def write_fit_page(
-    path: Path, found: Calibration, before: Mapping[str, float], summary: Summary, data: tuple[Dataset, Dataset | None],
-    runs: HomogeneityTest | None = None, provenance: Provenance | None = None,
-) -> None:  # fmt: skip
+    path: Path,
+    found: Calibration,
+    before: Mapping[str, float],
+    summary: Summary,
+    data: tuple[Dataset, Dataset | None],
+    runs: HomogeneityTest | None = None,
+    provenance: Provenance | None = None,
+) -> None:
     """The page of a fit; `before`: the values that it started from, `runs`: a wire run by run. Raises UserError."""
     first, *others = comparison_sections(summary)
     parameters = [parameters_section(found, before), homogeneity_section(runs, found.config)]

@@ -11,11 +11,18 @@ from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
 def data_section(fitted: Dataset, held_out: Dataset | None) -> Section:
     """Recordings, noise, notes."""
     rows = [
-        (recording.name, kind, f'{len(recording.time)}', f'{recording.time[-1] - recording.time[0]:.1f} s',
-         ', '.join(recording.channels), 'exact' if recording.exact_commands else 'sampled')
-        for dataset, kind in ((fitted, 'fitted'), (held_out, 'held out')) if dataset is not None
+        (
+            recording.name,
+            kind,
+            f'{len(recording.time)}',
+            f'{recording.time[-1] - recording.time[0]:.1f} s',
+            ', '.join(recording.channels),
+            'exact' if recording.exact_commands else 'sampled',
+        )
+        for dataset, kind in ((fitted, 'fitted'), (held_out, 'held out'))
+        if dataset is not None
         for recording in dataset.recordings
-    ]  # fmt: skip
+    ]
     noise = ', '.join(f'{channel} {in_display_unit(channel, std)}' for channel, std in fitted.noise_std.items())
     notes = grouped_notes([part for part in (fitted, held_out) if part is not None])
     blocks: list[Block] = [

@@ -76,11 +76,12 @@ def further_blocks(plan: Plan) -> Iterator[Block]:
     pairs = [f'{ratio.true} against {ratio.rival}' for ratio in plan.further_channels[0].expected]
     rows = [
         (
-            channel.words, in_display_unit(channel.channel, channel.noise_std),
+            channel.words,
+            in_display_unit(channel.channel, channel.noise_std),
             *([f'{ratio.expected:.3g}' for ratio in channel.expected] or [f'{channel.information:.3g}']),
         )
         for channel in plan.further_channels
-    ]  # fmt: skip
+    ]
     caption = (
         'What the same recordings would tell with one sensor more, at that noise: log evidence ratio, natural, expected if '
         'the first is true, or information [nat] on the parameters. Linearized; nothing was measured.'
@@ -120,9 +121,16 @@ def channel_figure(plan: Plan) -> tuple[Any, int]:
     figure = new_figure(len(heights), [height / sum(heights) for height in heights], gap=0.015)
     times, levels = as_rows(plan.levels, plan.grid)
     figure.add_scatter(
-        x=small(times), y=small(np.append(levels[:-1], levels[-2])), mode='lines', name='command', showlegend=False,
-        line={'color': ORANGE, 'width': 1.4, 'shape': 'hv'}, hovertemplate='%{y:.4g} W at %{x:.2f} s', row=1, col=1,
-    )  # fmt: skip
+        x=small(times),
+        y=small(np.append(levels[:-1], levels[-2])),
+        mode='lines',
+        name='command',
+        showlegend=False,
+        line={'color': ORANGE, 'width': 1.4, 'shape': 'hv'},
+        hovertemplate='%{y:.4g} W at %{x:.2f} s',
+        row=1,
+        col=1,
+    )
     figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
     figure.update_xaxes(range=[0.0, plan.grid.length])
     figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=5)
@@ -141,15 +149,30 @@ def draw_prediction(figure: Any, plan: Plan, hypothesis: HypothesisCurves, chann
     mean, reach = factor * hypothesis.mean[channel], BAND * factor * hypothesis.std[channel]
     time, row = plan.run.time, channel + 2
     figure.add_scatter(
-        x=small(np.concatenate([time, time[::-1]])), y=small(np.concatenate([mean + reach, (mean - reach)[::-1]])),
-        fill='toself', fillcolor=colour, opacity=0.2, line={'width': 0}, hoverinfo='skip', showlegend=False,
-        legendgroup=hypothesis.name, row=row, col=1,
-    )  # fmt: skip
+        x=small(np.concatenate([time, time[::-1]])),
+        y=small(np.concatenate([mean + reach, (mean - reach)[::-1]])),
+        fill='toself',
+        fillcolor=colour,
+        opacity=0.2,
+        line={'width': 0},
+        hoverinfo='skip',
+        showlegend=False,
+        legendgroup=hypothesis.name,
+        row=row,
+        col=1,
+    )
     figure.add_scatter(
-        x=small(time), y=small(mean), mode='lines', name=hypothesis.name, legendgroup=hypothesis.name,
-        showlegend=channel == 0, line={'color': colour, 'width': 1.3}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
-        row=row, col=1,
-    )  # fmt: skip
+        x=small(time),
+        y=small(mean),
+        mode='lines',
+        name=hypothesis.name,
+        legendgroup=hypothesis.name,
+        showlegend=channel == 0,
+        line={'color': colour, 'width': 1.3},
+        hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
+        row=row,
+        col=1,
+    )
 
 
 def remainder_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:
@@ -158,10 +181,17 @@ def remainder_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:
     for number, rival in enumerate(curves):
         for channel, values in enumerate(() if rival.remainder is None else rival.remainder):
             figure.add_scatter(
-                x=small(plan.run.time), y=small(values), mode='lines', name=rival.name, legendgroup=rival.name,
-                showlegend=channel == 0, line={'color': colour_of(number), 'width': 1.2},
-                hovertemplate='%{y:.2f} x noise at %{x:.2f} s', row=channel + 2, col=1,
-            )  # fmt: skip
+                x=small(plan.run.time),
+                y=small(values),
+                mode='lines',
+                name=rival.name,
+                legendgroup=rival.name,
+                showlegend=channel == 0,
+                line={'color': colour_of(number), 'width': 1.2},
+                hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
+                row=channel + 2,
+                col=1,
+            )
     for channel, name in enumerate(plan.run.channels):
         figure.add_hrect(y0=-1, y1=1, fillcolor=GREY, opacity=0.15, line_width=0, row=channel + 2, col=1)
         figure.update_yaxes(title_text=name, row=channel + 2, col=1)

@@ -84,13 +84,21 @@ def share_plot(title: str, labels: list[str], error: list[float], other: list[fl
     figure = new_figure()
     for name, shares, colour in (('samples', other, GREY), ('squared error', error, SHOWN)):
         figure.add_bar(
-            y=labels, x=[round(100.0 * share, 3) for share in shares], orientation='h', name=name, marker_color=colour,
-            customdata=words, hovertemplate='%{x:.1f} %<br>%{customdata}', showlegend=False,
-        )  # fmt: skip
+            y=labels,
+            x=[round(100.0 * share, 3) for share in shares],
+            orientation='h',
+            name=name,
+            marker_color=colour,
+            customdata=words,
+            hovertemplate='%{x:.1f} %<br>%{customdata}',
+            showlegend=False,
+        )
     figure.update_layout(
-        title={'text': title, 'font': {'size': 13}, 'x': 0, 'xref': 'paper', 'xanchor': 'left'}, barmode='group',
-        bargap=0.25, margin={'l': 10, 'r': 10, 't': 34, 'b': 30},
-    )  # fmt: skip
+        title={'text': title, 'font': {'size': 13}, 'x': 0, 'xref': 'paper', 'xanchor': 'left'},
+        barmode='group',
+        bargap=0.25,
+        margin={'l': 10, 'r': 10, 't': 34, 'b': 30},
+    )
     figure.update_yaxes(automargin=True, showgrid=False, type='category')
     figure.update_xaxes(ticksuffix=' %', rangemode='tozero', nticks=4, tickangle=0)
     return Plot(figure, height=BAR_HEIGHT * len(labels) + FRAME_HEIGHT)

@@ -35,10 +35,16 @@ def empty_figure(rows: int, heights: tuple[float, ...] | None, gap: float) -> An
         rows=rows, cols=1, shared_xaxes=True, row_heights=None if heights is None else list(heights), vertical_spacing=gap
     )
     figure.update_layout(
-        template='none', font=FONT, paper_bgcolor='white', plot_bgcolor='white', hovermode='closest',
-        margin={'l': 58, 'r': 36, 't': 34, 'b': 44}, hoverlabel={'font': {'size': 12}}, modebar={'orientation': 'v'},
+        template='none',
+        font=FONT,
+        paper_bgcolor='white',
+        plot_bgcolor='white',
+        hovermode='closest',
+        margin={'l': 58, 'r': 36, 't': 34, 'b': 44},
+        hoverlabel={'font': {'size': 12}},
+        modebar={'orientation': 'v'},
         legend={'orientation': 'h', 'x': 0, 'xanchor': 'left', 'y': 1.0, 'yanchor': 'bottom', 'font': {'size': 11}},
-    )  # fmt: skip
+    )
     figure.update_xaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, ticks='outside', tickcolor=GREY)
     figure.update_yaxes(gridcolor=GRID, zeroline=False, linecolor=GREY, title_standoff=6)
     return figure

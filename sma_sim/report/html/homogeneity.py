@@ -21,9 +21,10 @@ def homogeneity_section(found: HomogeneityTest | None, config: Config) -> Sectio
     if found is None:
         return Section('Run by run', [])
     blocks: list[Block] = [
-        Bullets(found.sentences), Plot(stress_figure(found.runs, config), HOMOGENEITY_WORDS, 380),
+        Bullets(found.sentences),
+        Plot(stress_figure(found.runs, config), HOMOGENEITY_WORDS, 380),
         Paragraph('p: how likely so much spread would be if the model were right (Cochran\'s Q).', 'note'),
-    ]  # fmt: skip
+    ]
     return Section('Run by run', blocks)
 
 
@@ -42,15 +43,24 @@ def stress_figure(runs: Sequence[RunStress], config: Config) -> object:
             1e-6 * (p['wire.sigma_MW0'] + p['wire.sigma_T'] * (T - p['wire.T0']) + part * p['wire.dsigma']) for T in ends
         ]
         figure.add_scatter(
-            x=ends, y=line, mode='lines', line={'color': colour, 'width': 1.5}, legendgroup=name, showlegend=False,
+            x=ends,
+            y=line,
+            mode='lines',
+            line={'color': colour, 'width': 1.5},
+            legendgroup=name,
+            showlegend=False,
             hoverinfo='skip',
-        )  # fmt: skip
+        )
         figure.add_scatter(
-            x=[run.temperature for run in runs], y=[1e-6 * value(run) for run in runs], mode='markers', name=name,
-            legendgroup=name, text=[run.name + (' (held out)' if run.held_out else '') for run in runs],
+            x=[run.temperature for run in runs],
+            y=[1e-6 * value(run) for run in runs],
+            mode='markers',
+            name=name,
+            legendgroup=name,
+            text=[run.name + (' (held out)' if run.held_out else '') for run in runs],
             marker={'color': colour, 'size': 10, 'symbol': ['circle-open' if run.held_out else 'circle' for run in runs]},
             hovertemplate='%{text}: %{y:.4g} MPa at %{x:.1f} K<extra></extra>',
-        )  # fmt: skip
+        )
     figure.update_xaxes(title_text='temperature [K]')
     figure.update_yaxes(title_text='stress [MPa]')
     return figure

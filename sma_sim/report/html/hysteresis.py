@@ -53,12 +53,17 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
     x = small(scale * run.states[column][at] - (ZERO_CELSIUS if column.endswith('_K') else 0.0))
     figure = new_figure()
     for name, values, colour, width in (
-        ('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.3),
-    ):  # fmt: skip
+        ('measured', run.measured[channel], MEASURED, 2.2),
+        ('model', run.predicted[channel], SHOWN, 1.3),
+    ):
         figure.add_scatter(
-            x=x, y=small(factor * values[at]), name=name, mode='lines', line={'color': colour, 'width': width},
+            x=x,
+            y=small(factor * values[at]),
+            name=name,
+            mode='lines',
+            line={'color': colour, 'width': width},
             hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.4g}}',
-        )  # fmt: skip
+        )
     figure.update_layout(margin_r=10)
     figure.update_xaxes(title_text=label)
     figure.update_yaxes(title_text=f'{channel} [{unit}]')

@@ -45,8 +45,11 @@ def missing_section(found: LatentInputs) -> Section:
     if rest:
         blocks.append(Bullets([line.strip() for line in rest]))
     if found.findings:
-        blocks += [Plot(error_figure(found), 'Normalized RMSE that each port leaves; 1 is the noise.', 300),
-                   Table(RANKING_HEADER, ranking_rows(found)), Paragraph(COLUMN_NOTES, 'note')]  # fmt: skip
+        blocks += [
+            Plot(error_figure(found), 'Normalized RMSE that each port leaves; 1 is the noise.', 300),
+            Table(RANKING_HEADER, ranking_rows(found)),
+            Paragraph(COLUMN_NOTES, 'note'),
+        ]
     return Section('What is missing', blocks)
 
 
@@ -76,14 +79,31 @@ def input_plot(finding: InputFinding) -> Plot:
         time = small(np.concatenate([estimate.time, estimate.time[::-1]]))
         edge = small(np.concatenate([estimate.mean + estimate.band, (estimate.mean - estimate.band)[::-1]]))
         figure.add_scatter(
-            x=time, y=edge, fill='toself', mode='lines', line={'width': 0}, fillcolor='rgba(0, 90, 181, 0.18)',
-            name='95 %', legendgroup='band', showlegend=row == 1, hoverinfo='skip', row=row, col=1,
-        )  # fmt: skip
+            x=time,
+            y=edge,
+            fill='toself',
+            mode='lines',
+            line={'width': 0},
+            fillcolor='rgba(0, 90, 181, 0.18)',
+            name='95 %',
+            legendgroup='band',
+            showlegend=row == 1,
+            hoverinfo='skip',
+            row=row,
+            col=1,
+        )
         figure.add_scatter(
-            x=small(estimate.time), y=small(estimate.mean), mode='lines', line={'color': SHOWN, 'width': 1.5},
-            name='estimate', legendgroup='mean', showlegend=row == 1,
-            hovertemplate=f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s', row=row, col=1,
-        )  # fmt: skip
+            x=small(estimate.time),
+            y=small(estimate.mean),
+            mode='lines',
+            line={'color': SHOWN, 'width': 1.5},
+            name='estimate',
+            legendgroup='mean',
+            showlegend=row == 1,
+            hovertemplate=f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s',
+            row=row,
+            col=1,
+        )
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
         figure.update_yaxes(
             title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', automargin=True, row=row, col=1

@@ -158,9 +158,14 @@ def page_text(title: str, sections: Sequence[Section], made: str = '') -> str:
         for k, section in enumerate(sections)
     )
     parts = {
-        'title': html.escape(title), 'made': html.escape(made), 'menu': menu, 'body': body, 'style': template('page.css'),
-        'script': template('page.js'), 'plotly': plotly_script(),
-    }  # fmt: skip
+        'title': html.escape(title),
+        'made': html.escape(made),
+        'menu': menu,
+        'body': body,
+        'style': template('page.css'),
+        'script': template('page.js'),
+        'plotly': plotly_script(),
+    }
     page, text = template('page.html').split('{{'), ''
     for piece in page[1:]:
         name, _, rest = piece.partition('}}')

@@ -34,11 +34,14 @@ def parameters_section(
         rows = [(*row, f'{calibrated[row[0]]:.5g}' if row[0] in calibrated else '') for row in rows]
     blocks: list[Block] = [Table(header, rows)]
     if uncertainty is not None and uncertainty.intervals:
-        blocks.append(Plot(
-            interval_figure(uncertainty, before), 'Fitted value with its 95 % interval over the value that was given. Open '
-            'orange marks: the data do not see this parameter alone; the bar shows how far the fit could go.',
-            60 + 30 * len(uncertainty.intervals),
-        ))  # fmt: skip
+        blocks.append(
+            Plot(
+                interval_figure(uncertainty, before),
+                'Fitted value with its 95 % interval over the value that was given. Open '
+                'orange marks: the data do not see this parameter alone; the bar shows how far the fit could go.',
+                60 + 30 * len(uncertainty.intervals),
+            )
+        )
     words = remarks_on(found)
     words += ['the fit was stopped: these are the best values so far, not the optimum'] if found.interrupted else []
     blocks += [Paragraph('What these data do not determine, and further remarks:'), Bullets(words)] if words else []
@@ -69,7 +72,7 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
     """Values and intervals over the (positive) values before, on a logarithmic axis."""
     shown = [
         interval for interval in reversed(uncertainty.intervals) if before[interval.name] > 0.0 and interval.value > 0.0
-    ]  # fmt: skip
+    ]
     figure = new_figure()
     for seen, colour, symbol, name in (
         (True, BLUE, 'circle', 'determined'),
@@ -77,18 +80,23 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
     ):
         part = [(interval, before[interval.name]) for interval in shown if interval.seen == seen]
         figure.add_scatter(
-            x=[interval.value / first for interval, first in part], y=[interval.name for interval, _ in part],
-            mode='markers', name=name,
+            x=[interval.value / first for interval, first in part],
+            y=[interval.name for interval, _ in part],
+            mode='markers',
+            name=name,
             marker={'color': colour, 'symbol': symbol, 'size': 9},
             error_x={
-                'type': 'data', 'symmetric': False, 'color': colour, 'thickness': 1.6,
+                'type': 'data',
+                'symmetric': False,
+                'color': colour,
+                'thickness': 1.6,
                 'array': [(interval.high - interval.value) / first for interval, first in part],
                 'arrayminus': [
                     (interval.value - max(interval.low, 1e-3 * interval.value)) / first for interval, first in part
                 ],
             },
             hovertemplate='%{y}: x%{x:.4g}<extra></extra>',
-        )  # fmt: skip
+        )
     figure.add_vline(x=1.0, line={'color': GREY, 'dash': 'dot'})
     reach = max((abs(np.log10(edge / before[interval.name])) for interval in shown for edge in edges(interval)), default=0.1)
     figure.update_xaxes(title_text='over the given value', **log_axis(10.0 ** (-1.1 * reach), 10.0 ** (1.1 * reach)))
@@ -109,9 +117,17 @@ def correlation_figure(uncertainty: Uncertainty) -> object:
     names = [interval.name for interval in uncertainty.intervals]
     figure = new_figure()
     figure.add_heatmap(
-        x=names, y=names, z=small(np.array(uncertainty.correlation)), zmin=-1, zmax=1, colorscale='RdBu', xgap=1, ygap=1,
-        colorbar={'thickness': 10, 'len': 0.9}, hovertemplate='%{x}, %{y}: %{z:.2f}<extra></extra>',
-    )  # fmt: skip
+        x=names,
+        y=names,
+        z=small(np.array(uncertainty.correlation)),
+        zmin=-1,
+        zmax=1,
+        colorscale='RdBu',
+        xgap=1,
+        ygap=1,
+        colorbar={'thickness': 10, 'len': 0.9},
+        hovertemplate='%{x}, %{y}: %{z:.2f}<extra></extra>',
+    )
     figure.update_xaxes(automargin=True, showgrid=False, tickangle=-50)
     figure.update_yaxes(automargin=True, showgrid=False, autorange='reversed')
     figure.update_layout(margin={'t': 12})

@@ -28,16 +28,28 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
     before, after = formula_change(found)
     lead = f'No known effect explains what is left. Proposed equation: {proposal.formula.equation}'
     rows = [
-        (name, f'{coefficient["value"]:.4g}', '' if coefficient['std'] is None else f'{coefficient["std"]:.1g}',
-         'only with the priors' if coefficient['low'] is None else f'{coefficient["low"]:.4g} to {coefficient["high"]:.4g}',
-         coefficient['unit'], coefficient['description'])
+        (
+            name,
+            f'{coefficient["value"]:.4g}',
+            '' if coefficient['std'] is None else f'{coefficient["std"]:.1g}',
+            'only with the priors'
+            if coefficient['low'] is None
+            else f'{coefficient["low"]:.4g} to {coefficient["high"]:.4g}',
+            coefficient['unit'],
+            coefficient['description'],
+        )
         for name, coefficient in coefficients(found).items()
-    ]  # fmt: skip
+    ]
     others = [
-        (formula['formula'], f'{formula["error"]:.3f}', f'{100 * formula["stability"]:.0f} %',
-         values_line(formula['parameters']))
-        for formula in map(ranked, proposal.ranking) if formula['error'] is not None
-    ]  # fmt: skip
+        (
+            formula['formula'],
+            f'{formula["error"]:.3f}',
+            f'{100 * formula["stability"]:.0f} %',
+            values_line(formula['parameters']),
+        )
+        for formula in map(ranked, proposal.ranking)
+        if formula['error'] is not None
+    ]
     blocks: list[Block] = [
         Paragraph(lead, 'lead'),
         Paragraph(f'{error_words(before, after)} {rivals_sentence(proposal)}'),
@@ -46,7 +58,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Plot(residual_figure(proposal.plot), PORTRAIT_CAPTION, 380),
         channel_plot(before, after),
         Table(('formula', 'normalized RMSE', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
-    ]  # fmt: skip
+    ]
     return Section('Proposed equation', blocks)
 
 
@@ -67,18 +79,26 @@ def residual_figure(plot: PartialResidualPlot) -> object:
     figure = new_figure()
     for k, run in enumerate(plot.runs):
         figure.add_scatter(
-            x=run.x, y=run.quantity, mode='markers', name=run.label,
+            x=run.x,
+            y=run.quantity,
+            mode='markers',
+            name=run.label,
             marker={'color': PORTRAIT_COLOURS[k % len(PORTRAIT_COLOURS)], 'size': 6},
             error_y={'type': 'data', 'array': 2.0 * run.std, 'thickness': 1, 'width': 0},
-        )  # fmt: skip
+        )
     if plot.curve is not None:
         x, y = plot.curve
         figure.add_scatter(x=x, y=y, mode='lines', name='formula', line={'color': ORANGE, 'width': 2})
     for k, run in enumerate(plot.runs if plot.curve is None else ()):
         figure.add_scatter(
-            x=run.x, y=run.formula, mode='markers', name='formula', legendgroup='formula', showlegend=k == 0,
+            x=run.x,
+            y=run.formula,
+            mode='markers',
+            name='formula',
+            legendgroup='formula',
+            showlegend=k == 0,
             marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
-        )  # fmt: skip
+        )
     figure.update_xaxes(title_text=f'{plot.variable} [{plot.variable_unit}]')
     figure.update_yaxes(title_text=f'{plot.quantity} [{plot.unit}]', title_standoff=14)
     figure.update_layout(margin={'l': 96})

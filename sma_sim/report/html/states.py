@@ -32,13 +32,21 @@ def density_map(density: StateDensity) -> object:
     """Density of the residual over one state, with its mean."""
     figure = new_figure()
     figure.add_heatmap(
-        x=small(density.state), y=small(density.residual), z=shades(np.log1p(density.counts)), colorscale=DENSITY_COLOURS,
-        showscale=False, hovertemplate='%{x:.4g}, %{y:.2f} x noise<extra></extra>',
-    )  # fmt: skip
+        x=small(density.state),
+        y=small(density.residual),
+        z=shades(np.log1p(density.counts)),
+        colorscale=DENSITY_COLOURS,
+        showscale=False,
+        hovertemplate='%{x:.4g}, %{y:.2f} x noise<extra></extra>',
+    )
     figure.add_scatter(
-        x=small(density.mean_state), y=small(density.mean), mode='lines', line={'color': RED, 'width': 2}, name='mean',
+        x=small(density.mean_state),
+        y=small(density.mean),
+        mode='lines',
+        line={'color': RED, 'width': 2},
+        name='mean',
         hovertemplate='mean %{y:.2f} x noise at %{x:.4g}<extra></extra>',
-    )  # fmt: skip
+    )
     figure.update_layout(showlegend=False, margin={'l': 46, 'r': 8, 't': 12, 'b': 42})
     figure.update_xaxes(title_text=density.label, showgrid=False)
     figure.update_yaxes(title_text='residual / noise', showgrid=False)

@@ -25,7 +25,7 @@ WIDE_RANGE = 10.0  # of a realistic range's ends: from here on the axis is logar
 
 def change_plot(change: StageChange, given: ComparedRun) -> Plot:
     """Measured and models in the channel that changed most, with residuals over noise below: the model as it was `given`,
-    calibrated before the step, and after it."""  # fmt: skip
+    calibrated before the step, and after it."""
     channel, figure = change.channel, new_figure(2, [0.62, 0.38], gap=0.05)
     unit, factor = DISPLAY_UNITS[channel]
     at = envelope(change.before.residual(channel), MAX_CHANGE_POINTS)
@@ -35,14 +35,29 @@ def change_plot(change: StageChange, given: ComparedRun) -> Plot:
     curves += [(name, run.predicted[channel], colour, width) for name, run, colour, width in models]
     for name, values, colour, width in curves:
         figure.add_scatter(
-            x=time, y=small(factor * values[at]), name=name, legendgroup=name, mode='lines',
-            line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=1, col=1,
-        )  # fmt: skip
+            x=time,
+            y=small(factor * values[at]),
+            name=name,
+            legendgroup=name,
+            mode='lines',
+            line={'color': colour, 'width': width},
+            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
+            row=1,
+            col=1,
+        )
     for name, run, colour, _ in models:
         figure.add_scatter(
-            x=time, y=over_noise(run, channel, at), name=name, legendgroup=name, showlegend=False, mode='lines',
-            line={'color': colour, 'width': 1}, hovertemplate='%{y:.2f} x noise at %{x:.2f} s', row=2, col=1,
-        )  # fmt: skip
+            x=time,
+            y=over_noise(run, channel, at),
+            name=name,
+            legendgroup=name,
+            showlegend=False,
+            mode='lines',
+            line={'color': colour, 'width': 1},
+            hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
+            row=2,
+            col=1,
+        )
     figure.update_yaxes(title_text=f'{channel} [{unit}]', row=1, col=1)
     figure.update_yaxes(title_text='res. / noise', nticks=5, row=2, col=1)
     figure.update_xaxes(title_text='time [s]', row=2, col=1)
@@ -66,8 +81,9 @@ def range_plots(candidate: CandidateFit) -> list[Plot]:
     stds = {name.rpartition('.')[2]: std for name, std in candidate.std.items() if f'.{candidate.name}.' in name}
     return [
         range_plot(parameter, fitted[parameter.name], stds.get(parameter.name, math.nan))
-        for parameter in candidate.found.effect.parameters if parameter.name in fitted
-    ]  # fmt: skip
+        for parameter in candidate.found.effect.parameters
+        if parameter.name in fitted
+    ]
 
 
 def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
@@ -79,13 +95,25 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
         figure.add_scatter(x=list(real), y=[0, 0], mode='lines', name='realistic', line={'color': '#d5dae0', 'width': 22})
     if parameter.neutral is not None and not wide:
         figure.add_scatter(
-            x=[parameter.neutral], y=[0], mode='markers', name='no effect',
+            x=[parameter.neutral],
+            y=[0],
+            mode='markers',
+            name='no effect',
             marker={'color': GREY, 'symbol': 'line-ns-open', 'size': 20, 'line': {'width': 2}},
-        )  # fmt: skip
-    error = None if math.isnan(std) else {
-        'type': 'data', 'symmetric': False, 'array': [reach], 'thickness': 2, 'width': 6, 'color': BLUE,
-        'arrayminus': [min(reach, 0.99 * value) if wide else reach],
-    }  # fmt: skip
+        )
+    error = (
+        None
+        if math.isnan(std)
+        else {
+            'type': 'data',
+            'symmetric': False,
+            'array': [reach],
+            'thickness': 2,
+            'width': 6,
+            'color': BLUE,
+            'arrayminus': [min(reach, 0.99 * value) if wide else reach],
+        }
+    )
     figure.add_scatter(x=[value], y=[0], mode='markers', name='fitted', marker={'color': BLUE, 'size': 11}, error_x=error)
     figure.update_xaxes(title_text=f'{parameter.name} [{parameter.unit}]', nticks=6)
     if real is not None and wide:
@@ -101,7 +129,7 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
 
 def channel_plot(before: ModelStage, after: ModelStage, given: Sequence[ChannelScore] = ()) -> Plot:
     """Errors by channel, held out where there is a held-out run; the channel that changed most first. `given`: of the
-    model as it was given, in the same runs."""  # fmt: skip
+    model as it was given, in the same runs."""
     first = before.held_out_channel_errors or before.channel_errors
     then = after.held_out_channel_errors or after.channel_errors
     names = sorted(first, key=lambda name: then[name] / first[name])

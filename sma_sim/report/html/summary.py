@@ -28,9 +28,12 @@ def summary_section(summary: Summary) -> Section:
     )
     rows = [channel_row(kind, score) for kind, part in score_groups(summary) for score in part]
     blocks: list[Block] = [
-        Paragraph(words + '.', 'lead'), Plot(score_figure(summary), height=300), Table(SCORE_HEADER, rows),
-        Paragraph(note, 'note'), run_table(summary),
-    ]  # fmt: skip
+        Paragraph(words + '.', 'lead'),
+        Plot(score_figure(summary), height=300),
+        Table(SCORE_HEADER, rows),
+        Paragraph(note, 'note'),
+        run_table(summary),
+    ]
     return Section('How well it fits', blocks)
 
 
@@ -50,9 +53,12 @@ def score_figure(summary: Summary) -> object:
     for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=True):
         if part:
             figure.add_bar(
-                x=[score.channel for score in part], y=[round(score.over_noise, 4) for score in part], name=kind,
-                marker_color=colour, hovertemplate='%{x}: %{y:.3f} x noise',
-            )  # fmt: skip
+                x=[score.channel for score in part],
+                y=[round(score.over_noise, 4) for score in part],
+                name=kind,
+                marker_color=colour,
+                hovertemplate='%{x}: %{y:.3f} x noise',
+            )
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
     figure.update_layout(barmode='group', bargap=0.35)
     figure.update_yaxes(title_text='normalized RMSE', rangemode='tozero')
@@ -63,10 +69,15 @@ def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
     """One channel."""
     white = score.whiteness
     return (
-        score.channel, kind, in_display_unit(score.channel, score.rmse), f'{100 * score.share:.2f} %',
-        f'{score.over_noise:.3f}', in_display_unit(score.channel, score.bias),
-        f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16', f'{white.first:.2f}',
-    )  # fmt: skip
+        score.channel,
+        kind,
+        in_display_unit(score.channel, score.rmse),
+        f'{100 * score.share:.2f} %',
+        f'{score.over_noise:.3f}',
+        in_display_unit(score.channel, score.bias),
+        f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16',
+        f'{white.first:.2f}',
+    )
 
 
 def run_table(summary: Summary) -> Table:

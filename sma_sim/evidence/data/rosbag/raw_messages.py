@@ -24,8 +24,16 @@ STORAGES = ('.mcap', '.db3')
 # What a broken mcap file makes its parser stumble over.
 # Of a size that noise gives, MemoryError or OverflowError.
 PARSING_ERRORS = (
-    McapError, ValueError, EOFError, MemoryError, OverflowError, RuntimeError, LookupError, struct.error, ZstdError,
-)  # fmt: skip
+    McapError,
+    ValueError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,
+    LookupError,
+    struct.error,
+    ZstdError,
+)
 
 
 class RawMessage(NamedTuple):

@@ -189,14 +189,16 @@ class BagWriter:
         topics = [
             {
                 'topic_metadata': {
-                    'name': topic.name, 'type': topic.kind, 'serialization_format': 'cdr',
+                    'name': topic.name,
+                    'type': topic.kind,
+                    'serialization_format': 'cdr',
                     'offered_qos_profiles': [dict(profile) for profile in topic.qos],
                     'type_description_hash': topic.digest,
                 },
                 'message_count': topic.count,
             }
             for topic in self._topics
-        ]  # fmt: skip
+        ]
         return {
             'version': METADATA_VERSION,
             'storage_identifier': 'mcap',

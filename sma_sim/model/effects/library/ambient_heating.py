@@ -17,7 +17,7 @@ EFFECT = Effect(
             'R', 0.5, 'K/W', (0.0, 100.0), 'thermal resistance from the air at the bundle to the room', '', 0.0, (0.05, 3.0)
         ),
         Parameter('tau', 60.0, 's', (1e-2, 1e5), 'time constant of the air', '', None, (5.0, 600.0)),
-    ),  # fmt: skip
+    ),
     states=('Theta',),
     scale=(10.0,),
     rate=lambda s, w, p, m: (p.R * w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.Theta) - m.Theta) / p.tau,

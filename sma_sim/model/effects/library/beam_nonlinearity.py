@@ -53,10 +53,12 @@ class Bending(NamedTuple):
 def bending(tip: float, slope: float, L: float) -> Bending:
     """Of a beam whose end has moved by `tip` [m] and has a `slope`."""
     return Bending(
-        2.0 * (3.0 * tip - L * slope) / (L * L), 2.0 * (2.0 * L * slope - 3.0 * tip) / (L * L),
+        2.0 * (3.0 * tip - L * slope) / (L * L),
+        2.0 * (2.0 * L * slope - 3.0 * tip) / (L * L),
         0.6 * tip**2 / L - 0.1 * tip * slope + L * slope**2 / 15.0,
-        1.2 * tip / L - 0.1 * slope, 2.0 * L * slope / 15.0 - 0.1 * tip,
-    )  # fmt: skip
+        1.2 * tip / L - 0.1 * slope,
+        2.0 * L * slope / 15.0 - 0.1 * tip,
+    )
 
 
 def moments(own: Bending, other: Bending) -> tuple[float, float]:
@@ -109,7 +111,7 @@ EFFECT = Effect(
             (-0.5, 30.0),
         ),
         Parameter('c', 0.0, '-', (0.0, 2.0), 'shortening by bending: 1 for a slender beam', '', 0.0, (0.0, 1.2)),
-    ),  # fmt: skip
+    ),
     kernel=forces,
     energy='elastic: the force of a potential, none is lost',
     description='b is the material or the joint; c couples the pull of the wires with bending; b < 0 gives way beyond '

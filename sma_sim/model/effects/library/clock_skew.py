@@ -34,7 +34,7 @@ EFFECT = Effect(
             0.0,
             (-0.02, 0.02),
         ),
-    ),  # fmt: skip
+    ),
     kernel=lambda s, w, p: s.value,
     clock=seen_at,
     tried='timed',

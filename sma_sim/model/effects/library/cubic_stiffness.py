@@ -25,7 +25,7 @@ EFFECT = Effect(
             (-0.5, 20.0),
             '1/change^2',
         ),
-    ),  # fmt: skip
+    ),
     kernel=lambda s, b, p: -p.c * s.k * s.q**3,
     energy='elastic: the force of a potential, none is lost',
     description='about the zero of the coordinate; a beam has beam_nonlinearity',

@@ -44,5 +44,5 @@ EFFECT = Effect(
         'transformation_plasticity',
         'ambient_drift',
         'clamp_slip',
-    ),  # fmt: skip
+    ),
 )

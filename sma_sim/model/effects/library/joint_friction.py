@@ -21,7 +21,7 @@ EFFECT = Effect(
         Parameter(
             'w_s', 5e-3, 'rad/s', (1e-5, 100.0), 'speed at which friction is fully developed', '', None, (1e-3, 0.05), 'rate'
         ),
-    ),  # fmt: skip
+    ),
     kernel=lambda s, b, p: -p.M_c * math.tanh(s.dq / p.w_s),
     energy='dissipates M_c |dalpha/dt|; the heat goes into the joint, not into the wires',
     description='the same moment at every angle, always against the motion',

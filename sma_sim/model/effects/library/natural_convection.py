@@ -28,5 +28,5 @@ EFFECT = Effect(
         'polycrystal',
         'driver_deadband',
         'driver_saturation',
-    ),  # fmt: skip
+    ),
 )

@@ -37,4 +37,4 @@ EFFECT = Effect(
     description='a wire that still holds some of a phase needs no new nuclei of it: inner loops have no peak',
     signature='an overshoot where a plateau begins in a wire of one phase, none where it turns back half way',
     confused_with=('smooth_transformation', 'wire.dsigma'),
-)  # fmt: skip
+)

@@ -47,7 +47,7 @@ EFFECT = Effect(
             0.0,
             (2e6, 1.5e8),
         ),
-    ),  # fmt: skip
+    ),
     kernel=shifts,
     gradual=True,
     energy='latent heat at the shifted stress: first law with U unchanged; energy stored between grains is left out',

@@ -32,8 +32,9 @@ EFFECT = Effect(
     source='Otsuka and Ren, Prog. Mater. Sci. 50 (2005) 511: R-phase transformation, its small strain and hysteresis',
     parameters=(
         Parameter('eps_R', 5e-3, '-', (0.0, 0.05), 'strain of oriented R-phase', '', 0.0, (5e-4, 1.2e-2)),
-        Parameter('T_R', 310.0, 'K', (100.0, 600.0), 'temperature at which half of the parent is R-phase', '', None,
-                  (285.0, 345.0)),
+        Parameter(
+            'T_R', 310.0, 'K', (100.0, 600.0), 'temperature at which half of the parent is R-phase', '', None, (285.0, 345.0)
+        ),
         Parameter('w', 3.0, 'K', (0.05, 50.0), 'width of its window', '', None, (0.5, 8.0)),
         Parameter('sigma_R', 1e7, 'Pa', (1e4, 1e10), 'stress that orients half of it', '', None, (2e6, 5e7)),
     ),
@@ -43,4 +44,4 @@ EFFECT = Effect(
     description='r_phase is what the same transformation does to the transformation stresses',
     signature='at low stress strain grows in two steps on cooling, the first of them small and nearly without hysteresis',
     confused_with=('thermal_expansion', 'attachment_compliance', 'wire.E_A'),
-)  # fmt: skip
+)

@@ -20,7 +20,7 @@ EFFECT = Effect(
         Parameter(
             'T', 0.02, '-', (-1.0, 1.0), 'part of the other temperatures that a thermometer shows', '', 0.0, (-0.1, 0.1)
         ),
-    ),  # fmt: skip
+    ),
     by_channel=True,
     kernel=lambda s, w, p: s.value + p.own * s.neighbours,
     description='the motion itself is as modelled; before gain and zero of each channel',

@@ -23,7 +23,7 @@ EFFECT = Effect(
             0.0,
             (5e-3, 0.2),
         ),
-    ),  # fmt: skip
+    ),
     kernel=lambda s, w, p: p.G * w.l0 * s.others * (s.T_other - s.T),
     wires=2,
     energy='heat from the hotter to the colder bundle; their sum is unchanged',

@@ -26,10 +26,12 @@ EFFECT = Effect(
     source='Lagoudas and Entchev, Mech. Mater. 36 (2004) 865: transformation-induced plasticity, logarithmic in all '
     'transformation so far; in proportion to stress: Greenwood and Johnson, Proc. R. Soc. A 283 (1965) 403',
     parameters=(
-        Parameter('c', 5e-12, '1/Pa', (0.0, 1e-9), 'strain per stress and transformation of a fresh wire', '', 0.0,
-                  (1e-13, 2e-11)),
-        Parameter('z_p', 5.0, '-', (1e-2, 1e6), 'transformation after which it leaves half as much', '', None,
-                  (1.0, 1000.0)),
+        Parameter(
+            'c', 5e-12, '1/Pa', (0.0, 1e-9), 'strain per stress and transformation of a fresh wire', '', 0.0, (1e-13, 2e-11)
+        ),
+        Parameter(
+            'z_p', 5.0, '-', (1e-2, 1e6), 'transformation after which it leaves half as much', '', None, (1.0, 1000.0)
+        ),
     ),
     tried='single wire',
     states=('e', 'z'),
@@ -40,4 +42,4 @@ EFFECT = Effect(
     description='counts from the start of each run: a wire that is trained already has a large z_p and a small c',
     signature='strain that does not come back and grows from cycle to cycle, more under high stress; plateaus stay',
     confused_with=('functional_fatigue',),
-)  # fmt: skip
+)
