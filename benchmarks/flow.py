@@ -20,11 +20,11 @@ import numpy as np
 from common import DURATION, module, random_command, report
 
 from sma_sim import Model, simulate
+from sma_sim.compiler.compile import OWN, Compiler, content_key
 from sma_sim.model.automaton import INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.parameters import K_B, BeamConstants, WireConstants
 from sma_sim.model.system import EVERYTHING, update_flow
-from sma_sim.solver.compile import OWN, Compiler, content_key
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.simulate import new_run, new_work
 

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from sma_sim import Input, Model, simulate
+from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.automaton import EDGES
 from sma_sim.model.layout import InputPoint, System, SystemState
 from sma_sim.model.system import flow, guard
-from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.events import TOLERANCE, jump
 from sma_sim.solver.model import new_findings
 from sma_sim.solver.simulate import new_run, new_work

@@ -34,7 +34,8 @@ QUESTIONS = {
     'evidence/monitoring': 'Does a running robot still follow the model?',
     'evidence/estimation': 'Which parameters fit, and how certain are they?',
     'evidence/data': 'What was measured? Files, units, noise',
-    'solver': 'How do the equations evolve? Compilation, steps, events',
+    'solver': 'How do the equations evolve? Steps, events, samples, tangents',
+    'compiler': 'How does Python become native code, and where is it kept?',
     'model': 'What are the equations? Material, structures, effects',
 }
 COLOURS = {

@@ -64,7 +64,8 @@ def pytest_collection_modifyitems(config, items):
 @pytest.fixture
 def interpreted(monkeypatch):
     """Call a function with numba switched off; models that it makes are plain Python too."""
-    from sma_sim.solver import kernels, model, structure_kernels
+    from sma_sim.compiler import effect_kernels, structure_kernels
+    from sma_sim.solver import model
 
     kept = []  # the addresses of its functions are in use
 
@@ -82,9 +83,9 @@ def interpreted(monkeypatch):
     def run(function, *arguments):
         with monkeypatch.context() as patch:
             patch.setattr(numba.config, 'DISABLE_JIT', True)
-            patch.setattr(kernels, 'carray', numbers_at)
+            patch.setattr(effect_kernels, 'carray', numbers_at)
             patch.setattr(structure_kernels, 'carray', numbers_at)
-            patch.setattr(kernels, '_native_effect', uncached(kernels._native_effect))
+            patch.setattr(effect_kernels, '_native_effect', uncached(effect_kernels._native_effect))
             patch.setattr(model, 'native_structure', uncached(structure_kernels.native_structure))
             return function(*arguments)
 

@@ -26,7 +26,7 @@ def tangents():
 def effects():
     """The library."""
     from sma_sim import find_effects
-    from sma_sim.solver.kernels import native_effect
+    from sma_sim.compiler.effect_kernels import native_effect
 
     for found in find_effects().values():
         native_effect(found)

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim import Config, Model, default_parameters, find_effects
+from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.layout import InputPoint, SystemState
 from sma_sim.model.material import fraction_at_stress, sigma_A, sigma_M
 from sma_sim.model.system import flow
 from sma_sim.solver.columns import sample_columns
-from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.inputs import segments
 from sma_sim.solver.integrate import (
     PER_WIRE,

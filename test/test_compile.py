@@ -19,10 +19,8 @@ from numba.core import typed_passes, untyped_passes
 
 from sma_sim import Input, Model, simulate
 from sma_sim.cli.main import main
-from sma_sim.model.effects.ports import call_kernel
-from sma_sim.solver import first_start
-from sma_sim.solver.by_reference import is_large, size_of
-from sma_sim.solver.compile import (
+from sma_sim.compiler.by_reference import is_large, size_of
+from sma_sim.compiler.compile import (
     OUT_OF_LINE,
     Compiler,
     cache_folder,
@@ -35,10 +33,12 @@ from sma_sim.solver.compile import (
     user_cache,
     write_source,
 )
+from sma_sim.compiler.fragments import ENTRY, FRAGMENT, NOT_NEEDED, on_compiled
+from sma_sim.compiler.pinned_systems import pin_system, pinned_systems, record_at
+from sma_sim.model.effects.ports import call_kernel
+from sma_sim.solver import first_start
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.fragments import ENTRY, FRAGMENT, NOT_NEEDED, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
-from sma_sim.solver.records import pin_system, pinned_systems, record_at
 
 ROOT = Path(__file__).resolve().parents[1]
 # A function with large records, one inside the other, that calls another with a constant and with a number.
@@ -72,7 +72,7 @@ def whole(k, outer, out):
     return outer.inner.h
 
 def main():
-    from sma_sim.solver.compile import Compiler
+    from sma_sim.compiler.compile import Compiler
     inner = Inner(1.0, 2.0, 3.0, 4.0, np.arange(5.0), 6.0, 7.0, 8.0, 9)
     outer, out = Outer(True, inner, np.arange(6.0).reshape(3, 2)), np.zeros(2)
     compiler = Compiler('key', ('user',))

@@ -10,6 +10,7 @@ from flows import MODES, Point, active, admitted, called, make_model, neutral
 from scipy.integrate import quad
 
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
+from sma_sim.compiler.effect_kernels import native_effect
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.meaning import acting_coordinates, acts_on
@@ -20,7 +21,6 @@ from sma_sim.model.parameters import DEFAULTS, BeamConstants, WireConstants, bea
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.transformation import offsets
-from sma_sim.solver.kernels import native_effect
 
 NAMES = sorted(find_effects())
 

@@ -10,6 +10,7 @@ from systems import WHOLE_ROWS, evaluate, make_model
 from test_stack import stack
 
 from sma_sim import Config, Input, Model, module_input, simulate
+from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
 from sma_sim.model.material import compliance, sigma_A, sigma_M
@@ -17,7 +18,6 @@ from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.system import EVERYTHING, update_flow
 from sma_sim.solver import simulate as simulation
 from sma_sim.solver.columns import places, sample_columns, sampled_numbers
-from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import channel_scales, own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate

@@ -7,10 +7,10 @@ import pytest
 from systems import active, make_model
 
 from sma_sim import find_effects, simulate, wire_input
+from sma_sim.compiler.effect_kernels import native_effect
+from sma_sim.compiler.fields_read import check_fields, fields_read, uses_time
 from sma_sim.model.effects.discovery import EffectError, package_effects
 from sma_sim.model.effects.ports import State
-from sma_sim.solver.fields_read import check_fields, fields_read, uses_time
-from sma_sim.solver.kernels import native_effect
 
 SLOPE = 40e6  # [Pa]
 TEXT = """

@@ -5,9 +5,9 @@ import pytest
 from systems import make_model, raw_run, rest_state, smooth_state
 
 from sma_sim import Input
+from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.layout import SystemState
 from sma_sim.solver import rosenbrock
-from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.rosenbrock import ROS34PW2, RosenbrockMethod
 from sma_sim.solver.simulate import new_work
 from sma_sim.solver.stepper import ORDER, Segment, Step, dense, linearize_flow, prepare_dense, rosenbrock_step

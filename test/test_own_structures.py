@@ -9,13 +9,13 @@ import pytest
 
 from sma_sim import UserError, find_structures, read_config
 from sma_sim.cli.main import main
+from sma_sim.compiler.structure_kernels import native_structure
 from sma_sim.explore.application import Application
 from sma_sim.explore.export import write_version
 from sma_sim.explore.session import Start, open_session
 from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.model import inertia_of
-from sma_sim.solver.structure_kernels import native_structure
 
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples' / 'own_structure'
 

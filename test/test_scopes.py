@@ -9,13 +9,13 @@ import pytest
 from flows import Point, active, make_model
 
 from sma_sim import UserError, find_effects, read_config, simulate
+from sma_sim.compiler.effect_kernels import native_effect
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, with_scopes
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import module_input
-from sma_sim.solver.kernels import native_effect
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
 from other_form_truths import FORMS  # noqa: E402

@@ -8,6 +8,7 @@ import pytest
 from systems import WHOLE_ROWS, active, make_model
 
 from sma_sim import Config, Input, Model, UserError, module_input, simulate, wire_input
+from sma_sim.compiler.structure_kernels import check_gradients
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, SystemState
 from sma_sim.model.parameters import DEFAULTS
@@ -26,7 +27,6 @@ from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.series import elimination_of
 from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.stepper import Segment
-from sma_sim.solver.structure_kernels import check_gradients
 from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 MOVING = sorted(name for name, found in package_structures().items() if found.structure.coordinates)

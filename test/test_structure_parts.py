@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 from sma_sim import Coordinate, Effect, Parameter, Structure, UserError, read_config
+from sma_sim.compiler.compile import reachable
+from sma_sim.compiler.effect_kernels import kernel_types, outputs_of, own_kernels, pose_fields, returns_tuple
+from sma_sim.compiler.fields_read import can_share, fields_read, uses_time
+from sma_sim.compiler.kernel_text import OneKernel, parameter_of_channel
+from sma_sim.compiler.structure_kernels import new_effects
 from sma_sim.model.effects.conversion import converted, pull_of, rounded, size_of
 from sma_sim.model.effects.discovery import EffectError, find_effects
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots, is_tried
@@ -20,13 +25,8 @@ from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.series import in_series
 from sma_sim.model.structures.structure import MAX_WIRES, numbers, record
 from sma_sim.model.system import update_flow
-from sma_sim.solver.compile import reachable
 from sma_sim.solver.effect_table import channel_codes, channel_scales, state_scales, states_together
-from sma_sim.solver.fields_read import can_share, fields_read, uses_time
 from sma_sim.solver.integrate import integrate
-from sma_sim.solver.kernel_text import OneKernel, parameter_of_channel
-from sma_sim.solver.kernels import kernel_types, outputs_of, own_kernels, pose_fields, returns_tuple
-from sma_sim.solver.structure_kernels import new_effects
 
 FOUND = package_structures()
 EFFECTS = find_effects()

@@ -7,7 +7,7 @@ from typing import Any
 
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
-from sma_sim.solver.compile import cache_folder, content_key, is_interpreted
+from sma_sim.compiler.compile import cache_folder, content_key, is_interpreted
 from sma_sim.solver.first_start import SIMULATION, TANGENTS
 from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation, compile_tangents
 

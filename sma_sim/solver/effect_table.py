@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sma_sim.compiler.effect_kernels import native_effect, own_kernels
+from sma_sim.compiler.fields_read import fields_read
 from sma_sim.model.effects.conversion import like_of, with_parameters
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import CHAIN, Effect
@@ -19,8 +21,6 @@ from sma_sim.model.layout import System
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Constants, Structure
-from sma_sim.solver.fields_read import fields_read
-from sma_sim.solver.kernels import native_effect, own_kernels
 
 # Size of a change in a channel that is no coordinate, for the states of sensing effects.
 FORCE_SCALE, TEMPERATURE_SCALE, STRESS_SCALE, RESISTANCE_SCALE = 10.0, 30.0, 1e8, 1.0

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from sma_sim.solver.compile import is_compiled, reachable
+from sma_sim.compiler.compile import is_compiled, reachable
+from sma_sim.compiler.fragments import ENTRY, FRAGMENT, on_compiled
+from sma_sim.compiler.pinned_systems import pin_system
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.fragments import ENTRY, FRAGMENT, on_compiled
 from sma_sim.solver.integrate import integrate, integrate_held, observe
-from sma_sim.solver.records import pin_system
 from sma_sim.solver.tangents import follow
 
 SIMULATION = (start, integrate)  # what Python calls to simulate an input

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.errors import UserError
 from sma_sim.solver.columns import new_samples, sample_columns
-from sma_sim.solver.compile import package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.inputs import Input

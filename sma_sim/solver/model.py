@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.fields_read import uses_time
+from sma_sim.compiler.structure_kernels import MAX_EFFECTS, native_structure, new_effects
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
@@ -18,8 +20,6 @@ from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
-from sma_sim.solver.fields_read import uses_time
-from sma_sim.solver.structure_kernels import MAX_EFFECTS, native_structure, new_effects
 
 Vector = NDArray[np.float64]
 

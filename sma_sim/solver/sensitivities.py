@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.compile import is_interpreted, package_compiler
+from sma_sim.compiler.pinned_systems import PinnedSystems, pin_system, pinned_systems
 from sma_sim.model.effects.ports import SENSING
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import sampled_numbers
-from sma_sim.solver.compile import is_interpreted, package_compiler
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import stop_reason
 from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
-from sma_sim.solver.records import PinnedSystems, pin_system, pinned_systems
 from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
 from sma_sim.solver.smoothed_input import Stretches, smoothed
 from sma_sim.solver.stepper import STAGES

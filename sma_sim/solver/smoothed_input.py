@@ -22,14 +22,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.compile import package_compiler
+from sma_sim.compiler.effect_kernels import kernel_types, own_kernels
+from sma_sim.compiler.fields_read import fields_read
+from sma_sim.compiler.kernel_text import parameter_fields
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.structure import Structure, record
-from sma_sim.solver.compile import package_compiler
-from sma_sim.solver.fields_read import fields_read
-from sma_sim.solver.kernel_text import parameter_fields
-from sma_sim.solver.kernels import kernel_types, own_kernels
 from sma_sim.solver.model import Model
 from sma_sim.solver.work import Integers, Matrix, Vector
 

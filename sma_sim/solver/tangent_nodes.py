@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.pinned_systems import record_at
 from sma_sim.model.automaton import INNER
 from sma_sim.model.effects.calls import fill_kernel_state
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
@@ -20,7 +21,6 @@ from sma_sim.model.system import (
     sensed_channel,
     update_flow,
 )
-from sma_sim.solver.records import record_at
 from sma_sim.solver.stepper import Segment, flow_at, input_at
 from sma_sim.solver.tangent_algebra import copy_matrix, subtract_product
 from sma_sim.solver.work import Integers, Matrix, Vector, Work, copy_evaluation, copy_into

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sma_sim.compiler.pinned_systems import record_at
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DX, O_X, Evaluation, System, SystemState
 from sma_sim.model.system import EVERYTHING, guard, sensed_channel, update_flow
@@ -33,7 +34,6 @@ from sma_sim.solver.integrate import (
     next_step,
     stretch,
 )
-from sma_sim.solver.records import record_at
 from sma_sim.solver.stepper import (
     GAMMA,
     NODES,

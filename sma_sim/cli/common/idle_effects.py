@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 
+from sma_sim.compiler.kernel_text import FUNCTIONS
 from sma_sim.model.config import Config
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import HEATING, acts_on
 from sma_sim.model.structures.structure import Structure
-from sma_sim.solver.kernel_text import FUNCTIONS
 
 
 def noted(config: Config) -> Config:

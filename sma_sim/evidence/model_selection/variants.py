@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.fields_read import can_share, fields_read
 from sma_sim.evidence.model_selection.candidates import Candidate, candidate_of
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
@@ -21,7 +22,6 @@ from sma_sim.model.effects.meaning import POSE, acting_coordinates
 from sma_sim.model.effects.ports import State
 from sma_sim.model.effects.scope import Scope
 from sma_sim.model.parameters import DEFAULTS, beam_constants
-from sma_sim.solver.fields_read import can_share, fields_read
 
 POSE_RATE = ('dU_x', 'dU_y', 'dalpha')
 

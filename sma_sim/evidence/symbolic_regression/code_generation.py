@@ -5,12 +5,12 @@ from __future__ import annotations
 from hashlib import sha256
 from threading import Lock
 
+from sma_sim.compiler.compile import cache_folder
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
 from sma_sim.evidence.symbolic_regression.locations import CHAIN_STAGES, EVERY_WIRE, Location
 from sma_sim.model.effects.discovery import FoundEffect, find_effects
 from sma_sim.model.structures.structure import Structure
-from sma_sim.solver.compile import cache_folder
 
 LOADING_LOCK = Lock()
 STIFFNESS_IMPORT = 'from sma_sim.model.structures.beam import stiffness_forces\n'  # for what acts along K q

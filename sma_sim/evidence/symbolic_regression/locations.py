@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 
+from sma_sim.compiler.effect_kernels import pose_fields
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port, ports_of
 from sma_sim.evidence.symbolic_regression import term_library
 from sma_sim.evidence.symbolic_regression.terms import Term
@@ -14,7 +15,6 @@ from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.effect_table import channel_codes
-from sma_sim.solver.kernels import pose_fields
 
 EVERY_WIRE = -1  # `component` of a location that is no single port
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.effect_kernels import pose_fields
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
-from sma_sim.solver.kernels import pose_fields
 
 Vector = NDArray[np.float64]
 NODES_PER_RUN = 25  # hat functions: points of a run in the plot

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.effect_kernels import pose_fields
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import model_columns
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
-from sma_sim.solver.kernels import pose_fields
 from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
 Vector = NDArray[np.float64]

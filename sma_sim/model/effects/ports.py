@@ -50,7 +50,7 @@ CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2', 'T_1', 'T_2', 'stress', 'T')
 class State(NamedTuple):
     """What a kernel may read as ``s.<field>`` (SI), but for what its port does not know yet (VALUE_UNKNOWN, RATE_UNKNOWN).
 
-    What a kernel reads is inferred from it (solver.fields_read).
+    What a kernel reads is inferred from it (compiler.fields_read).
 
     Per wire: T, x, eps, deps (its rate), l, v, and of the other wire T_other and x_other (of `others` wires: their
     mean); J [W], the heating of one wire, on its way through the actuation chain; sigma [Pa]; dx [1/s]; F [N], the force of

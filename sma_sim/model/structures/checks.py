@@ -1,6 +1,6 @@
 """What is wrong with a structure as it is declared, in one sentence: names, units, parameters, functions at rest.
 
-Values near rest and gradients are checked where the functions are compiled (`solver.structure_kernels`).
+Values near rest and gradients are checked where the functions are compiled (`compiler.structure_kernels`).
 """
 
 from __future__ import annotations

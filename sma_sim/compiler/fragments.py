@@ -17,7 +17,7 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
-from sma_sim.solver.native_code_cache import NativeCodeCache
+from sma_sim.compiler.native_code_cache import NativeCodeCache
 
 make_function: Any = numba._dynfunc.make_function
 FRAGMENT, ENTRY = 1, 20  # work that is done when one of them is ready, in arbitrary units: their times are about 1 to 20

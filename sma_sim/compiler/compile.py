@@ -1,6 +1,6 @@
 """The only place that compiles: plain Python functions of the model in, native code out.
 
-What Python calls is compiled as one piece with everything that it calls (solver.fragments). Native code is kept in a
+What Python calls is compiled as one piece with everything that it calls (compiler.fragments). Native code is kept in a
 folder whose name is a hash of every source file that went into it, so that no stale code is ever used (numba itself
 misses a change in a callee), and copies of the package with the same sources share it.
 With NUMBA_DISABLE_JIT=1 nothing is compiled: all runs as plain Python, where debuggers and coverage see it, to the
@@ -27,17 +27,17 @@ import numba
 from numba.core import types
 from numba.extending import intrinsic
 
+from sma_sim.compiler.by_reference import by_reference, native_record_at, native_store_record
+from sma_sim.compiler.fragments import Entry, fragment
+from sma_sim.compiler.native_code_cache import CachedCFunc
+from sma_sim.compiler.pinned_systems import record_at, store_record
 from sma_sim.model.effects.ports import call_kernel
-from sma_sim.solver.by_reference import by_reference, native_record_at, native_store_record
-from sma_sim.solver.fragments import Entry, fragment
-from sma_sim.solver.native_code_cache import CachedCFunc
-from sma_sim.solver.records import record_at, store_record
 
 _numba: Any = numba  # its types are not declared
 carray = _numba.carray
 _one_at_a_time = RLock()
 _PACKAGE = Path(__file__).resolve().parent.parent
-_COMPILED_FOLDERS = ('model', 'solver')
+_COMPILED_FOLDERS = ('model', 'compiler', 'solver')
 OWN = ('sma_sim.',)
 # Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V, RANGE
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
-from sma_sim.solver.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
 
 Vector = NDArray[np.float64]
 SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all segments in series

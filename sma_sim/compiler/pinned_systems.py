@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.by_reference import RECORD_WORDS
 from sma_sim.model.layout import System
-from sma_sim.solver.by_reference import RECORD_WORDS
 
 
 def record_at(address: int, like: System) -> System:
