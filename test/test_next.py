@@ -36,7 +36,7 @@ from sma_sim.evidence.experiment_design.design import (
 )
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
 from sma_sim.evidence.experiment_design.further_channels import channels_sentence
-from sma_sim.evidence.experiment_design.plan import DesignRequest
+from sma_sim.evidence.experiment_design.plan import DesignRequest, ParameterPrecision
 from sma_sim.evidence.experiment_design.rival_fits import named_rivals
 from sma_sim.evidence.experiment_design.sequences import (
     SIGNAL_SHAPES,
@@ -334,3 +334,13 @@ def test_the_offered_command_is_one_that_next_takes():
     assert program == 'sma-sim' and taken.verb == 'next' and taken.between == ['a+b', 'a+c']
     assert [str(path) for path in taken.data] == ['two words.csv', 'more'] and str(taken.config) == 'robot.yaml'
     assert taken.words == ['beam.E=2e9'] and taken.noise == ['alpha=1e-3'] and str(taken.out) == 'next.csv'
+
+
+def test_a_parameter_that_a_default_sequence_tells_better_is_named():
+    def known(name, designed):
+        return ParameterPrecision(name, '', True, 0.1, 0.05, designed)
+
+    plan = Some(precision=(known('beam.E', 0.02), known('wire.c_V', 0.06)), gain=Some(designed=2.0, default=1.0))
+    said = list(next.precision_text(plan, ('beam.E', 'wire.c_V')))
+    assert said[-1].startswith('A default sequence would tell wire.c_V better')
+    assert list(next.precision_text(plan, ('beam.E',)))[-1].startswith('information on what was asked for')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         made = provenance_of(arguments, (arguments.config, config))
         write_design_page(arguments.report, plan, hypothesis_curves(plan), made)
-    print(*plan_text(plan), sep='\n')
+    print(*plan_text(plan, arguments.parameters), sep='\n')
     print_written(arguments.out, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if plan.interrupted else 0
 
@@ -118,8 +118,8 @@ def request_from(arguments: argparse.Namespace) -> DesignRequest:
     )
 
 
-def plan_text(plan: Plan) -> Iterator[str]:
-    """The result for the terminal."""
+def plan_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
+    """The result for the terminal, by names of the parameters that were asked for."""
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield (
         f'Designed a sequence of {rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer: '
@@ -129,7 +129,7 @@ def plan_text(plan: Plan) -> Iterator[str]:
     if plan.discriminates:
         yield from rival_text(plan)
     else:
-        yield from precision_text(plan)
+        yield from precision_text(plan, asked)
     yield ''
     reached = {
         'power': (plan.reached['power'], plan.grid.power, 'W'),
@@ -203,10 +203,16 @@ def times_text(designed: float, default: float) -> str:
     return f'{designed / default:.1f}' if default > 0.0 else ''
 
 
-def precision_text(plan: Plan) -> Iterator[str]:
-    """How well parameters will be known."""
+def precision_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
+    """How well parameters will be known; those `asked` for that a default sequence would tell better, and why."""
     yield table_text(
         ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
         [(p.name, *(f'{x:.3g}' for x in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision],
     )
     yield f'information on what was asked for: {plan.gain.designed:.2f} nat, {plan.gain.default:.2f} by a default sequence'
+    worse = [p.name for p in plan.precision if p.name in asked and p.designed > p.default]
+    if worse:
+        yield (
+            f'A default sequence would tell {", ".join(worse)} better: the design tells most of all that was asked for '
+            'together. For one parameter alone, ask for it alone.'
+        )
