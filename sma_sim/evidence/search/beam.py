@@ -28,8 +28,10 @@ MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGED = 6  # components that are tried in place of one
-EXCHANGE_SHARE = 0.5  # of what that one promises, which they must, as differences of what effects do: neither is exact
+EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
+DIFFERENCES = 2  # between recordings that are fitted beside a model: their promises are nearly exact
 SKETCHED_TERMS = 24  # of equations, which are many and alike
+EQUATION_PORTS = 2  # at whose leading terms others are tried
 ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
 
 
@@ -92,10 +94,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     book.add(model_of((), [fit], context) for fit in nominal)
     for size in range(1, most + 1):
         before = book.best
-        for parent in parents(book, size - 1):
-            expand(parent, book, context)
-            if book.leaves_nothing(size):
-                break  # what other parents lead to has few nats to win; exchanges below look for it
+        expand_level(size, book, context)
         improve(size, book, context)
         if equations and size == EQUATIONS_AFTER and (book.best.lacks_unlisted or len(book.best.components) == size):
             add_equations(bare(book), book, context)
@@ -108,6 +107,18 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         add_equations(best, book, context)
     settle(book, context)
     return book
+
+
+def expand_level(size: int, book: Book, context: SearchContext) -> None:
+    """Models of a size: extend those with one component less that have weight, as they do once others were extended, until
+    one leaves nothing. What other parents lead to has few nats to win then; exchanges look for it."""  # fmt: skip
+    done = set[tuple[frozenset[str], str]]()
+    while not (book.leaves_nothing(size) or context.stop.is_set()):
+        parent = next((one for one in parents(book, size - 1) if one.key not in done), None)
+        if parent is None:
+            return
+        done.add(parent.key)
+        expand(parent, book, context)
 
 
 def settle(book: Book, context: SearchContext) -> None:
@@ -136,18 +147,22 @@ def bare(book: Book) -> Model:
 
 
 def add_equations(base: Model, book: Book, context: SearchContext) -> None:
-    """Terms of an equation beside the components of a model."""
+    """Terms of an equation beside the components of a model, and others at the ports of the best of them."""
     if context.stop.is_set():
         return
     context.on_progress(f'fitting the terms of an equation at every port beside {words(base)}')
     leads = add_extended(base, components_of(propose.terms(base.fit, context)), book, context)
-    if leads:
-        names = min(leads, key=lambda model: model.fit.cost).names
-        add_equation_neighbours(book.find(names) or leads[0], book, context)
+    by_port: dict[str, Model] = {}
+    for lead in sorted((book.models[model.key] for model in leads), key=lambda model: model.fit.cost):
+        term = lead.components[-1].term
+        by_port.setdefault(term.location.hook if term else '', lead)
+    for lead in list(by_port.values())[:EQUATION_PORTS]:
+        add_equation_neighbours(lead, book, context)
 
 
 def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> None:
-    """Other terms at the port of one, and a second one at its place, proposed where it has led."""
+    """Other terms at the port of one, proposed where it has led, as long as they fit better; a second one at its place where
+    the best model lacks something."""  # fmt: skip
     term = lead.components[-1]
     for _ in range(ROUNDS):
         if lead.leaves_nothing or context.stop.is_set():
@@ -161,7 +176,7 @@ def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> 
         if best.names == lead.names:
             break
         lead, term = best, best.components[-1]
-    if not lead.leaves_nothing and not context.stop.is_set():
+    if not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
         add_extended(lead, components_of(propose.terms(lead.fit, context, term)), book, context)
 
 
@@ -180,31 +195,28 @@ def parents(book: Book, size: int) -> list[Model]:
 
 
 def expand(parent: Model, book: Book, context: SearchContext) -> None:
-    """Add to the book what a model may lack one of, fitted: what promises most, and where that leaves something the rest."""
+    """Add to the book what a model may lack one of, fitted; what a score test passes over where that leaves something."""
     taken = {component.plain_name for component in parent.components}
     context.on_progress(f'what {words(parent)} may lack')
     proposals = propose.listed(parent.fit, book.catalogue, taken, context)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
-    enough = EXCHANGE_SHARE * max((one.promise for one in proposals), default=0.0)
-    first = [one.component for one in (*proposals, *(other for other in more if other.promise >= enough))]
+    first = [one.component for one in (*proposals, *more[:DIFFERENCES])]
     found = add_extended(parent, first, book, context)
-    if parent.leaves_nothing or any(model.leaves_nothing for model in found):
-        return
-    rest = [other.component for other in more if other.promise < enough]
-    if not parent.components:
+    if not (parent.components or parent.leaves_nothing or any(model.leaves_nothing for model in found)):
         tried = {component.name for component in first}
-        rest += propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
-    add_extended(parent, rest, book, context)
+        others = propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
+        add_extended(parent, others, book, context, reached=min((one.fit.cost for one in found), default=inf) + WINDOW)
 
 
 def add_extended(
-    parent: Model, components: Sequence[Component], book: Book, context: SearchContext, restarts: bool = True
-) -> list[Model]:
-    """Add models with one component more."""
+    parent: Model, components: Sequence[Component], book: Book, context: SearchContext, restarts: bool = True,
+    reached: float = inf,
+) -> list[Model]:  # fmt: skip
+    """Add models with one component more, of those whose sketches come below the cost that others have `reached`."""
     if not components or context.stop.is_set():
         return []
     context.on_progress(f'fitting {", ".join(component.name for component in components)}')
-    found = book.add(extended(parent, components, context, restarts))
+    found = book.add(extended(parent, components, context, restarts, reached))
     for model in found:
         report_model('candidate', model.fit, context)
     try_kinetics(book, context)

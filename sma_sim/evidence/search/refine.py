@@ -108,10 +108,12 @@ def better(model: Model, other: Model | None) -> Model:
     return replace(first, starts=first.starts + second.starts, agreeing=first.agreeing + near)
 
 
-def extended(parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True) -> list[Model]:
-    """The models with one component more, each fitted: those that sketches rank first; the best (`restarts`) from further
-    starts until one leaves nothing, which are given up where they cannot come near what was reached."""  # fmt: skip
-    leading = best_by_sketch(parent.fit, components, context)
+def extended(
+    parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True, reached: float = inf
+) -> list[Model]:
+    """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`; the best
+    (`restarts`) from further starts until one leaves nothing, given up where they cannot come near."""  # fmt: skip
+    leading = best_by_sketch(parent.fit, components, context, reached)
     fits = run_in_threads([partial(refit, problem, z, context) for _, problem, z in leading], context.stop)
     first = [
         model for (component, _, _), fit in zip(leading, fits, strict=True)
@@ -121,7 +123,7 @@ def extended(parent: Model, components: Sequence[Component], context: SearchCont
     first.sort(key=lambda model: -model.score(k))
     found = list[Model]()
     for rank, model in enumerate(first):
-        limit = min([one.fit.cost for one in found], default=inf) + WINDOW
+        limit = min([reached, *(one.fit.cost + WINDOW for one in found)])
         explained = any(one.leaves_nothing for one in (*found, model))
         if restarts and rank < RESTARTED and not explained and not context.stop.is_set():
             model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
@@ -129,11 +131,13 @@ def extended(parent: Model, components: Sequence[Component], context: SearchCont
     return found
 
 
-def best_by_sketch(base: FitResult, components: Sequence[Component], context: SearchContext) -> list[Start]:
-    """The components whose sketches end lowest, each with the problem and the point to start from."""
+def best_by_sketch(
+    base: FitResult, components: Sequence[Component], context: SearchContext, reached: float = inf
+) -> list[Start]:
+    """The components whose sketches end lowest, below a cost, each with the problem and the point to start from."""
     effects = [one for one in components if isinstance(one.start, ScreeningResult)]
     sketches = sketched(base, [one.start for one in effects if isinstance(one.start, ScreeningResult)], context)
-    pairs = [(one, fits[0]) for one, fits in zip(effects, sketches, strict=True) if fits]
+    pairs = [(one, fits[0]) for one, fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
     pairs.sort(key=lambda pair: pair[1].cost - pair[0].log_prior)
     chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in pairs[:REFITTED]]
     return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
