@@ -202,7 +202,7 @@ def way_of(mutant: Mutant, native: bool) -> str:
 
 def words_of(way: str, root: Path) -> list[str]:
     """Arguments of pytest that name all tests that may run this way."""
-    files = [f'test/test_{name}.py' for name in TESTS[way] if (root / f'test/test_{name}.py').exists()]
+    files = [str(file.relative_to(root)) for name in TESTS[way] for file in (root / 'test').glob(f'*/test_{name}.py')]
     return [*files, '-k', f'not ({" or ".join(SLOW_AS_PYTHON)})'] if way == PLAIN else files
 
 
@@ -359,7 +359,7 @@ def started(mutant: Mutant, tree: Path, reach: Mapping[str, Reach], given: argpa
     known = reach[way]
     names = known.tests_of(mutant, given.budget)
     expected = sum(known.seconds[name] for name in names)
-    words = names or ['test/test_layers.py', '-k', 'no_test_comes_here']
+    words = names or ['test/docs/test_layers.py', '-k', 'no_test_comes_here']
     return mutant, Fork(tree, way, words, limit=60.0 + 4.0 * expected), source
 
 

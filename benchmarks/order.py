@@ -17,6 +17,7 @@ import numpy as np
 from common import report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'solver'))
 from systems import make_model, smooth_state
 from test_order import PROBLEMS, fixed_steps, heated_martensite, model_of, problem
 

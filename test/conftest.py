@@ -10,7 +10,11 @@ each other, and discovery takes as long as it takes.
 import ctypes
 import os
 import signal
+import sys
+from pathlib import Path
 
+# Tests share what others define, in rooms beside their own.
+sys.path += [str(room) for room in Path(__file__).parent.iterdir() if room.is_dir()]
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before NumPy: its threads would fight with those of other workers
 
 import hypothesis  # noqa: E402

@@ -2,8 +2,8 @@
 
 from explore_server import until
 from measured_runs import truth, write_module_runs
-from test_stages import PATIENCE
 
+PATIENCE = 300.0  # [s]
 READY = 'return window.smaExplore !== undefined && smaExplore.ready'
 STEP = 'smaExplore.state.steps.stages.find((one) => one.stage === arguments[0])'
 ERRORS = 'return [...document.querySelectorAll("#errors td span")].map((one) => Number(one.title))'

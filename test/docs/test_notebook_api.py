@@ -1,0 +1,303 @@
+"""What a scientist does in a notebook: results that show, convert and save themselves, and mistakes that say their cure."""
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sma_sim
+from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, module_input, simulate
+from sma_sim.model.progress import ProgressLine
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = module_input([0.0, 1.0, 5.0, 12.0], [0.0, 11.0, -6.0, 0.0])
+QUICK = FitOptions(free=('beam.E', 'wire.lambda'), kinetics='hybrid', starts=1)
+
+
+@pytest.fixture(scope='module')
+def run():
+    return simulate(Model(), COMMAND, 10.0)
+
+
+@pytest.fixture(scope='module')
+def dataset():
+    random, runs = np.random.default_rng(0), []
+    for name, factor in (('a', 1.0), ('b', -0.8)):
+        command = module_input(COMMAND.times, factor * COMMAND.values[:, 0])
+        shown = simulate(Config({'beam.E': 2.1e9}), command, 10.0)
+        noisy = shown['alpha_rad'] + 3.5e-4 * random.standard_normal(len(shown.time))
+        runs.append(Recording(name, 'module', shown.time, {'alpha': noisy}, command))
+    return Dataset(runs, {'alpha': 3.5e-4})
+
+
+@pytest.fixture(scope='module')
+def fitted(dataset):
+    return sma_sim.calibrate(dataset, Config(), QUICK)
+
+
+def test_a_run_says_its_units(run):
+    assert run['time_s'] is run.time and run['J_eq_W'].max() == 11.0
+    assert {name: run.units[name] for name in ('U_x_m', 'alpha_rad', 'F_1_N', 'T_E_K', 'J_eq_W', 'x_M_1', 'R_2_ohm')} == {
+        'U_x_m': 'm', 'alpha_rad': 'rad', 'F_1_N': 'N', 'T_E_K': 'K', 'J_eq_W': 'W', 'x_M_1': '-', 'R_2_ohm': 'ohm'
+    }  # fmt: skip
+    line = next(line for line in run.summary().splitlines() if line.startswith('alpha_rad'))
+    assert line.split()[-1] == 'rad' and float(line.split()[3]) == pytest.approx(run['alpha_rad'].max(), rel=1e-5)
+
+
+def test_a_run_as_tables(run):
+    frame = pytest.importorskip('pandas') and run.to_dataframe()
+    assert frame.index.name == 'time_s' and list(frame) == list(run.names) and frame.attrs['units'] == run.units
+    pytest.importorskip('xarray')
+    data = run.to_xarray()
+    assert data['alpha_rad'].attrs == {'units': 'rad'} and data['alpha_rad'].dims == ('time_s',)
+    for name in run.names:
+        assert (frame[name].to_numpy() == run[name]).all() and (data[name].to_numpy() == run[name]).all()
+
+
+def test_tables_say_what_to_install(run, monkeypatch):
+    for package, make in (('pandas', run.to_dataframe), ('xarray', run.to_xarray)):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(UserError, match=f'pip install {package}'):
+            make()
+
+
+def test_a_run_as_a_figure(run):
+    whole, single = run.plot(title='a step'), run.plot('alpha_rad')
+    assert len(single.axes) == 1 < len(whole.axes) and whole.get_suptitle() == 'a step'
+    assert single._repr_png_().startswith(b'\x89PNG')
+
+
+def test_equal_runs_are_equal(run):
+    again = simulate(Model(), COMMAND, 10.0)
+    assert run == again and run != simulate(Config({'beam.E': 2.1e9}), COMMAND, 10.0) and run != 'a run'
+    assert COMMAND == module_input(COMMAND.times, COMMAND.values[:, 0]) != replace(COMMAND, times=2.0 * COMMAND.times)
+
+
+def test_a_run_goes_on_where_another_ended(run):
+    rest = module_input([12.0, 15.0], [5.0, 0.0])
+    assert simulate(Model(), rest, 10.0, initial_state=run) == simulate(Model(), rest, 10.0, initial_state=run.state)
+
+
+def test_a_saved_run_is_the_same(run, tmp_path):
+    file = run.save(tmp_path / 'run.npz')
+    assert sma_sim.load(file) == sma_sim.Trajectory.load(str(file)) == run
+    assert b'pickle' not in file.read_bytes() and [one.name for one in tmp_path.iterdir()] == ['run.npz']
+    rest = module_input([12.0, 15.0], [5.0, 0.0])
+    assert simulate(Model(), rest, 10.0, initial_state=sma_sim.load(file)) == simulate(
+        Model(), rest, 10.0, initial_state=run
+    )
+
+
+def test_saved_results_are_the_same(fitted, dataset, tmp_path):
+    found = sma_sim.load(fitted.save(tmp_path / 'fit.npz'))
+    assert found == fitted and found.config == fitted.config and found.summary() == fitted.summary()
+    assert sma_sim.load(dataset.save(tmp_path / 'data.npz')) == dataset
+    compared = sma_sim.compare(dataset, fitted.config)
+    assert sma_sim.load(compared.save(tmp_path / 'compared.npz')) == compared
+
+
+@pytest.fixture(scope='module')
+def diagnosis(dataset):
+    config = Config(effects=sma_sim.effects.natural_convection(scope='wire_1'))
+    request = sma_sim.DiagnosisRequest(kinetics='hybrid', options=QUICK, equation=False, variants=False)
+    return sma_sim.diagnose(dataset, config, request=request)
+
+
+def test_a_saved_diagnosis_says_the_same(diagnosis, tmp_path):
+    found = sma_sim.load(diagnosis.save(tmp_path / 'why.npz'))
+    assert repr(found) == repr(diagnosis) and found.calibration == diagnosis.calibration
+    assert [stage.train for stage in found.stages] == [stage.train for stage in diagnosis.stages]
+    assert found.stages[0].calibration.config == diagnosis.stages[0].calibration.config
+
+
+def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):
+    fin = own_effect('fin')
+    run = sma_sim.compare(
+        one(),
+        Config(effects=[fin(k=2e-3)]), nuisances=False,
+    )  # fmt: skip
+    file = run.save(tmp_path / 'own.npz')
+    with pytest.raises(UserError, match=r'effect of your own, fin: give load\(\.\.\., effects='):
+        sma_sim.load(file)
+    assert sma_sim.load(file, effects=[fin]) == run
+    content = np.load(file)['content'].tobytes().decode()
+    assert 'sma_sim.evidence.residual_analysis.compare:Comparison' in content
+    for other in ('os:system', 'sma_sim.model.archive:load', 'sma_sim.model.archive:np'):
+        changed = content.replace('sma_sim.evidence.residual_analysis.compare:Comparison', other)
+        arrays = {name: one for name, one in np.load(file).items() if name != 'content'}
+        np.savez(tmp_path / 'odd.npz', content=np.frombuffer(changed.encode(), np.uint8), **arrays)
+        with pytest.raises(UserError, match='which this version of sma_sim does not have'):
+            sma_sim.load(tmp_path / 'odd.npz', effects=[fin])
+
+
+@pytest.mark.parametrize('content', [b'', b'PK\x03\x04', b'{}', np.random.default_rng(0).bytes(500)])
+def test_what_is_no_result_is_said(content, tmp_path):
+    (tmp_path / 'x.npz').write_bytes(content)
+    with pytest.raises(UserError, match='is no result of sma_sim'):
+        sma_sim.load(tmp_path / 'x.npz')
+
+
+def test_results_print_in_a_line_and_show_a_table(run, dataset, fitted, diagnosis):
+    case = sma_sim.make_challenge(2, kinds=['gravity'], plan=sma_sim.RecordingPlan(duration=10.0, rate=10.0))
+    compared = sma_sim.compare(dataset, fitted.config)
+    assert 'gravity' not in repr(case) + case._repr_html_()  # it is to be found
+    for one in (run, dataset, *dataset.recordings, fitted, compared, *compared.runs, diagnosis, case, COMMAND):
+        assert len(repr(one)) < 1500 and '\n' not in repr(one), type(one)
+        assert one._repr_html_().startswith('<table>') and len(one._repr_html_()) < 3000
+    for one in (
+        Model(),
+        Config(effects='gravity'),
+        sma_sim.structures.module,
+        sma_sim.effects.gravity,
+        *Config(effects='gravity').effects,
+    ):
+        assert len(repr(one)) < 200
+
+
+def test_an_interval_says_of_what_its_standard_deviation_is(fitted):
+    stiffness = fitted.intervals['beam.E']
+    assert stiffness.log and stiffness.std_unit == 'of the logarithm' and stiffness.unit == 'Pa'
+    width = (stiffness.high - stiffness.low) / (2.0 * 1.96)
+    assert stiffness.std_of_value == pytest.approx(width, rel=0.1)
+    assert re.search(r'beam\.E +2\.\d+e\+09 +.* Pa', fitted.summary())
+    if 'pandas' in sys.modules:
+        frame = fitted.to_dataframe()
+        assert frame.loc['beam.E', 'unit'] == 'Pa' and frame.loc['beam.E', 'std'] == stiffness.std_of_value
+
+
+def test_a_freed_parameter_that_changes_nothing_is_named(dataset):
+    for name, options in (
+        ('wire.V_L', QUICK),
+        ('wire.resistivity_A', QUICK),
+        ('effects.sensor_bias.U_x', replace(QUICK, intervals=False)),
+    ):
+        config = Config(effects=sma_sim.effects.sensor_bias(alpha=0.0))
+        found = sma_sim.calibrate(dataset, config, replace(options, free=('beam.E', name)))
+        assert name in found.without_influence and 'beam.E' not in found.without_influence
+        assert f'of no influence {name}' in repr(found)
+
+
+def test_progress_is_shown_where_it_is_seen(capsys, monkeypatch):
+    monkeypatch.setattr('sma_sim.model.progress.QUIET_TIME', -1.0)
+    ProgressLine('fitting')(0.5)
+    assert capsys.readouterr().err == ''
+    monkeypatch.setattr('sma_sim.model.progress.is_seen', lambda: True)
+    simulate(Model(), COMMAND, 10.0)
+    assert re.search(r'simulating: \[#{20}\] 100 %', capsys.readouterr().err)
+    simulate(Model(), COMMAND, 10.0, progress=lambda part: None)
+    assert capsys.readouterr().err == ''
+
+
+def own_effect(name):
+    return sma_sim.Effect(
+        name=name, port='wire_heat', equation='J = -k (T - T_E)', source='a fin that conducts',
+        parameters=(sma_sim.Parameter('k', 1e-3, 'W/K', (0.0, 1.0), 'conductance', neutral=0.0, realistic=(1e-4, 1e-2)),),
+        kernel=lambda s, w, p: -p.k * (s.T - s.T_E),
+    )  # fmt: skip
+
+
+def pusher():
+    return sma_sim.Structure(
+        name='pusher', title='pusher', coordinates=(sma_sim.Coordinate('x', 'm', 1e-3),), wires=1,
+        lengths=lambda q, p: p.L - q.x, forces=lambda q, v, p: -p.k * q.x - p.b * v.x, inertia=lambda p: p.m,
+        parameters=(
+            sma_sim.Parameter('L', 0.1, 'm', (1e-3, 1.0), 'length of the wire'),
+            sma_sim.Parameter('k', 500.0, 'N/m', (1.0, 1e5), 'stiffness of the spring'),
+            sma_sim.Parameter('b', 1.0, 'N s/m', (0.0, 1e3), 'damping'),
+            sma_sim.Parameter('m', 0.01, 'kg', (1e-6, 10.0), 'mass'),
+        ),
+        defaults={'wire.n': 1.0, 'wire.l0': 0.094},
+    )  # fmt: skip
+
+
+def test_a_script_from_the_page_of_the_api(tmp_path):
+    """Simulate with an effect, plot, DataFrame, fit two parameters, diagnose, save, load, own effect, own structure."""
+    truth = Config({'beam.E': 2.2e9, 'wire.lambda': 500.0}, effects=[sma_sim.effects.gravity(g_y=-9.81)])
+    run = sma_sim.simulate(truth, COMMAND, 10.0)
+    run.plot().savefig(tmp_path / 'run.png')
+    assert run.save(tmp_path / 'run.npz') and sma_sim.load(tmp_path / 'run.npz') == run
+    measured = Dataset(Recording('run', 'module', run.time, {'alpha': run['alpha_rad'], 'U_y': run['U_y_m']}, COMMAND),
+                       {'alpha': 3.5e-4, 'U_y': 1e-5})  # fmt: skip
+    options = FitOptions(free=['beam.E', 'wire.lambda'], kinetics='hybrid', starts=1, intervals=False)
+    found = sma_sim.calibrate(measured, Config(effects='gravity'), options)
+    assert found.values == pytest.approx({'beam.E': 2.2e9, 'wire.lambda': 500.0}, rel=1e-3)
+    file = sma_sim.write_config(found.config, tmp_path / 'robot.yaml')
+    assert sma_sim.read_config(file).parameters == found.config.parameters
+    request = sma_sim.DiagnosisRequest(kinetics='hybrid', options=options, equation=False, variants=False)
+    assert 'gravity' in sma_sim.diagnose(measured, Config(), request=request).effects
+
+    cooled = sma_sim.simulate(Config(effects=[own_effect('fin')(k=2e-3)]), COMMAND, 10.0)
+    assert cooled['T_1_K'].max() < sma_sim.simulate(Model(), COMMAND, 10.0)['T_1_K'].max()
+    with pytest.raises(UserError, match='fin is in no file'):
+        sma_sim.write_config(Config(effects=[own_effect('fin')]), tmp_path / 'own.yaml')
+    heating = sma_sim.Input([0.0, 1.0, 10.0], [[0.0, 298.0], [0.6, 298.0], [0.0, 298.0]], (False, False), ('J_W', 'T_E_K'))
+    config = Config({'pusher.k': 400.0}, system=pusher())
+    moved = sma_sim.simulate(config, heating, 20.0)
+    assert moved.completed and np.ptp(moved['x_m']) > 1e-4 and moved.units['x_m'] == 'm'
+    recorded = Dataset(Recording('own', 'pusher', moved.time, {'x': moved['x_m']}, heating), {'x': 1e-6})
+    found = sma_sim.calibrate(recorded, Config(system=config.own_structure), replace(options, free='pusher.k'))
+    assert found.values['pusher.k'] == pytest.approx(400.0, rel=1e-2)
+
+
+WIRE = sma_sim.wire_input([0.0, 1.0], [0.0, 0.01])
+TIME, ALPHA = np.linspace(0.0, 12.0, 13), np.zeros(13)
+SHAPES = {
+    'a text for a model': (lambda: simulate('module', COMMAND, 10.0), 'model: expected Model or Config'),
+    'no input': (lambda: simulate(Model(), None, 10.0), 'source: expected Input, from sma_sim.module_input'),
+    'input of a wire': (lambda: simulate(Model(), WIRE, 10.0), "system 'module' takes J_eq_W, T_E_K"),
+    'input of a module': (lambda: simulate(Config(system='wire'), COMMAND, 1.0), 'make it with sma_sim.wire_input'),
+    'rate': (lambda: simulate(Model(), COMMAND, 0.0), 'expected a rate of more than 0 per second'),
+    'times in words': (lambda: simulate(Model(), COMMAND, ['a']), 'sample_times: expected numbers'),
+    'times outside': (lambda: simulate(Model(), COMMAND, [0.0, 99.0]), 'from 0 s at the earliest to 12 s at the latest'),
+    'channel': (lambda: simulate(Model(), COMMAND, 10.0, channels='alhpa'), 'did you mean alpha'),
+    'step': (lambda: simulate(Model(), COMMAND, 10.0, max_step=-1.0), 'max_step = -1.0: expected more than 0 s'),
+    'state': (lambda: simulate(Model(), COMMAND, 10.0, initial_state=3), 'initial_state: expected Run or Trajectory'),
+    'command too long': (lambda: module_input([0.0, 1.0], [0.0, 1.0, 2.0]), 'expected one value, or 2 as there are times'),
+    'command in words': (lambda: module_input([0.0, 1.0], [0.0, 'x']), 'J_eq: expected numbers'),
+    'time that goes back': (lambda: module_input([1.0, 0.0], [0.0, 0.0]), 'times must increase'),
+    'negative kelvin': (lambda: simulate(Model(), module_input([0.0, 1.0], [0.0, 0.0], -5.0), 10.0), 'expected kelvin'),
+    'column of a channel': (lambda: Recording('r', 'module', TIME, {'alpha_rad': ALPHA}, COMMAND), 'did you mean alpha'),
+    'samples': (lambda: Recording('r', 'module', TIME, {'alpha': ALPHA[1:]}, COMMAND), 'expected 13 samples'),
+    'system': (lambda: Recording('r', 'modul', TIME, {'alpha': ALPHA}, COMMAND), 'did you mean module'),
+    'order of time': (lambda: Recording('r', 'module', TIME[::-1], {'alpha': ALPHA}, COMMAND), 'must increase'),
+    'noise of no channel': (lambda: Dataset((), {'alhpa': 1.0}), "noise_std: no channel 'alhpa'"),
+    'negative noise': (lambda: Dataset((), {'alpha': -1.0}), 'expected a standard deviation in SI units'),
+    'no recording': (lambda: Dataset((COMMAND,), {}), 'recordings: expected Recording'),
+    'no data': (lambda: sma_sim.calibrate(COMMAND, Config()), 'expected Dataset, from sma_sim.read_dataset'),
+    'a model': (lambda: sma_sim.compare(Dataset(()), Model()), 'expected Config, from sma_sim.Config'),
+    'a mapping': (lambda: sma_sim.calibrate(Dataset(()), Config(), {'free': 'beam.E'}), 'expected FitOptions'),
+    'parameter of a fit': (lambda: sma_sim.calibrate(one(), Config(), FitOptions('beam.e')), 'did you mean beam.E'),
+    'kinetics of a diagnosis': (lambda: sma_sim.DiagnosisRequest(kinetics='both'), 'expected one of hybrid, mas, auto'),
+    'folder of effects': (lambda: sma_sim.find_effects('/nowhere'), 'is not a folder'),
+    'rival': (lambda: sma_sim.next_experiment(one(), Config(), sma_sim.DesignRequest('gravity')), 'at least two different'),
+    'file': (lambda: sma_sim.read_dataset('run.csv'), 'cannot read run.csv'),
+    'result': (lambda: sma_sim.load('run.npz'), 'cannot read run.npz'),
+    'name of a result': (lambda: simulate(Model(), COMMAND, 10.0).save('run.pkl'), 'expected a name that ends in .npz'),
+    'hidden effect': (lambda: sma_sim.make_challenge(1, kinds=['gravty']), 'did you mean gravity'),
+    'axis': (lambda: sma_sim.Coordinate('x', 'm', 1.0, axis='w'), 'expected an axis x, y or z'),
+    'wires': (lambda: sma_sim.Structure('x', 'x', (), 0), 'expected 1 to 29 wires, got 0'),
+}  # fmt: skip
+
+
+def one():
+    return Dataset(Recording('r', 'module', TIME, {'alpha': ALPHA}, COMMAND), {'alpha': 1e-3})
+
+
+@pytest.mark.parametrize('mistake', SHAPES)
+def test_a_wrong_argument_is_refused_with_its_cure(mistake):
+    wrong, words = SHAPES[mistake]
+    with pytest.raises(UserError, match=re.escape(words)):
+        wrong()
+
+
+def test_the_version_is_that_of_the_package():
+    tomllib = pytest.importorskip('tomllib', reason='Python 3.11 reads TOML')
+    project = tomllib.loads((ROOT / 'pyproject.toml').read_text())
+    assert sma_sim.__version__ == project['project']['version']
+    assert f'<version>{sma_sim.__version__}</version>' in (ROOT / 'package.xml').read_text()
+    assert (ROOT / 'sma_sim' / 'py.typed').exists() and 'py.typed' in project['tool']['setuptools']['package-data'][
+        'sma_sim'
+    ]
