@@ -36,8 +36,8 @@ from sma_sim import (
     simulate,
 )
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.estimation.cross_validation import nuisances_of
 from sma_sim.evidence.estimation.free_parameters import default_names
+from sma_sim.evidence.estimation.held_out_prediction import nuisances_of
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 
 NOISE = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': float(np.radians(0.02)), 'F_1': 0.05, 'F_2': 0.05}

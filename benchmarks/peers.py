@@ -58,8 +58,8 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, final_calibration, problem_for
-from sma_sim.evidence.estimation.cross_validation import nuisances_of
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.held_out_prediction import nuisances_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
 from sma_sim.evidence.estimation.residuals import model_columns
 from sma_sim.evidence.estimation.search_context import SearchContext

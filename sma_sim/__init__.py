@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sma_sim.evidence.estimation.calibrate import Calibration as Calibration
     from sma_sim.evidence.estimation.calibrate import FitOptions as FitOptions
     from sma_sim.evidence.estimation.calibrate import calibrate as calibrate
-    from sma_sim.evidence.estimation.cross_validation import evaluate_held_out as evaluate_held_out
+    from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out as evaluate_held_out
     from sma_sim.evidence.estimation.residuals import Nuisance as Nuisance
     from sma_sim.evidence.estimation.residuals import predict as predict
     from sma_sim.evidence.estimation.uncertainty import Interval as Interval
@@ -65,7 +65,7 @@ _EXPORTS = {
     'evidence.data.recordings': ('read_dataset',),
     'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
     'evidence.estimation.calibrate': ('Calibration', 'FitOptions', 'calibrate'),
-    'evidence.estimation.cross_validation': ('evaluate_held_out',),
+    'evidence.estimation.held_out_prediction': ('evaluate_held_out',),
     'evidence.estimation.residuals': ('Nuisance', 'predict'),
     'evidence.estimation.uncertainty': ('Interval',),
     'evidence.experiment_design.design': ('next_experiment',),

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Dataset, in_order
 from sma_sim.evidence.diagnosis.probability_words import probability_words
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
-from sma_sim.evidence.estimation.cross_validation import own_unknowns
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_parameter
+from sma_sim.evidence.estimation.held_out_prediction import own_unknowns
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, cost_at, quadratic_model, secant_minimum
 from sma_sim.evidence.estimation.problem import DEFAULT_STEP, DELAY, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import fit_data

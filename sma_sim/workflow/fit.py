@@ -12,8 +12,8 @@ from typing import Any
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.free_parameters import values_of
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.run_estimates import by_run_data

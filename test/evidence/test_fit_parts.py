@@ -13,8 +13,8 @@ from systems import active
 
 from sma_sim import Config, Dataset, Input, Recording, module_input, wire_input
 from sma_sim.evidence.estimation import executors, homogeneity
-from sma_sim.evidence.estimation.cross_validation import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
+from sma_sim.evidence.estimation.held_out_prediction import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, ports_of, small_force
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.levenberg_marquardt import (

@@ -9,7 +9,7 @@ from sma_sim import FitOptions, Input, Model, UserError, calibrate, read_config,
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
-from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.nuisance_report import nuisance_data, nuisance_sentences
 from sma_sim.solver.inputs import inputs_at

@@ -12,7 +12,7 @@ from sma_sim import Config, Dataset, Input, Model, Recording, UserError, read_co
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.repeatability import repeatability
 from sma_sim.evidence.diagnosis import diagnose
-from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 

@@ -11,17 +11,17 @@ from test_recordings_in_fits import module_run, problem_of
 
 from sma_sim import Config
 from sma_sim.evidence.estimation import calibrate as calibration
-from sma_sim.evidence.estimation import cross_validation
+from sma_sim.evidence.estimation import held_out_prediction
 from sma_sim.evidence.estimation import starting_points as starts_of_fits
 from sma_sim.evidence.estimation.calibrate import FitOptions
-from sma_sim.evidence.estimation.cross_validation import (
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.held_out_prediction import (
     INITIAL_GUESSES,
     RunFit,
     pooled_error,
     predict_runs,
     with_starts,
 )
-from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starting_points import StartingPoint
@@ -99,8 +99,8 @@ def test_a_predicted_run_begins_in_several_places_until_one_is_good(monkeypatch,
     def fitted(_, z, __):
         return (RunFit('run', (), (), (), {}, errors[len(tried) - 1]),)
 
-    monkeypatch.setattr(cross_validation, 'minimize', minimize)
-    monkeypatch.setattr(cross_validation, 'run_fits', fitted)
+    monkeypatch.setattr(held_out_prediction, 'minimize', minimize)
+    monkeypatch.setattr(held_out_prediction, 'run_fits', fitted)
     run = replace(module_run(exact_commands=False), ambient_std=1.0)
     (found,) = predict_runs(Config(), (run,), 0.0, SearchContext(None, Event()))
     assert found.error == expected and len(tried) == (3 if min(errors[:2]) > 1.1 else errors.index(expected) + 1)

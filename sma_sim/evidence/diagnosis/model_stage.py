@@ -17,8 +17,8 @@ from sma_sim.evidence.estimation.calibrate import (
     final_calibration,
     full_problem,
 )
-from sma_sim.evidence.estimation.cross_validation import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, pooled_error
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext

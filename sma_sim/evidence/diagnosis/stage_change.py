@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.estimation.cross_validation import nuisances_of
+from sma_sim.evidence.estimation.held_out_prediction import nuisances_of
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, compared_run
 
 

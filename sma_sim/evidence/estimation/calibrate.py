@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
-from sma_sim.evidence.estimation.cross_validation import RunFit, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
 from sma_sim.evidence.estimation.limits import LimitReached, Range, limits_reached, within_limits
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences

@@ -12,8 +12,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.cross_validation import RunFit
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, declared_parameters
+from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, Problem
 from sma_sim.evidence.estimation.residuals import ZERO_STDS
 from sma_sim.model.errors import UserError

@@ -14,7 +14,7 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
-from sma_sim.evidence.estimation.cross_validation import evaluate_held_out
+from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError

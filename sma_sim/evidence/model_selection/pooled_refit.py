@@ -14,8 +14,8 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search, problem_for
-from sma_sim.evidence.estimation.cross_validation import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
