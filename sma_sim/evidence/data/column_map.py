@@ -138,8 +138,10 @@ def checked_tests(path: Path, given: Any) -> list[dict[str, Any]]:
     """The kinds of tests of a campaign, as a map lists them. Raises UserError."""
     entries = given if isinstance(given, list) else [given]
     if not all(isinstance(entry, dict) and isinstance(entry.get(FILES), str) for entry in entries):
-        raise UserError(f'the map {path}, {TESTS}: expected a list of entries with {FILES} (a pattern such as pulls/*.csv), '
-                        f'{BENCH} and columns, got {given!r}')  # fmt: skip
+        raise UserError(
+            f'the map {path}, {TESTS}: expected a list of entries with {FILES} (a pattern such as pulls/*.csv), '
+            f'{BENCH} and columns, got {given!r}'
+        )
     return entries
 
 
@@ -147,8 +149,10 @@ def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> C
     """One kind of test: which files, on which bench, and where their columns come from. Raises UserError."""
     bench = entry.get(BENCH, {})
     if not isinstance(bench, dict) or not all(isinstance(word, str) for word in bench.values()):
-        raise UserError(f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
-                        f'temperature: prescribed}}, got {bench!r}')  # fmt: skip
+        raise UserError(
+            f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
+            f'temperature: prescribed}}, got {bench!r}'
+        )
     columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH)}
     origins = {name: parsed_origin(path, name, column, names) for name, column in columns.items()}
     return ColumnMap(origins, path=path, files=entry[FILES], bench={f'{BENCH}.{name}': word for name, word in bench.items()})

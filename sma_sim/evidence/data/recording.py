@@ -146,11 +146,14 @@ class Recording(Shown, Saved, Comparable):
         for name, values in self.channels.items():
             if name not in CHANNEL_COLUMNS:
                 known = list(CHANNELS_OF[self.system])
-                raise UserError(f'recording {self.name}: no channel {name!r}{suggestion(name, known)}; it may have '
-                                f'{", ".join(known)}')  # fmt: skip
+                raise UserError(
+                    f'recording {self.name}: no channel {name!r}{suggestion(name, known)}; it may have {", ".join(known)}'
+                )
             if np.shape(values) != time.shape:
-                raise UserError(f'recording {self.name}, channel {name}: expected {len(time)} samples as there are times, '
-                                f'got an array of shape {np.shape(values)}')  # fmt: skip
+                raise UserError(
+                    f'recording {self.name}, channel {name}: expected {len(time)} samples as there are times, '
+                    f'got an array of shape {np.shape(values)}'
+                )
         object.__setattr__(self, 'time', time)
         numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
         object.__setattr__(self, 'channels', numbers)

@@ -134,8 +134,10 @@ def crossing(line: Vector, slope: float, at: float, value: float) -> float:
 
 def tests_as_text(tests: Sequence[IsobaricTest]) -> list[str]:
     """A table of the transformation temperatures, in deg C; of tests of several cycles some of these, and their drift."""
-    lines = ['transformation temperatures by tangents [deg C], strain recovered by heating:',
-             'test                 stress [MPa]     M_f     M_s     A_s     A_f   strain']  # fmt: skip
+    lines = [
+        'transformation temperatures by tangents [deg C], strain recovered by heating:',
+        'test                 stress [MPa]     M_f     M_s     A_s     A_f   strain',
+    ]
     for test in tests:
         if not test.cycles:
             lines.append(line_of(test.name, test))

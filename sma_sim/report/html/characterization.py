@@ -45,33 +45,54 @@ def characterization_section(found: Characterization, config: Config) -> Section
 
 def figures(found: Characterization, config: Config) -> list[Plot]:
     """The figures that the tests allow."""
-    plots = [Plot(phase_diagram(found, config), 'Phase diagram. Marks: measured; lines: the model, dotted sigma_A and '
-                  'sigma_M', 360)]  # fmt: skip
+    plots = [
+        Plot(
+            phase_diagram(found, config), 'Phase diagram. Marks: measured; lines: the model, dotted sigma_A and sigma_M', 360
+        )
+    ]
     if found.isobaric:
         levels = [(test, f'{1e-6 * test.measured.stress:.3g} MPa') for test in found.isobaric]
         plots = [
-            Plot(curves_figure(levels, 'strain', ('T_K', 1.0, -273.15, 'temperature [deg C]'), (100.0, 'strain [%]')),
-                 'Strain over temperature. Dots: measured; lines: the model', 360),
+            Plot(
+                curves_figure(levels, 'strain', ('T_K', 1.0, -273.15, 'temperature [deg C]'), (100.0, 'strain [%]')),
+                'Strain over temperature. Dots: measured; lines: the model',
+                360,
+            ),
             *plots,
-            Plot(over_stress(found.isobaric, lambda test: test.hysteresis, 'width of the hysteresis [K]'),
-                 'Width of the hysteresis over stress', 300),
-            Plot(over_stress(found.isobaric, lambda test: 100.0 * test.recovered, 'recovered strain [%]'),
-                 'Strain that heating recovers, over stress', 300),
-        ]  # fmt: skip
+            Plot(
+                over_stress(found.isobaric, lambda test: test.hysteresis, 'width of the hysteresis [K]'),
+                'Width of the hysteresis over stress',
+                300,
+            ),
+            Plot(
+                over_stress(found.isobaric, lambda test: 100.0 * test.recovered, 'recovered strain [%]'),
+                'Strain that heating recovers, over stress',
+                300,
+            ),
+        ]
     for test in found.isobaric:
         if test.measured.cycles:
             plots += [
-                Plot(over_cycles(test, TEMPERATURE_LINES), f'{label_of(test)}: transformation temperatures over the cycles. '
-                     'Marks: measured; lines: the model', 300),
-                Plot(over_cycles(test, STRAIN_LINES), f'{label_of(test)}: strain at the hottest point, which grows by what '
-                     'stays behind, and recovered strain', 300),
-            ]  # fmt: skip
+                Plot(
+                    over_cycles(test, TEMPERATURE_LINES),
+                    f'{label_of(test)}: transformation temperatures over the cycles. Marks: measured; lines: the model',
+                    300,
+                ),
+                Plot(
+                    over_cycles(test, STRAIN_LINES),
+                    f'{label_of(test)}: strain at the hottest point, which grows by what stays behind, and recovered strain',
+                    300,
+                ),
+            ]
     if found.isothermal:
         labelled = [(test, f'{test.measured.temperature - 273.15:.3g} deg C') for test in found.isothermal]
-        plots.append(Plot(
-            curves_figure(labelled, 'stress', ('strain', 100.0, 0.0, 'strain [%]'), (1e-6, 'stress [MPa]')),
-            'Stress over strain. Dots: measured; lines: the model', 360,
-        ))  # fmt: skip
+        plots.append(
+            Plot(
+                curves_figure(labelled, 'stress', ('strain', 100.0, 0.0, 'strain [%]'), (1e-6, 'stress [MPa]')),
+                'Stress over strain. Dots: measured; lines: the model',
+                360,
+            )
+        )
     return plots
 
 
@@ -108,9 +129,15 @@ def over_cycles(test: EvaluatedTest[IsobaricTest], lines: Mapping[str, str]) -> 
         value = CYCLE_VALUES[name]
         for cycles, mode in ((test.measured.cycles, 'markers'), (test.model.cycles if test.model else (), 'lines')):
             figure.add_scatter(
-                x=list(range(1, len(cycles) + 1)), y=[value(one) for one in cycles], mode=mode, name=name, legendgroup=name,
-                showlegend=mode == 'markers', marker={'color': colour, 'size': 6}, line={'color': colour, 'width': 1.5},
-            )  # fmt: skip
+                x=list(range(1, len(cycles) + 1)),
+                y=[value(one) for one in cycles],
+                mode=mode,
+                name=name,
+                legendgroup=name,
+                showlegend=mode == 'markers',
+                marker={'color': colour, 'size': 6},
+                line={'color': colour, 'width': 1.5},
+            )
     figure.update_xaxes(title_text='cycle')
     figure.update_layout(margin_r=10)
     return figure
@@ -120,14 +147,25 @@ def plateau_table(found: Characterization) -> Table:
     """Plateau stresses and moduli by temperature."""
     rows = [
         (
-            label_of(test), f'{test.measured.temperature - 273.15:.1f}', both(test, lambda one: 1e-6 * one.loading, '.0f'),
-            both(test, lambda one: 1e-6 * one.unloading, '.0f'), both(test, lambda one: 1e-6 * one.hysteresis, '.0f'),
-            both(test, lambda one: 1e-9 * one.modulus, '.1f'), both(test, lambda one: 100.0 * one.plateau_strain, '.2f'),
+            label_of(test),
+            f'{test.measured.temperature - 273.15:.1f}',
+            both(test, lambda one: 1e-6 * one.loading, '.0f'),
+            both(test, lambda one: 1e-6 * one.unloading, '.0f'),
+            both(test, lambda one: 1e-6 * one.hysteresis, '.0f'),
+            both(test, lambda one: 1e-9 * one.modulus, '.1f'),
+            both(test, lambda one: 100.0 * one.plateau_strain, '.2f'),
         )
         for test in found.isothermal
-    ]  # fmt: skip
-    header = ('test', 'temperature [deg C]', 'loading [MPa]', 'unloading [MPa]', 'hysteresis [MPa]', 'modulus [GPa]',
-              'plateau [%]')  # fmt: skip
+    ]
+    header = (
+        'test',
+        'temperature [deg C]',
+        'loading [MPa]',
+        'unloading [MPa]',
+        'hysteresis [MPa]',
+        'modulus [GPa]',
+        'plateau [%]',
+    )
     return Table(header, rows, 'Plateau stresses')
 
 
@@ -147,15 +185,19 @@ def slope_sentences(found: Characterization, config: Config) -> list[str]:
     own, words = 1e-6 * config.parameters['wire.sigma_T'], []
     for slope, way in zip(found.slopes, ('martensite', 'austenite'), strict=True):
         if np.isfinite(slope):
-            words.append(f'The stress of the transformation to {way} rises by {1e-6 * slope:.3g} MPa/K (median of all pairs '
-                         f'of tests); sigma_T of the model is {own:.3g} MPa/K.')  # fmt: skip
+            words.append(
+                f'The stress of the transformation to {way} rises by {1e-6 * slope:.3g} MPa/K (median of all pairs '
+                f'of tests); sigma_T of the model is {own:.3g} MPa/K.'
+            )
     return words
 
 
 def curves_figure(
-    tests: Sequence[tuple[EvaluatedTest[Any], str]], channel: str, over: tuple[str, float, float, str],
+    tests: Sequence[tuple[EvaluatedTest[Any], str]],
+    channel: str,
+    over: tuple[str, float, float, str],
     shown: tuple[float, str],
-) -> Any:  # fmt: skip
+) -> Any:
     """A channel of all tests over a state, a colour for each test."""
     column, scale, offset, label = over
     figure = new_figure()
@@ -164,14 +206,22 @@ def curves_figure(
         at = envelope(test.run.measured[channel], MAX_POINTS)
         x = small(scale * test.run.states[column][at] + offset)
         figure.add_scatter(
-            x=x, y=small(shown[0] * test.run.measured[channel][at]), mode='markers', legendgroup=name, showlegend=False,
-            marker={'color': colour, 'size': 4, 'opacity': 0.5}, hoverinfo='skip',
-        )  # fmt: skip
+            x=x,
+            y=small(shown[0] * test.run.measured[channel][at]),
+            mode='markers',
+            legendgroup=name,
+            showlegend=False,
+            marker={'color': colour, 'size': 4, 'opacity': 0.5},
+            hoverinfo='skip',
+        )
         figure.add_scatter(
-            x=x, y=small(shown[0] * test.run.predicted[channel][at]), mode='lines', legendgroup=name,
+            x=x,
+            y=small(shown[0] * test.run.predicted[channel][at]),
+            mode='lines',
+            legendgroup=name,
             name=name + (' (held out)' if test.run.held_out else ''),
             line={'color': colour, 'width': 1.8, 'dash': 'dash' if test.run.held_out else 'solid'},
-        )  # fmt: skip
+        )
     figure.update_xaxes(title_text=label)
     figure.update_yaxes(title_text=shown[1])
     figure.update_layout(margin_r=10)
@@ -188,8 +238,9 @@ def phase_diagram(found: Characterization, config: Config) -> Any:
             add_points(figure, points, name, TEMPERATURE_COLOURS[name], 'circle')
             add_line(figure, lines, name, TEMPERATURE_COLOURS[name], 'solid')
     for name, colour, value in (('loading', BLUE, 0), ('unloading', RED, 1)):
-        points = [(test.measured.temperature, (test.measured.loading, test.measured.unloading)[value])
-                  for test in found.isothermal]  # fmt: skip
+        points = [
+            (test.measured.temperature, (test.measured.loading, test.measured.unloading)[value]) for test in found.isothermal
+        ]
         if points:
             add_points(figure, points, f'plateau, {name}', colour, 'square-open')
     add_transformation_stresses(figure, found, config)
@@ -215,33 +266,49 @@ def add_transformation_stresses(figure: Any, found: Characterization, config: Co
 def add_points(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, symbol: str) -> None:
     """Measured points (temperature [K], stress [Pa])."""
     figure.add_scatter(
-        x=[T - 273.15 for T, _ in points], y=[1e-6 * stress for _, stress in points], mode='markers', name=name,
-        legendgroup=name, marker={'color': colour, 'size': 9, 'symbol': symbol},
+        x=[T - 273.15 for T, _ in points],
+        y=[1e-6 * stress for _, stress in points],
+        mode='markers',
+        name=name,
+        legendgroup=name,
+        marker={'color': colour, 'size': 9, 'symbol': symbol},
         hovertemplate='%{y:.4g} MPa at %{x:.1f} deg C',
-    )  # fmt: skip
+    )
 
 
 def add_line(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, dash: str) -> None:
     """A line of the model through points (temperature [K], stress [Pa])."""
     figure.add_scatter(
-        x=[T - 273.15 for T, _ in points], y=[1e-6 * stress for _, stress in points], mode='lines', name=name,
-        legendgroup=name, showlegend=dash == 'dot', line={'color': colour, 'width': 1.4, 'dash': dash}, hoverinfo='skip',
-    )  # fmt: skip
+        x=[T - 273.15 for T, _ in points],
+        y=[1e-6 * stress for _, stress in points],
+        mode='lines',
+        name=name,
+        legendgroup=name,
+        showlegend=dash == 'dot',
+        line={'color': colour, 'width': 1.4, 'dash': dash},
+        hoverinfo='skip',
+    )
 
 
-def over_stress(
-    tests: Sequence[EvaluatedTest[IsobaricTest]], value: Callable[[IsobaricTest], float], label: str
-) -> Any:  # fmt: skip
+def over_stress(tests: Sequence[EvaluatedTest[IsobaricTest]], value: Callable[[IsobaricTest], float], label: str) -> Any:
     """A feature over the stress of the tests, measured and of the model."""
     figure = new_figure()
     figure.add_scatter(
-        x=[1e-6 * test.measured.stress for test in tests], y=[value(test.measured) for test in tests], mode='markers',
-        name='measured', marker={'color': GREY, 'size': 9, 'symbol': [
-            'circle-open' if test.run.held_out else 'circle' for test in tests]},
-    )  # fmt: skip
+        x=[1e-6 * test.measured.stress for test in tests],
+        y=[value(test.measured) for test in tests],
+        mode='markers',
+        name='measured',
+        marker={'color': GREY, 'size': 9, 'symbol': ['circle-open' if test.run.held_out else 'circle' for test in tests]},
+    )
     known = [(test.model.stress, value(test.model)) for test in tests if test.model is not None]
-    figure.add_scatter(x=[1e-6 * stress for stress, _ in known], y=[one for _, one in known], mode='lines+markers',
-                       name='model', line={'color': BLUE, 'width': 1.5}, marker={'size': 5})  # fmt: skip
+    figure.add_scatter(
+        x=[1e-6 * stress for stress, _ in known],
+        y=[one for _, one in known],
+        mode='lines+markers',
+        name='model',
+        line={'color': BLUE, 'width': 1.5},
+        marker={'size': 5},
+    )
     figure.update_xaxes(title_text='stress [MPa]')
     figure.update_yaxes(title_text=label, rangemode='tozero')
     figure.update_layout(margin_r=10)
