@@ -15,7 +15,7 @@ the same calibrated model, whose fit is in the time of the diagnosis only; equat
 An equation counts where it takes away EXPLAINED of the squares of the run on which it is judged. The reading is the most
 generous: an equation is right if any variable of any hidden law is in it, however many others are, and so is a diagnosis
 whose most probable answer has any hidden effect, or for a law of no list says that it is unlisted; how often that answer is
-exactly what is hidden is counted besides. Robots whose held-out run the calibrated model predicts with an error over noise
+exactly what is hidden is counted besides. Robots whose held-out run the calibrated model predicts with a normalized RMSE
 below SEEN say nothing on hits. Where nothing is missing, an answer or an equation is a false alarm. Of robots with two
 effects, 95 % intervals of PAIR stand beside emcee's, for the robot's own laws and all other parameters known. Times are
 those of the processor, of all threads together.
@@ -297,7 +297,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield f'{len(results)} robots; {", ".join(sorted(versions))}'
     yield ''
     yield (
-        '| method | names something hidden | false alarms | variables named | error over noise, held out: nothing hidden '
+        '| method | names something hidden | false alarms | variables named | normalized RMSE, held out: nothing hidden '
         '| something hidden, median | worst | processor [s] |'
     )
     yield '|---|---|---|---|---|---|---|---|'

@@ -39,8 +39,8 @@ BEYOND_FITTED = (
     '(normalized RMSE {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
 )
 ROOMS_DIFFER = (
-    'One model explains all runs if their ambient temperatures differ from those of the input, by {amounts} [K] (error over '
-    'noise {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
+    'One model explains all runs if their ambient temperatures differ from those of the input, by {amounts} [K] '
+    '(normalized RMSE {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
 )
 REMOVED = (
     'Retracted: {effects}. It does not improve the held-out prediction '
