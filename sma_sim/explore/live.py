@@ -21,6 +21,7 @@ from sma_sim.model.errors import UserError
 
 FEED = (sys.executable, '-m', 'sma_sim.ros.live_feed')
 KEPT = 12_000  # samples: ten minutes at 20 a second
+KEPT_CAUSES = 90  # findings of a cause: a quarter of an hour
 LAST_LINES = 20  # of what the process says
 HIGHEST_DOMAIN = 232
 NAME = re.compile(r'/?([A-Za-z_][A-Za-z0-9_]*/?)*')
@@ -49,6 +50,7 @@ class LiveFeed:
         self._said: deque[str] = deque(maxlen=LAST_LINES)
         self._was_stopped = False
         self._model: dict[str, Any] = {'path': '', 'failed': '', 'changes': 0}
+        self._causes: deque[dict[str, Any]] = deque(maxlen=KEPT_CAUSES)
 
     def start(self, parameters: Path, namespace: str = '', domain: int | None = None) -> None:
         """Listen to the robot in a namespace and a domain (default: the environment's) beside the model of a parameter file.
@@ -123,7 +125,8 @@ class LiveFeed:
 
         ``state`` (``off``, ``starting``, ``waiting for joint_states``, ``burn-in``, ``comparing``, ``ended``, ``failed``),
         ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` and ``recording`` (as
-        `sma_sim.ros.live_feed` has them), ``model`` (``path`` of its parameter file; how many ``changes`` of it there were,
+        `sma_sim.ros.live_feed` has them), ``causes`` (what
+        has changed, in the order of time), ``model`` (``path`` of its parameter file; how many ``changes`` of it there were,
         with each of which all ``samples`` begin anew; why the last one ``failed``) and ``next``, the number to ask for then.
         """
         with self._lock:
@@ -141,6 +144,7 @@ class LiveFeed:
                 'samples': samples,
                 'recording': dict(self._recording),
                 'model': dict(self._model),
+                'causes': list(self._causes),
                 'next': self._count,
             }
 
@@ -159,6 +163,8 @@ class LiveFeed:
             self._count += 1
         elif kind == 'model':
             self._take_model(content)
+        elif kind == 'cause':
+            self._causes.append(content)
         elif kind == 'recording':
             self._recording = {name: content[name] for name in ('path', 'messages', 'failed')}
         elif kind == 'state':
@@ -171,6 +177,7 @@ class LiveFeed:
             self._model = {**self._model, 'failed': failed}
             return
         self._model = {'path': str(content['path']), 'failed': '', 'changes': self._model['changes'] + 1}
+        self._causes.clear()
         self._samples.clear()
         self._samples.extend(samples)
         self._count += len(samples)

@@ -178,6 +178,8 @@ CHECK_PARAMETERS = (
               source=NODE_PAGE),
     Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew',
               source=NODE_PAGE),
+    Parameter('diagnosis_period', 10.0, 's', (0.0, 1e6), 'between two looks for the cause of a deviation; 0: none',
+              source=NODE_PAGE),
     Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source=NODE_PAGE),
     Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source=NODE_PAGE),
     Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source=NODE_PAGE),

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.rosbag.interface import APPLIED
+from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
 from sma_sim.evidence.monitoring.live_model import (
     Announcements,
     ComparedSample,
@@ -28,6 +29,7 @@ from sma_sim.evidence.monitoring.live_model import (
 )
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.ros.cause_watch import CauseWatch
 from sma_sim.ros.command import ENVIRONMENT
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.entry import model_description
@@ -67,6 +69,9 @@ class Observer(Protocol):
     def replaced(self, samples: Sequence[tuple[int, Vector, Vector, Vector]], failed: str) -> None:
         """Another model has taken the place of the one before: all comparisons anew, as in `sample`; or why it has not."""
 
+    def cause(self, found: LiveFinding) -> None:
+        """What may have changed on the robot; from a thread of its own."""
+
     def close(self) -> None:
         """The check has ended."""
 
@@ -100,6 +105,9 @@ class ModelCheck:
         self._reset_requested = threading.Event()
         self._others: queue.SimpleQueue[tuple[Config, Model]] = queue.SimpleQueue()
         self._history = LiveHistory(HISTORY if observer is not None else 0.0)
+        self._causes = CauseWatch(
+            node, config, self._noise, self._values['diagnosis_period'], None if observer is None else observer.cause
+        )
         self._heated: set[int] = set()  # wires that were heated since the model started
         self._forget_verdict()
         self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in OUTPUT_TOPICS.items()}
@@ -136,7 +144,8 @@ class ModelCheck:
         self._others.put((config, model))
 
     def close(self) -> None:
-        """Tell the observer, if there is one."""
+        """Look for causes no more; tell the observer, if there is one."""
+        self._causes.close()
         if self._observer is not None:
             self._observer.close()
 
@@ -171,9 +180,11 @@ class ModelCheck:
                 changes = self._inputs(before, now)
                 row = self._live.advance(now.stamp, changes)
                 measured = np.concatenate([now.joints[0], self._robot.companions(before, now)])
+                sample = ComparedSample(now.stamp, changes, measured)
                 if self._observer is not None:
-                    self._history.add(ComparedSample(now.stamp, changes, measured))
+                    self._history.add(sample)
                 self._compare(now, row, measured)
+                self._causes.add(sample, row[self._messages.where.sensed], not math.isinf(self._settled_at))
         except SimulationError as error:
             self._live = None
             self._robot.warn_of('the model cannot go on', f'{error}; it starts anew with the next sample')
@@ -208,9 +219,13 @@ class ModelCheck:
             return
         self._config, self._model, self._live = config, model, live
         self._forget_verdict()
+        self._causes.use(config)
+        if live is not None:
+            self._causes.start(live.begin, live.first)
         for sample, row in rows:
             t, predicted = self._seconds(sample.stamp), row[self._messages.where.sensed]
             self._add_error(t, sample.measured - predicted)
+            self._causes.add(sample, predicted, not math.isinf(self._settled_at))
             if t >= self._settled_at:
                 self._departure.update(t, self._last_error)
             samples.append((sample.stamp, sample.measured, predicted, self._last_error))
@@ -240,6 +255,7 @@ class ModelCheck:
         self._forget_verdict()
         self._live = LiveModel(self._model, self._rate, now.stamp, self._input)
         self._history.start(now.stamp, self._input)
+        self._causes.start(now.stamp, self._input)
         self._starts += 1
         self._logger.info(
             'the model starts from rest (initial.*), which the robot may not be in: no verdict for check.burn_in = '
@@ -351,6 +367,7 @@ class ModelCheck:
         values = {
             'state': state,
             'verdict on the model': verdict,
+            'cause of a deviation': 'none' if self._causes.last is None else str(self._causes.last),
             **{f'error over noise of {name}': 'not measured' if math.isnan(x) else f'{x:.3g}' for name, x in errors},
             'samples compared': self._samples,
             'samples waiting': self._robot.waiting,

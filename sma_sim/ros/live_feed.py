@@ -2,9 +2,10 @@
 
 A line has ``kind``: ``channels`` (their names, once), ``sample`` (``stamp`` [s]; by channel ``measured`` and ``model`` in SI
 units, and ``error`` over noise; null where nothing was measured), ``state`` (once a second: ``state``, ``problems``, and
-how many ``samples`` were compared), ``recording`` (``path``, empty for none, ``messages``, ``failed``) and ``model`` (the
-parameter file of another model that has taken the place of the one before as ``path``, and the last ``samples`` anew; or why
-it ``failed``).
+how many ``samples`` were compared), ``cause`` (what has changed on the robot: ``words``, ``changed``, ``since`` [s],
+``probabilities`` by cause, and ``causes``), ``recording`` (``path``, empty for none, ``messages``, ``failed``) and ``model``
+(the parameter file of another model that has taken the place of the one before as ``path``, and the last ``samples`` anew;
+or why it ``failed``).
 
 On stdin it takes lines of JSON: ``{"record": PATH}`` begins a bag of what the robot publishes, ``{"record": ""}`` ends it;
 ``{"model": PATH}`` compares with the model of another parameter file, also what was measured before.
@@ -32,6 +33,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.entry import Program, Runner, run_node
 
 if TYPE_CHECKING:
+    from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
     from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
@@ -66,6 +68,10 @@ class Feed:
             if stamp >= last - TOLD_AGAIN and (not told or stamp - told[-1]['stamp'] >= SHORTEST):
                 told.append(sample_data(*sample))
         self.tell('model', path=self._asked, failed=failed, samples=told)
+
+    def cause(self, found: LiveFinding) -> None:
+        """What may have changed on the robot."""
+        self.tell('cause', words=str(found), **found.as_data())
 
     def state(self, state: str, problems: Sequence[str], samples: int) -> None:
         """What the check is doing, what is wrong, and how many samples it has compared."""

@@ -1,5 +1,6 @@
 """The model beside a robot over real DDS: a simulated module of ours, and robots that misbehave."""
 
+import json
 import math
 import subprocess
 import sys
@@ -14,7 +15,7 @@ ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
-from std_msgs.msg import Float32, Float64, Float64MultiArray  # noqa: E402
+from std_msgs.msg import Float32, Float64, Float64MultiArray, String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
@@ -404,3 +405,19 @@ def test_beside_a_structure_with_a_command_for_each_wire():
     assert names == list(SPATIAL.channels[:6]) and len(last) == len(SPATIAL.channels)
     shown, resistances = last[: -SPATIAL.wires], last[-SPATIAL.wires :]  # which the robot does not publish
     assert np.isfinite(shown).all() and np.isnan(resistances).all() and 'J_applied is published' in log[0]
+
+
+def test_what_has_changed_is_said_with_its_probability_and_a_command_that_would_tell():
+    """Beside a module with gravity a model without it: a change, its causes, and what would tell them apart."""
+    topics = ((DiagnosticArray, 'diagnosis'), (String, 'diagnosis/json'), (Float64MultiArray, 'error_over_noise'))
+    with ros_client.Simulation('-p', 'effects.active:=[gravity]', topics=topics) as one:
+        with beside(one, '-p', 'check.diagnosis_period:=1.0') as log:
+            one.until(lambda: any(json.loads(m.data)['changed'] for m in one.seen['diagnosis/json']), 300.0)
+            found = json.loads(one.seen['diagnosis/json'][-1].data)
+            one.until(lambda: one.seen['diagnosis'][-1].status[0].level == DiagnosticStatus.WARN, 30.0)
+            answer = one.ask(Trigger, 'sma_model_check/propose_command', Trigger.Request())
+        assert sum(found['probabilities'].values()) == pytest.approx(1.0) and 'nothing' in found['probabilities']
+        assert found['since'] is not None and found['error'] > 3.0 * found['left']
+        proposed = json.loads(answer.message)
+        assert answer.success and len(proposed['between']) == 2 and proposed['command'][-1][1] == 0.0
+    assert 'changed since about' in log[0]

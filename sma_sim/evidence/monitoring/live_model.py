@@ -38,7 +38,7 @@ class LiveModel:
     """
 
     def __init__(self, model: Model, rate: float, begin: int, first: Sequence[float]) -> None:
-        self.begin, self._rate = begin, rate
+        self.begin, self.first, self._rate = begin, tuple(first), rate
         self._u = np.array(first, dtype=float)
         at_rest = self._u.copy()
         at_rest[len(model.structure.drives) : -1] = 0.0

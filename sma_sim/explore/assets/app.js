@@ -249,6 +249,7 @@ const recordings = new RecordingsView({ refresh: () => refresh(), attempt, start
 const stages = new Stages(page, { attempt, perform, load, setView, openTab, refresh: () => refresh(), again: () => recordings.again() });
 const robot = new RobotView(part('robot-view'), {
   attempt, recorded: load, recordedCount: () => page.state?.steps.recorded.length ?? 0, useRecorded: () => stages.useRecorded(),
+  useCause: (cause) => stages.useCause(cause),
   labels: (channel) => page.state?.channels[channel] ?? { label: channel, factor: 1, offset: 0, colour: '' },
 });
 Object.assign(page, { recordings, robot, stages });

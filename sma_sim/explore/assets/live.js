@@ -7,6 +7,7 @@ import { ask } from './wire.js';
 const PERIOD = 300; // [ms] between two questions
 const SHOWN = 60; // [s]
 const KEPT = 1500; // samples
+const COLOURS = ['#1f6fb4', '#c4561a', '#2f8f4e', '#8a4fb0', '#7a6a00'];
 const RUNS = ['starting', 'waiting for joint_states', 'burn-in', 'comparing'];
 
 export class RobotView {
@@ -32,6 +33,7 @@ export class RobotView {
     this.words = element('p', { role: 'status', id: 'robot-state' });
     this.problems = element('ul', { className: 'problem', id: 'robot-problems' });
     this.recording = element('p', { className: 'note', id: 'robot-recording' });
+    this.cause = element('div', { id: 'robot-cause' });
     this.grid = element('div', { id: 'robot-grid' });
     this.start.addEventListener('click', () => this.ask('live_start', { namespace: namespace.value.trim(), domain: domain.value === '' ? null : Number(domain.value) }));
     this.stop.addEventListener('click', () => this.ask('live_stop'));
@@ -44,7 +46,7 @@ export class RobotView {
     this.parent.replaceChildren(element('div', { className: 'bar' }, element('h2', { textContent: 'Robot beside the model' }),
       element('label', {}, 'namespace ', namespace), element('label', {}, 'ROS domain ', domain), this.start, this.stop, this.record, this.use),
     element('p', { className: 'note', textContent: 'Listens to the topics of a robot or a simulating node (joint_states, its command, ...) and runs the current version of the model under the same command: what you change under Parameters or Effects acts at once, also on what was measured before. For a recording to improve the model with, begin while the robot is at rest.' }),
-    this.words, this.problems, this.recording, this.grid);
+    this.words, this.problems, this.recording, this.cause, this.grid);
     this.show();
   }
 
@@ -90,7 +92,32 @@ export class RobotView {
     const failed = runs && model?.failed ? [`The current version cannot be run beside the robot, version ${model.version} stays: ${model.failed}`] : [];
     this.problems.replaceChildren(...[...failed, ...problems].map((textContent) => element('li', { textContent })));
     this.recording.textContent = recording.failed ? `Not recorded: ${recording.failed}` : recording.path ? `Recording to ${recording.path}: ${recording.messages} messages` : '';
+    this.showCauses();
     this.draw(channels);
+  }
+
+  /** What has changed on the robot, how probable it is over time, and a version with it. */
+  showCauses() {
+    const { causes = [], channels = [] } = this.state, last = causes[causes.length - 1], told = JSON.stringify(last?.stamp ?? null);
+    if (this.toldCause === told) return;
+    this.toldCause = told;
+    if (!last || !channels.length) { this.cause.replaceChildren(); return; }
+    const best = last.causes.find((one) => one.is_listed), words = element('p', { role: 'status', textContent: last.changed ? `The robot has ${last.words}.` : `Cause of a deviation: ${last.words}.` });
+    const parts = [words];
+    if (last.changed && best) {
+      const make = element('button', { type: 'button', id: 'use-cause', textContent: `Make a version with ${best.name}` });
+      make.addEventListener('click', () => this.actions.useCause(best));
+      parts.push(make);
+    }
+    this.cause.replaceChildren(...parts);
+    if (!causes.some((one) => one.changed)) return;
+    const names = [...new Set(causes.flatMap((one) => one.causes.filter((cause) => cause.probability > 0.02 && cause.name !== 'nothing').map((cause) => cause.name)))].slice(0, 5);
+    const begin = causes[0].stamp - last.stamp, chart = new Chart(this.cause, 'time');
+    chart.set({
+      label: 'Probability of each cause; time before now [s]', range: [Math.min(begin, -1), 0],
+      curves: names.map((name, k) => ({ factor: 1, offset: 0, label: name, colour: COLOURS[k], x: causes.map((one) => one.stamp - last.stamp), y: causes.map((one) => one.probabilities[name] ?? 0) })),
+    });
+    chart.draw();
   }
 
   draw(channels) {

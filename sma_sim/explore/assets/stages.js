@@ -187,6 +187,12 @@ export class Stages {
     };
   }
 
+  /** A version with what has changed on a robot: an effect, or other values of parameters. */
+  useCause({ name, values }) {
+    const effects = Object.keys(values).some((one) => one.startsWith('effects.')) ? [...this.state.controls.active, name] : this.state.controls.active;
+    return this.actions.perform('change', () => ({ values, effects, expected: this.state.history.current }));
+  }
+
   /** A step that runs is asked how it proceeds, until it has ended. */
   poll() {
     this.polling = setTimeout(async () => {

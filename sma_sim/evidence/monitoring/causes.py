@@ -1,0 +1,124 @@
+"""What may change on a robot while it runs: an effect that begins, other cooling, another room, wires that are lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import exp
+from pathlib import Path
+
+from sma_sim.compiler.fields_read import uses_time
+from sma_sim.evidence.model_selection.candidates import (
+    Candidate,
+    Probe,
+    candidate_of,
+    candidates_for,
+    instants_of,
+    with_effect,
+)
+from sma_sim.evidence.monitoring.lost_wires import EFFECT as LOST_WIRES
+from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import FoundEffect
+
+COOLING = 'wire.lambda'
+COOLING_STEP, AMBIENT_STEP = 0.15, 2.0  # of its logarithm: a fan, a draught, another posture; [K] of a room in a day
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that changes at an instant.
+
+    Attributes
+    ----------
+    name
+        Of the effect or of the parameter, as in a configuration.
+    words
+        What a message calls it.
+    steps
+        By parameter, amounts to which it is probed: one up, one down, or either. SI units from neutral; of `wire.lambda` the
+        change of its logarithm.
+    candidate
+        The effect; None for a parameter of the model or the ambient temperature.
+    """
+
+    name: str
+    words: str
+    steps: Mapping[str, tuple[float, ...]]
+    candidate: Candidate | None = None
+
+    def values(self, config: Config, amounts: Mapping[str, float]) -> dict[str, float]:
+        """The parameters of a configuration after the change, by full name (SI); `amounts`: from neutral."""
+        if self.candidate is not None:
+            shape, declared = middle_of(self.candidate)[0].shape, self.candidate.found.effect.parameters
+            neutral = {p.name: shape.get(p.name, float(p.neutral or 0.0)) for p in declared}
+            return {f'effects.{self.name}.{name}': value + amounts.get(name, 0.0) for name, value in neutral.items()}
+        if self.name == COOLING:
+            return {COOLING: config.parameters[COOLING] * exp(amounts[COOLING])}
+        return {}
+
+    def in_config(self, config: Config, amounts: Mapping[str, float]) -> Config:
+        """The model after the change."""
+        values = self.values(config, amounts)
+        if self.candidate is None:
+            return config.variant(values)
+        return with_effect(config, self.candidate.found, {name.rpartition('.')[2]: v for name, v in values.items()})
+
+    def ambient(self, amounts: Mapping[str, float]) -> float:
+        """By how much the ambient temperature is another one than was said [K]."""
+        return amounts.get('T_E', 0.0)
+
+
+def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...]:
+    """What may change of a configured robot: the effects that a diagnosis tries, cooling, ambient temperature, lost wires.
+
+    All begin at the instant that is asked for, so that an effect which is constant is none beside the one that begins at an
+    instant of its own.
+    """
+    candidates = list(candidates_for(config, folders))
+    structure = config.structure.structure
+    lost = FoundEffect(LOST_WIRES, (Path(__file__).with_name('lost_wires.py'),), (__package__ or '',))
+    if structure.coordinates:
+        candidates.append(candidate_of(lost.on(structure, config.parameters)))
+    beginning = [one for one in candidates if instants_of(one.found)]
+    constant = {name for one in beginning for name in constant_kin(one, candidates)}
+    causes = [effect_cause(one) for one in candidates if one.name not in constant]
+    if COOLING in config.parameters:
+        causes.append(Cause(COOLING, 'the cooling of the wires (wire.lambda)', {COOLING: (COOLING_STEP, -COOLING_STEP)}))
+    causes.append(Cause('T_E', 'the ambient temperature', {'T_E': (AMBIENT_STEP, -AMBIENT_STEP)}))
+    return tuple(causes)
+
+
+def constant_kin(beginning: Candidate, candidates: Sequence[Candidate]) -> list[str]:
+    """The effects that differ from one which begins at an instant in that they are always there."""
+    effect = beginning.found.effect
+    return [
+        one.name
+        for one in candidates
+        if one.name in effect.confused_with
+        and one.found.effect.order == effect.order
+        and not instants_of(one.found)
+        and not uses_time(one.found.effect)
+    ]
+
+
+def effect_cause(candidate: Candidate) -> Cause:
+    """An effect that begins, with the middle of its shapes; what is an instant is that at which it begins."""
+    steps: dict[str, tuple[float, ...]] = {}
+    for probe in middle_of(candidate):
+        steps[probe.parameter] = (*steps.get(probe.parameter, ()), probe.step)
+    return Cause(candidate.name, candidate.found.effect.phrase, steps, candidate)
+
+
+def middle_of(candidate: Candidate) -> tuple[Probe, ...]:
+    """The probes of an effect with the middle of its shapes."""
+    family = candidate.families[len(candidate.families) // 2]
+    now = dict.fromkeys(instants_of(candidate.found), 0.0)
+    return tuple(Probe(one.parameter, one.neutral, one.step, {**one.shape, **now}) for one in family)
+
+
+def one_way_each(steps: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    """Choices of parameters that act together, each with one of its steps."""
+    ways = [[(name, None), *((name, step) for step in of_one)] for name, of_one in steps.items()]
+    chosen = [{name: step for name, step in choice if step is not None} for choice in product(*ways)]
+    return [choice for choice in chosen if choice]

@@ -1,0 +1,249 @@
+"""The last minutes of a robot beside its model: what was commanded, what was left, and the state of the model on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.search.score import unlisted_evidence
+from sma_sim.solver.effect_table import layout, state_scales
+from sma_sim.solver.inputs import Input
+from sma_sim.solver.integrate import C_LAST_JUMP, C_WIRES, PER_WIRE_CONTROLS, Run
+from sma_sim.solver.model import Model
+from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
+
+BIN = 0.25  # [s] over which measurements are averaged: short beside wires, long beside a sampling interval
+SPAN = 300.0  # [s] of the past that is looked at, in which a change may begin
+CHECKPOINT = 10.0  # [s] between instants at which the state of the model is kept
+STEP = 1.0  # [s] to which the instant is found at which a change begins
+SHORTEST = 20  # bins that say something
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of the past. Times [s] are those since the model started.
+
+    `times` (k,): middle of every bin; `means` (k, channels): mean of the residuals of a bin over its standard error, 0 where
+    nothing was measured; `root` (k, channels): of the number of measurements; `first` input and `changes` since `begin`;
+    `state`: of the model at the beginning, if it is known.
+    """
+
+    begin: float
+    times: Vector
+    means: Matrix
+    root: Matrix
+    first: tuple[float, ...]
+    changes: tuple[Change, ...]
+    state: Run | None = None
+
+    @property
+    def end(self) -> float:
+        """The middle of the last bin [s]."""
+        return float(self.times[-1])
+
+    @property
+    def residuals(self) -> Vector:
+        """Of all bins and channels where something was measured, over the noise of their means, (N,)."""
+        found: Vector = self.means[self.root > 0.0]
+        return found
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the residuals over their noise."""
+        return self.error_of(self.residuals)
+
+    def error_of(self, residuals: Vector) -> float:
+        """The same of others (N,)."""
+        return math.sqrt(float(residuals @ residuals) / max(1, len(residuals)))
+
+    def smooth_evidence(self, residuals: Vector | None = None) -> float:
+        """The log Bayes factor of smooth functions of time in some channels beside white noise; of others than `residuals`.
+
+        Each channel has one with probability 1/2.
+        """
+        rows = np.zeros_like(self.means)
+        rows[self.root > 0.0] = self.residuals if residuals is None else residuals
+        none = np.zeros(0, dtype=np.int64)
+        found = [
+            unlisted_evidence([LinearizedRun(none, row[None, :], np.zeros((0, 1, len(row))))]) for row in rows.T if row.any()
+        ]
+        return float(np.sum(np.logaddexp(0.0, found) - math.log(2.0)))
+
+    def onset(self) -> float:
+        """The last instant up to which white noise explains what is left, to STEP [s]."""
+        found = self.begin
+        for step in (CHECKPOINT, STEP):
+            for instant in np.arange(found + step, self.end, step):
+                if not self.is_white_before(float(instant)):
+                    break
+                found = float(instant)
+        return found
+
+    def is_white_before(self, instant: float) -> bool:
+        """Whether white noise explains what is left up to an instant [s]; also where there is too little to tell."""
+        kept = self.times < instant
+        if kept.sum() < SHORTEST:
+            return True
+        return replace(self, times=self.times[kept], means=self.means[kept], root=self.root[kept]).smooth_evidence() <= 0.0
+
+    def without(self, begin: float, end: float) -> Window:
+        """The same but for what was measured in between: a sensor that jumps within a bin shows what it never showed."""
+        between = (self.times > begin - BIN) & (self.times < end + BIN)
+        root, means = self.root.copy(), self.means.copy()
+        root[between], means[between] = 0.0, 0.0
+        return replace(self, root=root, means=means)
+
+    def since(self, begin: float, state: Run | None) -> Window:
+        """What comes later, with the `state` of the model there."""
+        kept, first = self.times > begin, list(self.first)
+        for t, column, value in self.changes:
+            if t <= begin:
+                first[column] = value
+        changes = tuple(change for change in self.changes if change[0] > begin)
+        return Window(begin, self.times[kept], self.means[kept], self.root[kept], tuple(first), changes, state)
+
+    def input(self, model: Model, until: float, warmer: float = 0.0) -> Input:
+        """The input from the beginning on, which is its time 0; `warmer`: by how much T_E is another one [K]."""
+        rows: dict[float, list[float]] = {0.0: list(self.first)}
+        now = list(self.first)
+        for t, column, value in self.changes:
+            if t < until:
+                now[column] = value
+                rows[max(0.0, t - self.begin)] = list(now)
+        rows[until - self.begin] = list(now)
+        values = np.array(list(rows.values()))
+        values[:, -1] += warmer
+        columns = model.structure.input_columns
+        return Input(np.array(list(rows)), values, (False,) * len(columns), columns)
+
+    def shown(self, model: Model, base: Model, noise: Vector, warmer: float = 0.0, onset: float = 0.0) -> Vector | None:
+        """What a model shows that takes the place of `base` `onset` s after the beginning, over noise, as `residuals` are.
+
+        None where it cannot be run.
+        """
+        try:
+            if onset > 0.0:
+                early = self.times[self.times - self.begin <= onset] - self.begin
+                run = simulate(base, self.input(base, self.begin + onset), np.union1d(early, onset), progress=ignore,
+                               initial_state=self.state, channels=base.structure.channels)  # fmt: skip
+                if not run.completed or run.state is None:
+                    return None
+                later = self.since(self.begin + onset, shifted(run.state, onset))
+                rest = later.shown(model, base, noise, warmer) if len(later.times) else np.zeros(0)
+                return None if rest is None else np.concatenate([self._over_noise(run, base, noise, len(early)), rest])
+            source = self.input(model, self.end + BIN, warmer)
+            start = None if self.state is None else continued(model, base, self.state, np.array(source.values[0]))
+            run = simulate(model, source, self.times - self.begin, progress=ignore, initial_state=start,
+                           channels=model.structure.channels)  # fmt: skip
+        except SimulationError:
+            return None
+        return self._over_noise(run, model, noise, len(self.times)) if run.completed else None
+
+    def _over_noise(self, run: Trajectory, model: Model, noise: Vector, count: int) -> Vector:
+        """What sensors show in the first `count` bins, over noise, as `residuals`."""
+        values = np.column_stack([run.columns[name][:count] for name in model.structure.channel_columns])
+        found: Vector = (values / noise * self.root[:count])[self.root[:count] > 0.0]
+        return found
+
+
+class Past:
+    """What is known since a model started, of the last SPAN seconds; not for several threads at once."""
+
+    def __init__(self, first: Sequence[float], channels: int) -> None:
+        self._first, self._begin = list(first), 0.0
+        self._changes: list[Change] = []
+        self._sums: dict[int, Vector] = {}
+        self._counts: dict[int, Vector] = {}
+        self._channels = channels
+        self._states: list[tuple[float, Run | None]] = [(0.0, None)]
+
+    def add(self, t: float, changes: Sequence[Change], ratio: Vector) -> None:
+        """Take residuals over noise (channels,) at time t [s], NaN where nothing was measured, and what changed before."""
+        self._changes += changes
+        number, known = int(t / BIN), ~np.isnan(ratio)
+        if known.any():
+            zero = np.zeros(self._channels)
+            self._sums[number] = self._sums.get(number, zero) + np.where(known, ratio, 0.0)
+            self._counts[number] = self._counts.get(number, zero) + known
+
+    def window(self) -> Window | None:
+        """All of it; None where that says nothing."""
+        numbers = sorted(self._sums)[:-1]  # the last one is being filled
+        if len(numbers) < SHORTEST:
+            return None
+        counts = np.array([self._counts[number] for number in numbers])
+        root = np.sqrt(counts)
+        means = np.array([self._sums[number] for number in numbers]) / np.maximum(root, 1.0)
+        times = (np.array(numbers) + 0.5) * BIN
+        return Window(self._begin, times, means, root, tuple(self._first), tuple(sorted(self._changes)))
+
+    def advance(self, window: Window, model: Model) -> None:
+        """Keep the states of the model on the way to the end of a window. Raises SimulationError."""
+        while self._states[-1][0] + CHECKPOINT <= window.end:
+            begin, state = self._states[-1]
+            after = begin + CHECKPOINT
+            source = window.since(begin, state).input(model, after)
+            run = simulate(model, source, [CHECKPOINT], progress=ignore, initial_state=state)
+            if not run.completed or run.state is None:
+                raise SimulationError(run.reason)
+            self._states.append((after, shifted(run.state, CHECKPOINT)))
+
+    def state_at(self, instant: float) -> tuple[float, Run | None]:
+        """The last instant up to a given one at which the state of the model is known, and that state; None at the start."""
+        return next(known for known in reversed(self._states) if known[0] <= instant + 1e-6)
+
+    def trim(self) -> None:
+        """Forget what is older than SPAN, where the state of the model is known."""
+        self._states = [one for one in self._states if one[0] >= self._states[-1][0] - SPAN]
+        self._begin = begin = self._states[0][0]
+        for t, column, value in sorted(self._changes):
+            if t <= begin:
+                self._first[column] = value
+        self._changes = [change for change in self._changes if change[0] > begin]
+        for number in [number for number in self._sums if (number + 1) * BIN <= begin]:
+            del self._sums[number], self._counts[number]
+
+
+def ignore(share: float) -> None:
+    """No line of progress."""
+
+
+def shifted(run: Run, by: float) -> Run:
+    """A state whose time begins anew, `by` seconds later."""
+    control = run.control.copy()
+    control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] -= by
+    return run._replace(control=control)
+
+
+def continued(model: Model, base: Model, state: Run, u: Vector) -> Run:
+    """The state of `base` as that of a model with further effects, whose own states are as at rest under an input `u`."""
+    if model is base:
+        return state
+    fresh = new_run(model, u, new_work(model))
+    y, (place, size), (before, _) = fresh.state.y, places_of_states(model), places_of_states(base)
+    first = min([len(state.state.y), *before.values()])
+    y[:first] = state.state.y[:first]
+    for name, at in before.items():
+        y[place[name] : place[name] + size[name]] = state.state.y[at : at + size[name]]
+    same = fresh.state._replace(y=y, mode=state.state.mode.copy(), x_frozen=state.state.x_frozen.copy())
+    return fresh._replace(state=same)
+
+
+def places_of_states(model: Model) -> tuple[dict[str, int], dict[str, int]]:
+    """By effect of a model that has states of its own, where these begin, and how many they are."""
+    active, structure = model.config.effects, model.structure
+    first = len(model.scales) - len(model.effects[1])
+    order = layout(tuple(one.found for one in active), model.config.structure, first)
+    names = [active[k].found.effect for k in order.order]
+    sizes = {effect.name: len(state_scales(effect, structure)) for effect in names}
+    starts = {effect.name: int(at) for effect, at in zip(names, order.fields['state_start'], strict=True)}
+    return {name: at for name, at in starts.items() if sizes[name]}, sizes

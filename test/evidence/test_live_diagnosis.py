@@ -1,0 +1,140 @@
+"""The cause of a deviation while a robot runs: named, with its instant and probability; none where nothing has changed."""
+
+import json
+
+import numpy as np
+import pytest
+
+import sma_sim
+from sma_sim.evidence.monitoring.causes import causes_for
+from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis
+from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
+from sma_sim.evidence.monitoring.past import SPAN, continued, shifted
+from sma_sim.solver.inputs import Input
+
+NOISE = {'U_x': 2e-6, 'U_y': 2e-5, 'alpha': 3.5e-4}
+CONFIG = sma_sim.Config(kinetics='mas')
+T_E = CONFIG.parameters['environment.T_E']
+SWITCHES = [(0.0, 0.0), (5.0, 8.0), (22.0, -7.0), (45.0, 5.0), (58.0, 0.0), (70.0, -9.0), (85.0, 6.0), (105.0, 0.0)]
+ONSET, END, RATE = 60.0, 120.0, 10.0
+
+
+def cause(name):
+    return next(one for one in causes_for(CONFIG) if one.name == name)
+
+
+def command(begin, end, warmer=0.0):
+    """The input from `begin` to `end`, its time beginning anew."""
+    before = [value for t, value in SWITCHES if t <= begin][-1]
+    rows = [(0.0, before), *((t - begin, value) for t, value in SWITCHES if begin < t < end), (end - begin, 0.0)]
+    values = np.column_stack([[value for _, value in rows], np.full(len(rows), T_E + warmer)])
+    return Input(np.array([t for t, _ in rows]), values, (False, False))
+
+
+def shown(*runs):
+    columns = CONFIG.structure.structure.channel_columns
+    return np.vstack([np.column_stack([run[name] if name in run.columns else np.full(len(run.time), np.nan)
+                                       for name in columns]) for run in runs])  # fmt: skip
+
+
+def followed(name='', amounts=None, seed=0):
+    """A live diagnosis that has heard of a robot on which a cause begins at ONSET."""
+    changed = cause(name) if name else None
+    base = sma_sim.Model(CONFIG)
+    model = base if changed is None else sma_sim.Model(changed.in_config(CONFIG, amounts))
+    times = np.arange(0.0, END, 1.0 / RATE)
+    early, late = times[times < ONSET], times[times >= ONSET]
+    first = sma_sim.simulate(base, command(0.0, ONSET), early)
+    state = sma_sim.simulate(base, command(0.0, ONSET), [ONSET]).state
+    after = command(ONSET, END, changed.ambient(amounts) if changed else 0.0)
+    start = continued(model, base, shifted(state, ONSET), after.values[0])
+    truth = shown(first, sma_sim.simulate(model, after, late - ONSET, initial_state=start))
+    predicted = shown(sma_sim.simulate(base, command(0.0, END), times))
+    channels = CONFIG.structure.structure.channels
+    std = np.array([NOISE.get(channel, np.nan) for channel in channels])
+    measured = truth + std * np.random.default_rng(seed).standard_normal(truth.shape)
+    found = LiveDiagnosis(CONFIG, causes_for(CONFIG), np.where(np.isnan(std), 1.0, std))
+    found.start(10**9, (0.0, T_E))
+    before = -1.0
+    for k, t in enumerate(times):
+        changes = [InputChange(round(1e9 * (1.0 + at)), 0, value) for at, value in SWITCHES if before < at <= t]
+        found.add(ComparedSample(round(1e9 * (1.0 + t)), changes, measured[k]), predicted[k], True)
+        before = t
+    return found
+
+
+def test_where_nothing_changes_nothing_is_said():
+    found = followed().evaluate()
+    assert not found.has_changed and found.since is None and found.findings[0].name == 'nothing'
+    assert 'nothing has changed' in str(found) and found.error == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(('name', 'amounts'), [
+    ('gravity', {'g_y': -2.0}), ('wire.lambda', {'wire.lambda': 0.1}), ('joint_friction', {'M_c': 0.005}),
+    ('sensor_jump', {'alpha': 0.002}), ('T_E', {'T_E': 3.0}), ('lost_wires', {'part': 0.1}),
+])  # fmt: skip
+def test_what_begins_is_named_with_its_instant_and_size(name, amounts):
+    found = followed(name, amounts).evaluate()
+    best = found.findings[0]
+    assert (best.name, found.has_changed) == (name, True) and best.probability > 0.9
+    assert ONSET - 10.0 <= found.since / 1e9 - 1.0 <= ONSET + 10.0
+    assert found.left < 1.15 < found.error
+    ((parameter, amount),) = amounts.items()
+    if parameter != 'T_E':
+        config = cause(name).values(CONFIG, amounts)
+        full = next(one for one in config if one.endswith(parameter))
+        assert best.values[full] == pytest.approx(config[full], rel=0.2)
+    data = json.loads(json.dumps(found.as_data()))
+    assert data['changed'] and sum(data['probabilities'].values()) == pytest.approx(1.0)
+    assert 'changed since about' in str(found)
+
+
+def test_a_change_that_is_in_no_list_is_said_to_be_so():
+    """A force sensor's zero wanders as no cause does."""
+    found = followed()
+    past = found._past
+    for number, total in past._sums.items():
+        t = number * 0.25
+        total[2] += 6.0 * past._counts[number][2] * max(0.0, np.sin(0.7 * max(0.0, t - ONSET)) ** 3)
+    verdict = found.evaluate()
+    assert verdict.has_changed and verdict.findings[0].name == 'not listed'
+
+
+def test_a_command_is_proposed_that_tells_the_leading_causes_apart():
+    found = followed('gravity', {'g_y': -2.0})
+    assert found.deciding_command((10.0, -10.0)) is None  # nothing was compared yet
+    found.evaluate()
+    proposed = found.deciding_command((10.0, -10.0))
+    assert proposed.between[0] == 'gravity' and proposed.decides and proposed.rows[-1][1] == 0.0
+    assert all(abs(value) <= 10.0 for _, value in proposed.rows)
+    assert json.loads(json.dumps(proposed.as_data()))['decides']
+
+
+def test_only_the_last_minutes_are_kept():
+    found = followed()
+    stamp = round(1e9 * (1.0 + END))
+    sample = ComparedSample(stamp, [], np.full(len(found._noise), np.nan))
+    for k in range(40):
+        later = sample._replace(stamp=stamp + round(1e10 * (k + 1)), measured=np.zeros(len(found._noise)))
+        found.add(later, np.zeros(len(found._noise)), True)
+        found.evaluate()
+    assert found._past.window().end - found._past._begin < SPAN + 20.0
+    assert found._past._changes == []
+
+
+def test_a_start_forgets_and_too_little_says_nothing():
+    found = followed()
+    found.start(0, (0.0, T_E))
+    assert found.evaluate() is None
+    assert followed('gravity', {'g_y': -2.0}).evaluate(is_stopped=lambda: True) is None
+
+
+def test_an_effect_with_states_of_its_own_goes_on_from_the_same_pose():
+    """What the robot was before is kept; the states of the effect begin at rest."""
+    base, effect = sma_sim.Model(CONFIG), cause('driver_lag')
+    model = sma_sim.Model(effect.in_config(CONFIG, {'tau': 0.5}))
+    state = sma_sim.simulate(base, command(0.0, 30.0), [30.0]).state
+    moved = continued(model, base, state, np.array([0.0, T_E]))
+    n = len(state.state.y)
+    assert len(moved.state.y) > n and np.array_equal(moved.state.y[:n], state.state.y)
+    assert continued(base, base, state, np.array([0.0, T_E])) is state
