@@ -36,6 +36,7 @@ DEGREES = (1, 2)  # of polynomials
 SHOWN_TERMS = 4  # of an equation
 GENETIC_SAMPLES = 240  # of a run: formulas are evaluated 20,000 times
 SUBDOMAINS = 200  # of the weak form, by run
+WEAK_THRESHOLDS = (0.03, 0.3)  # those of them that are tried there: a simulation takes seconds
 DIVERGED = 1e3  # standard deviations from where a simulated model has no meaning
 BLOCKS, LAGS = (5, 20), (1, 2, 4)  # samples that are averaged for one of NARX, and lags of its output and inputs
 WALKERS, BURN_IN = 32, 3  # of emcee; autocorrelation times that are left out
@@ -207,7 +208,7 @@ def weak_model(training: Sequence[SeenRun], held_out: SeenRun) -> Matrix:
         return rms(simulated(fitted(training[:1], *choice), training[-1]) - training[-1].measured)
 
     with quiet():
-        return simulated(fitted(training, *min(product(DEGREES, THRESHOLDS), key=miss)), held_out)
+        return simulated(fitted(training, *min(product(DEGREES, WEAK_THRESHOLDS), key=miss)), held_out)
 
 
 def narx(training: Sequence[Samples], held_out: Samples) -> Vector:

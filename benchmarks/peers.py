@@ -10,7 +10,8 @@ the same calibrated model, whose fit is in the time of the diagnosis only; equat
 - the residual, measured minus modelled, of each channel (by gplearn, which takes longest, of the channel with the largest);
   judged on the held-out run;
 - the latent input that `sma-sim latent` estimates, at the place where the hidden law acts if that is reported, else at the
-  best; sought in one run, judged on the other. They are handed the place, which the diagnosis has to find.
+  best; sought in one run, judged on the other. They are handed the place, which the diagnosis has to find, and need not say
+  anything where `latent` says that nothing is missing.
 
 An equation counts where it takes away EXPLAINED of the squares of the run on which it is judged. The reading is the most
 generous: an equation is right if any variable of any hidden law is in it, however many others are, and so is a diagnosis
@@ -263,16 +264,21 @@ def variables_of(hidden: Sequence[str]) -> set[str]:
     return {name for one in names for name in SAME.get(one, (one,))}
 
 
+def variables_named(one: Mapping[str, Any], method: str) -> list[str]:
+    """The variables of the equations that count: none of an input of which `latent` says that it is none."""
+    is_none = method.endswith('_latent') and one['latent']['verdict'] == NONE
+    return [] if is_none else one[method].get('named', [])
+
+
 def is_right(one: Mapping[str, Any], method: str) -> bool:
     """Whether a method names what is hidden."""
-    found = one[method]
-    return bool(found['right'] if method == 'sma_sim' else set(found['named']) & set(one['variables']))
+    right = one[method]['right'] if method == 'sma_sim' else set(variables_named(one, method)) & set(one['variables'])
+    return bool(right)
 
 
 def is_alarm(one: Mapping[str, Any], method: str) -> bool:
     """Whether a method names anything."""
-    found = one[method]
-    return bool(found['said'] != NONE if method == 'sma_sim' else found['named'])
+    return one[method]['said'] != NONE if method == 'sma_sim' else bool(variables_named(one, method))
 
 
 def named_by(results: Sequence[Mapping[str, Any]], method: str) -> tuple[int, int, int, int]:
@@ -306,7 +312,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for method, title in METHODS.items():
         counted = named_by(results, method) if method in NAMING else (0, 0, 0, 0)
         right, alarms = (of(*pair) if method in NAMING else '' for pair in (counted[:2], counted[2:]))
-        counts = [len(one[method]['named']) for one in hiding if one[method].get('named')]
+        counts = [len(names) for one in hiding if (names := variables_named(one, method))]
         errors = [[one[method]['held_out'] for one in some if 'held_out' in one[method]] for some in (nothing, hiding)]
         yield (
             f'| {title} | {right} | {alarms} | {middle(counts)} | {middle(errors[0])} | {middle(errors[1])} | '
@@ -336,7 +342,7 @@ def interval_rows(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             ends = {'sma_sim': known['sma_sim'][name], 'emcee': known['emcee']['intervals'][name]}
             for program, (low, high) in ends.items():
                 inside[program] += low <= truth <= high
-            shown = ' | '.join(f'{low:.4g} to {high:.4g}' for low, high in ends.values())
+            shown = ' | '.join(f'{low:.5g} to {high:.5g}' for low, high in ends.values())
             yield (
                 f'| {", ".join(one["case"][1])} | {one["case"][3]} | {name} | {truth:.4g} | {shown} | '
                 f'{np.ptp(ends["emcee"]) / np.ptp(ends["sma_sim"]):.2f} | {seconds[0]:.1f}, {seconds[1]:.0f} | '

@@ -162,8 +162,8 @@ def peers_named(results: list[Case]) -> str:
     """How often the diagnosis and the others name something that is hidden, or something where nothing is."""
     known = [case for case in results if 'failed' not in case]
     counts = ((title, named_by(known, method)) for method, title in METHODS.items() if method in NAMING)
-    return 'something hidden named; false alarms: ' + '; '.join(
-        f'{title} {right} of {seen}; {alarms} of {nothing}' for title, (right, seen, alarms, nothing) in counts
+    return f'{len(known)} robots; something hidden named, and false alarms: ' + '; '.join(
+        f'{title} {right} of {seen}, {alarms} of {nothing}' for title, (right, seen, alarms, nothing) in counts
     )
 
 
