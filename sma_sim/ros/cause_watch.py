@@ -74,9 +74,11 @@ class CauseWatch:
         data, words = json.dumps(found.as_data()), str(found)
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if found.has_changed else DiagnosticStatus.OK,
-            name=self._node.get_fully_qualified_name(), message=words, hardware_id='cause of a deviation',
+            name=self._node.get_fully_qualified_name(),
+            message=words,
+            hardware_id='cause of a deviation',
             values=[KeyValue(key=one.name, value=f'{one.probability:.4g}') for one in found.findings],
-        )  # fmt: skip
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = stamp_of(found.stamp)
         self._status.publish(array)
