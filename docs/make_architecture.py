@@ -28,6 +28,7 @@ QUESTIONS = {
     'evidence/experiment_design': 'Which experiment decides?',
     'evidence/symbolic_regression': 'Which equation describes the missing part?',
     'evidence/latent_input': 'Which force, heat or strain over time is missing?',
+    'evidence/set_up': 'Is something wrong with the recordings, before physics is searched for?',
     'evidence/search': 'Which sets of components explain the recordings, and how probable are they?',
     'evidence/model_selection': 'What could a candidate explain, and where do fits with it begin?',
     'evidence/residual_analysis': 'Where is the error?',

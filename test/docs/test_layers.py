@@ -16,6 +16,7 @@ ROOMS = (
     'evidence.model_selection',
     'evidence.symbolic_regression',
     'evidence.search',
+    'evidence.set_up',
     'evidence.experiment_design',
     'evidence.diagnosis',
     'evidence.latent_input',

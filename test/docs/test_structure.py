@@ -14,7 +14,7 @@ from sma_sim.evidence.model_selection.criteria import SelectionCriteria
 PACKAGE = Path(__file__).resolve().parents[2] / 'sma_sim'
 MAX_ARGUMENTS, MAX_IN_SOLVER = 7, 8
 MAX_THRESHOLDS = 13
-ROOMS = ('search', 'diagnosis', 'model_selection')  # of a diagnosis
+ROOMS = ('search', 'set_up', 'diagnosis', 'model_selection')  # of a diagnosis
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}
 

@@ -9,7 +9,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.proposed_equation import error_words
 from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
-from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.effects.discovery import find_effects
 
@@ -119,7 +119,7 @@ def test_an_effect_that_the_model_had_is_not_said_to_be_missing():
     assert headline(found) == 'These data show no sign of a missing effect.'
 
 
-def test_an_unknown_effect_with_and_without_an_equation():
+def test_an_unknown_effect_with_and_without_an_equation(monkeypatch):
     found = diagnosis('unknown_effect', candidate('gravity'), errors=(10.0, 5.0))
     assert headline(found) == (
         'Something is missing that no known effect explains. Only a part is explained: gravity explains 75 % of the squared '
@@ -127,10 +127,18 @@ def test_an_unknown_effect_with_and_without_an_equation():
     )
     assert headline(diagnosis('unknown_effect', errors=(5.0,))) == 'Something is missing that no known effect explains.'
     assert any(line.startswith('With known effects, the normalized RMSE of alpha is 5.0') for line in remarks(found))
-    proposal = SimpleNamespace(formula=SimpleNamespace(equation='F_alpha = k alpha^3'))
+    k = SimpleNamespace(name='k', neutral=0.0, unit='N m', description='')
+    formula = SimpleNamespace(equation='F_alpha = k alpha^3', parameters=(k,))
+    proposal = SimpleNamespace(formula=formula, effect='alpha_cubed', std={'effects.alpha_cubed.k': 0.1})
+    monkeypatch.setitem(CALIBRATION.values, 'effects.alpha_cubed.k', 2.0)
     stages = (stage((), 10.0, 'nominal'), stage((), 10.0, 'retracted'), stage((), 1.0, 'formula'))
     said = headline(replace(found, proposal=proposal, effects=(), stages=stages))
     assert 'An equation describes it: F_alpha = k alpha^3; it explains 99 % of the squared error' in said
+    vague = SimpleNamespace(**vars(proposal) | {'std': {'effects.alpha_cubed.k': 1.1}})
+    leaves_more = (*stages[:2], stage((), 1.5, 'formula'))
+    for changes in ({'proposal': vague, 'stages': stages}, {'proposal': proposal, 'stages': leaves_more}):
+        said = headline(replace(found, effects=(), **changes))
+        assert 'describes' not in said and 'comes nearest, and is not what is missing: F_alpha = k alpha^3' in said
 
 
 def test_an_effect_that_is_taken_with_unrealistic_values_is_said_to_be():
@@ -177,8 +185,9 @@ def test_runs_that_one_model_explains_together():
     found = diagnosis('none', errors=(3.0,), pooled_errors=PooledErrors(1.01, 1.04))
     assert any('normalized RMSE 1.04 held out, 1.01 others' in line for line in remarks(found))
     assert 'ambient' not in ' '.join(remarks(found))
-    warmer = replace(found, pooled_errors=PooledErrors(1.01, 1.04, {'run1': 0.02, 'run2': -1.26}))
-    assert 'differ from those of the input, by run1 +0.02 and run2 -1.3 [K]' in ' '.join(remarks(warmer))
+    above = {'run1': AmbientDifference(0.0, 0.0, 0.0), 'run2': AmbientDifference(-1.28, -1.5, -1.06)}
+    warmer = replace(found, pooled_errors=PooledErrors(1.01, 1.04, {'run1': 0.02, 'run2': -1.26}, above))
+    assert 'temperatures differ, from that of run1 by run2 -1.28 (-1.5 to -1.1) [K]' in ' '.join(remarks(warmer))
 
 
 @pytest.mark.parametrize(('changes', 'expected'), [

@@ -106,22 +106,22 @@ def is_held(values: Vector) -> bool:
     return bool(even and np.median(runs) > 1)
 
 
-def difference_scale(time: Vector, values: Vector) -> float | None:
+def difference_scale(time: Vector, values: Vector, order: int = DIFFERENCE_ORDER) -> float | None:
     """Robust standard deviation of white noise on `values` (k,), all finite; None for too few differences.
 
-    Only stretches without a gap in `time` count.
+    By differences of an `order`. Only stretches without a gap in `time` count.
     """
-    differences = np.diff(values, n=DIFFERENCE_ORDER)
+    differences = np.diff(values, n=order)
     steps = np.diff(time)
     if len(steps):
         gap = steps > 1.5 * np.median(steps)
-        near = np.convolve(gap, np.ones(DIFFERENCE_ORDER), 'valid') > 0.5
+        near = np.convolve(gap, np.ones(order), 'valid') > 0.5
         differences = differences[~near]
-    if len(differences) < MIN_NOISE_SAMPLES - DIFFERENCE_ORDER:
+    if len(differences) < MIN_NOISE_SAMPLES - order:
         return None
     sizes = np.abs(differences)
     rough = scale_of_smaller(sizes)
-    return scale_of_smaller(sizes[sizes <= MAX_DEVIATION * rough]) / sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
+    return scale_of_smaller(sizes[sizes <= MAX_DEVIATION * rough]) / sqrt(comb(2 * order, order))
 
 
 def scale_of_smaller(sizes: Vector) -> float:

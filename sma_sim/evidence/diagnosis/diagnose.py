@@ -34,6 +34,8 @@ from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
+from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
+from sma_sim.evidence.set_up.faults import Fault, pooled, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.config import Config
 from sma_sim.model.progress import progress_in_words
@@ -91,6 +93,9 @@ class Diagnosis(Shown, Saved):
         The search with the held-out runs among the fitted ones, where these did not say what is missing.
     search_ended : bool
         Whether the search came to its end, rather than being stopped on the way.
+    set_up : tuple of Fault
+        What was wrong with the recordings: signs, exchanged columns, units, the stated noise, outliers. All results are of
+        the recordings without those that were `corrected`; where one was not, no effect was searched for.
     """
 
     verdict: str
@@ -115,6 +120,7 @@ class Diagnosis(Shown, Saved):
     limit: float = CRITERIA.unexplained
     together: Diagnosis | None = None
     search_ended: bool = True
+    set_up: tuple[Fault, ...] = ()
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
@@ -125,6 +131,8 @@ class Diagnosis(Shown, Saved):
         }
         if self.proposal is not None:
             found['equation'] = self.proposal.formula.equation
+        if self.set_up:
+            found['set-up'] = '; '.join(fault.words for fault in self.set_up)
         before, after = self.nominal.train, self.stages[-1].train
         found['normalized RMSE'] = f'{before:.3g} without, {after:.3g} with what was found'
         found['recordings'] = f'{listed(self.training)} fitted; {listed(self.held_out)} held out'
@@ -222,14 +230,19 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     check(dataset, config, request.options)
     training, held_out = hold_out_last(dataset, held_out)
-    config = starting_model(training, on_leading_bench(config, training))
+    given = on_leading_bench(config, training)
+    config = starting_model(training, given)
     words = progress_in_words('diagnosing', on_progress)
     with stoppable() as stop, executor_or_threads(executor) as pool, words as report:
         context = SearchContext(
             pool, stop, report, request.folders, request.seed, variants=request.variants,
             kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
         )  # fmt: skip
-        found = search_effects(StageData(training, held_out, request.options), config, request, context)
+        tried = config.variant(kinetics=context.kinetics[0])
+        faults = faults_before_fits(pooled(training, held_out), tried, request.options, context)
+        training, held_out = without_faults(training, held_out, faults)
+        config = starting_model(training, given) if faults else config
+        found = search_effects(StageData(training, held_out, request.options), config, request, context, faults)
         if training.floor and held_out is not None:
             found = searched_together(found, training, held_out, config, request, context)
         interrupted = stop.is_set()
@@ -243,15 +256,27 @@ def searched_together(
     if found.verdict != 'unknown_effect' or context.stop.is_set():
         return found
     context.on_progress('the held-out runs are not explained: searching all runs together')
-    everything = replace(training, recordings=(*training.recordings, *held_out.recordings))
-    joint = search_effects(StageData(everything, None, request.options), config, replace(request, equation=False), context)
+    joint = search_effects(
+        StageData(pooled(training, held_out), None, request.options), config, replace(request, equation=False), context
+    )
     return found if context.stop.is_set() else replace(found, together=joint)
 
 
-def search_effects(data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext) -> Diagnosis:
-    """The whole search; its time, and whether it was interrupted, are still open."""
+def search_effects(
+    data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext, faults: tuple[Fault, ...] = ()
+) -> Diagnosis:  # fmt: skip
+    """The whole search; its time, and whether it was interrupted, are still open. It does not begin where it is not certain
+    what is wrong with the recordings."""  # fmt: skip
     nominal = nominal_fits(data.training, config, request, context)
-    book = search([on_run_subset(fit) for fit in nominal], context, request.equation)
+    best = min(nominal, key=lambda fit: fit.cost)
+    later = () if context.stop.is_set() else faults_after_fit(
+        pooled(data.training, data.held_out), best, request.options, context)  # fmt: skip
+    if later:
+        training, held_out = without_faults(data.training, data.held_out, later)
+        data, faults = replace(data, training=training, held_out=held_out), (*faults, *later)
+        nominal = nominal_fits(data.training, config, request, context)
+    subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
+    book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
     models = path_to(posterior.best, book, context)
     steps, ended = steps_along(models, book, posterior, context), not context.stop.is_set()
@@ -272,7 +297,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
     if proposal is not None and not context.stop.is_set():
         similar = most_similar(proposal.fit, steps[0], context.pool)
     return Diagnosis(
-        verdict=end.verdict,
+        verdict='unknown_effect' if uncertain else end.verdict,
         effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
         stages=end.stages, selection_steps=steps, posterior=posterior,
         held_out_ratio=held_out_ratios(steps[0], end.stages[0], nominal, data, context),
@@ -285,6 +310,7 @@ def search_effects(data: StageData, config: Config, request: DiagnosisRequest, c
         retracted=tuple(name for name in path[-1].effects if name not in end.last.effects),
         similar=similar, implausible=implausible, differences=data.differences(end.last, context),
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
+        set_up=faults,
     )  # fmt: skip
 
 

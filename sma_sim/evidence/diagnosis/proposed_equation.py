@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95
+from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.equations import FormulaFit, Proposal
 
 
@@ -87,6 +89,26 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
             'high': finite(interval.high) if interval else None,
         }
     return found
+
+
+def describes(diagnosis: Diagnosis) -> bool:
+    """Whether the proposed equation is what is missing: it leaves noise only, and its coefficients are not zero (95 %)."""
+    last = diagnosis.stages[-1]
+    if last.train > CRITERIA.noise_only or last.held_out > diagnosis.limit:
+        return False
+    neutral = {p.name: p.neutral for p in proposal_of(diagnosis).formula.parameters}
+    return not any(
+        includes(one, float(neutral[name])) for name, one in coefficients(diagnosis).items() if neutral[name] is not None
+    )
+
+
+def includes(coefficient: Mapping[str, Any], value: float) -> bool:
+    """Whether a coefficient may have a value: by its 95 % interval, else by its standard deviation with the priors."""
+    low, high, std = coefficient['low'], coefficient['high'], coefficient['std']
+    if low is None or high is None:
+        reach = GAUSS_95 * std if std is not None else math.inf
+        low, high = coefficient['value'] - reach, coefficient['value'] + reach
+    return bool(low <= value <= high)
 
 
 def ranked(fit: FormulaFit) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison, compare, compared_calibration
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_scores, total_error
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
+from sma_sim.evidence.set_up.faults import without_faults
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import DEFAULTS
 
@@ -54,6 +55,7 @@ def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None, 
 
     Raises SimulationError and UserError.
     """
+    training, held_out = without_faults(training, held_out, diagnosis.set_up)
     as_it_is = compare(training, given, held_out, 'the model as it was given')
     training = with_differences(training, diagnosis.differences)
     held_out = held_out and with_differences(held_out, diagnosis.differences)

@@ -16,10 +16,12 @@ from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.run_estimates import by_run_data
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference
 from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.evidence.search.equations import formula_of, has_terms
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
+from sma_sim.evidence.set_up.faults import fault_data
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR
 
@@ -35,6 +37,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
         'model': diagnosis.calibration.config.simulated_kinetics,
         'effects': plain_names(diagnosis.effects),
         'variants': variants(diagnosis),
+        'set_up': [fault_data(fault) for fault in diagnosis.set_up],
         'retracted': plain_names(diagnosis.retracted),
         'taken_back': plain_names(diagnosis.retracted),  # its old name
         'probabilities': probabilities(diagnosis.posterior),
@@ -96,7 +99,11 @@ def plain_names(names: Sequence[str]) -> tuple[str, ...]:
 
 def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """What differs between the recordings, and by how much in each: SI units, or whether power is lost."""
-    return [{'what': one.words, 'by_recording': dict(amounts(one, diagnosis))} for one in diagnosis.differences]
+    return [
+        {'what': one.words, 'by_recording': dict(amounts(one, diagnosis))}
+        | ({'above_first': {name: asdict(there) for name, there in above_first(diagnosis).items()}} if one.ambient else {})
+        for one in diagnosis.differences
+    ]
 
 
 def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool]]:
@@ -106,6 +113,19 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
             yield run.name, run.zeros.get(difference.channel, 0.0)
         else:
             yield run.name, run.ambient if difference.ambient else run.name in difference.recordings
+
+
+def above_first(diagnosis: Diagnosis) -> dict[str, AmbientDifference]:
+    """By recording, its ambient temperature above that of the first one [K]; of held-out ones without an interval.
+
+    All of them together can hardly be told from parameters.
+    """
+    known = diagnosis.calibration.uncertainty
+    found = dict(known.ambient) if known else {}
+    first = diagnosis.calibration.runs[0].ambient
+    for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
+        found.setdefault(run.name, AmbientDifference(run.ambient - first, math.nan, math.nan))
+    return found
 
 
 def by_held_out_run(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:

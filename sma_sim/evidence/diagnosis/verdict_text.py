@@ -9,23 +9,26 @@ from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.probability_words import probability_lines
-from sma_sim.evidence.diagnosis.proposed_equation import error_number, proposed_text
-from sma_sim.evidence.diagnosis.verdict import amounts, models, probabilities
+from sma_sim.evidence.diagnosis.proposed_equation import describes, error_number, proposed_text
+from sma_sim.evidence.diagnosis.verdict import above_first, amounts, models, probabilities
 from sma_sim.evidence.estimation.fit_remarks import misfit_sentence, other_minima
 from sma_sim.evidence.estimation.nuisance_report import nuisance_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
-from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.evidence.search.steps import CandidateFit
+from sma_sim.evidence.set_up.check import is_uncertain
+from sma_sim.evidence.set_up.faults import set_up_sentences
 from sma_sim.model.parameters import Parameter
 
 NOTHING_MISSING = 'These data show no sign of a missing effect.'
 NOTHING_MISSING_BUT = 'Nothing is missing in the model. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
+SET_UP_FIRST = 'The set-up has to be mended first; no effect was searched for.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 ADEQUATE = (
     'The normalized RMSE of {channel} is {ratio:.1f}; in such quasi-static tests up to {limit:.1f} counts as explained, 5 % '
@@ -39,7 +42,7 @@ BEYOND_FITTED = (
     '(normalized RMSE {held_out:.2f} held out, {train:.2f} others). Fit with all runs, or record more like them.'
 )
 ROOMS_DIFFER = (
-    'One model explains all runs if their ambient temperatures differ from those of the input, by {amounts} [K] '
+    'One model explains all runs if their ambient temperatures differ, from that of {first} by {amounts} [K] '
     '(normalized RMSE {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
 )
 REMOVED = (
@@ -62,6 +65,7 @@ NO_HELD_OUT = 'No run was held out: the final errors are those of the fitted run
 def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
+    yield from set_up_sentences(diagnosis.set_up)
     known = {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
     yield from probability_lines(known)
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
@@ -75,6 +79,8 @@ def short_title(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if not diagnosis.search_ended:
         return 'stopped early'
+    if is_uncertain(diagnosis.set_up):
+        return 'a fault of the set-up'
     if diagnosis.verdict == 'unknown_effect':
         return 'an unknown effect'
     nothing = 'nothing found, but implausible parameters' if diagnosis.calibration.implausible else 'nothing is missing'
@@ -88,6 +94,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if not diagnosis.search_ended:
         more = f'{lacks}; more may be missing' if phrases else 'Nothing was found to be missing so far'
         return f'Stopped before the search was complete. {more}.'
+    if is_uncertain(diagnosis.set_up):
+        return SET_UP_FIRST
     if diagnosis.verdict == 'unknown_effect':
         return unknown_words(diagnosis, phrases)
     if phrases:
@@ -115,9 +123,8 @@ def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     share = explained_share(diagnosis.nominal, diagnosis.stages[-1])
     if diagnosis.proposal is not None:
         part = f' beside {joined_words(phrases)}' if phrases else ''
-        return (
-            f'{UNKNOWN_EFFECT} An equation describes it{part}: {diagnosis.proposal.formula.equation}; it explains {share}.'
-        )
+        how = 'An equation describes it' if describes(diagnosis) else 'An equation comes nearest, and is not what is missing'
+        return f'{UNKNOWN_EFFECT} {how}{part}: {diagnosis.proposal.formula.equation}; it explains {share}.'
     if phrases:
         verb = 'explain' if len(phrases) > 1 else 'explains'
         return f'{UNKNOWN_EFFECT} Only a part is explained: {joined_words(phrases)} {verb} {share}.'
@@ -173,9 +180,10 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
 
 def together_sentence(pooled: PooledErrors) -> str:
     """That one model explains all runs, and what had to differ between them for that."""
-    amounts = joined_words([f'{name} {value:+.2g}' for name, value in pooled.ambient.items()])
+    first, *others = pooled.above_first.items() or [('', AmbientDifference(0.0, 0.0, 0.0))]
+    amounts = joined_words([kelvin_words(*one) for one in others])
     sentence = ROOMS_DIFFER if amounts else BEYOND_FITTED
-    return sentence.format(train=pooled.train, held_out=pooled.held_out, amounts=amounts)
+    return sentence.format(train=pooled.train, held_out=pooled.held_out, first=first[0], amounts=amounts)
 
 
 def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
@@ -184,10 +192,18 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
         values = dict(amounts(difference, diagnosis))
         if difference.unpowered_side:
             shown = f'lost in {joined_words([name for name, is_lost in values.items() if is_lost])}'
+        elif difference.ambient:
+            first, *others = above_first(diagnosis).items()
+            shown = f'above that of {first[0]}: {joined_words([kelvin_words(*one) for one in others])} [K]'
         else:
-            unit = 'K above that of the input' if difference.ambient else 'SI'
-            shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [{unit}]'
+            shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [SI]'
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
+
+
+def kelvin_words(name: str, there: AmbientDifference) -> str:
+    """A difference of temperature with its 95 % interval, where that is known."""
+    between = f' ({there.low:+.2g} to {there.high:+.2g})' if math.isfinite(there.low) else ''
+    return f'{name} {there.value:+.2f}{between}'
 
 
 def together_lines(diagnosis: Diagnosis) -> Iterator[str]:

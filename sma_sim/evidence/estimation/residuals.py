@@ -182,7 +182,8 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
     times, command = source.times, source.values[:, command_column(source)]
     rows = np.flatnonzero(np.diff(command)) + 1
     moved = times[rows].copy()
-    moved[np.isin(moved, run.changed)] -= run.interval * np.asarray(switches, float)[run.group]
+    known = np.isin(run.changed, moved)  # a command in another unit may round two levels to one
+    moved[np.isin(moved, run.changed)] -= (run.interval * np.asarray(switches, float)[run.group])[known]
     level = np.concatenate([command[:1], command[rows]])
     times = np.union1d(times, moved)
     held = np.searchsorted(source.times, times, side='right') - 1

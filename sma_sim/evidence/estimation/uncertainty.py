@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,8 @@ class Uncertainty:
     """Intervals, directions (best known first), and what the data do not determine, in words.
 
     `correlation` (p, p) in the order of `intervals`; `correlation_time`: by channel, by how many samples residuals
-    are correlated (1: white); `delay_std` [s].
+    are correlated (1: white); `delay_std` [s]. `ambient`: by recording, by how much its ambient temperature is above that of
+    the first one, where they differ. All of them together can hardly be told from parameters.
     """
 
     intervals: tuple[Interval, ...]
@@ -102,6 +103,16 @@ class Uncertainty:
     correlation: tuple[tuple[float, ...], ...]
     correlation_time: Mapping[str, float]
     delay_std: float
+    ambient: Mapping[str, AmbientDifference] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class AmbientDifference:
+    """By how much an ambient temperature is above that of the first recording [K], and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
 
 
 def precise_linearization(problem: Problem, z: Vector, executor: Executor) -> list[LinearizedRun]:
@@ -153,7 +164,27 @@ def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) ->
         correlation=tuple(tuple(row) for row in correlations(covariance[:p, :p]).tolist()),
         correlation_time=times,
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
+        ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
     )  # fmt: skip
+
+
+def ambient_differences(
+    problem: Problem, z: Vector, covariances: tuple[Matrix, Matrix]
+) -> dict[str, AmbientDifference]:  # fmt: skip
+    """By recording, the difference to the first; the larger variance of two estimates of the covariance of z counts."""
+    scale = np.zeros((len(problem.runs), len(z)))
+    for row, run, at in zip(scale, problem.runs, problem.indices(), strict=True):
+        if run.ambient_std > 0.0:
+            row[at[-1]] = run.ambient_std
+    if not scale.any():
+        return {}
+    contrast = scale - scale[0]
+    values = contrast @ z
+    reach = GAUSS_95 * np.sqrt(np.max([np.einsum('ij,jk,ik->i', contrast, c, contrast) for c in covariances], axis=0))
+    return {
+        run.name: AmbientDifference(float(value), float(value - r), float(value + r))
+        for run, value, r in zip(problem.runs, values, reach, strict=True)
+    }
 
 
 def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:

@@ -17,8 +17,10 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search,
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference, uncertainty
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
 from sma_sim.evidence.model_selection.refit import refit
@@ -29,12 +31,14 @@ from sma_sim.solver.simulate import SimulationError
 class PooledErrors:
     """Errors over noise of the training and the held-out runs when one model is fitted to all of them.
 
-    `ambient`: by recording, how far its ambient temperature is from that of its input [K], where that had to differ.
+    `ambient`: by recording, how far its ambient temperature is from that of its input [K], where that had to differ;
+    `above_first`: and from that of the first recording.
     """
 
     train: float
     held_out: float
     ambient: Mapping[str, float] = field(default_factory=dict)
+    above_first: Mapping[str, AmbientDifference] = field(default_factory=dict)
 
     def explained(self, limit: float = CRITERIA.unexplained) -> bool:
         """Whether nothing is left in either; `limit`: the error above which something is missing."""
@@ -93,4 +97,5 @@ def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> Pool
     fits = run_fits(fit.problem, fit.z, context.pool)
     count = len(training.recordings)
     ambient = {run.name: run.ambient for run in fits if run.ambient_std > 0.0}
-    return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient)
+    known = uncertainty(fit.problem, fit.z, linearize(fit.problem, fit.z, context.pool)).ambient if ambient else {}
+    return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient, known)

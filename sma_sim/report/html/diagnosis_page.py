@@ -13,6 +13,7 @@ from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_row
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
+from sma_sim.evidence.set_up.faults import set_up_sentences
 from sma_sim.report.html.candidates import selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -55,7 +56,8 @@ def verdict_section(review: DiagnosisReview, next_command: str) -> Section:
     diagnosis = review.diagnosis
     experiment = [f'The experiment that separates them: {next_command}'] if next_command else []
     return Section('What is missing', [
-        Paragraph(headline(diagnosis), 'lead'), *probability_blocks(as_data(diagnosis)),
+        Paragraph(headline(diagnosis), 'lead'), *(Paragraph(words) for words in set_up_sentences(diagnosis.set_up)),
+        *probability_blocks(as_data(diagnosis)),
         Plot(reduction_figure(diagnosis, review.given_errors), REDUCTION_CAPTION, 360),
         Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]), *held_out_blocks(diagnosis),
     ])  # fmt: skip

@@ -1,0 +1,324 @@
+"""Faults of a set-up: what may be wrong with the columns of recordings, and the recordings without it.
+
+A wire that is connected to the other amplifier, a sensor that counts the other way, a column in another unit, a noise that
+is stated wrong: none of them is physics of the robot, and each looks like much of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from math import log, pi
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.noise import noise_by_channel
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.inputs import Input
+
+Vector = NDArray[np.float64]
+Kind = Literal['sign', 'swap', 'unit', 'noise', 'outliers']
+TIME = 'time'  # what the column of time is called
+SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
+# By the unit of a column: other units in which its numbers may be, and what these are to be multiplied by.
+OTHER_UNITS = {
+    'm': (('millimetres', 1e-3), ('micrometres', 1e-6), ('centimetres', 1e-2)),
+    'rad': (('degrees', pi / 180.0),),
+    'N': (('millinewtons', 1e-3), ('grams of weight', 9.80665e-3), ('kilograms of weight', 9.80665)),
+    'Pa': (('megapascal', 1e6), ('kilopascal', 1e3)),
+    '': (('per cent', 1e-2), ('microstrain', 1e-6)),
+    'ohm': (('milliohms', 1e-3),),
+    'W': (('milliwatts', 1e-3),),
+    's': (('milliseconds', 1e-3), ('microseconds', 1e-6), ('minutes', 60.0)),
+}  # fmt: skip
+TWICE = ('m', 'rad', 'W', 'Pa')  # units of columns that were converted though they were right: the inverse factors
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that is wrong with some columns.
+
+    Attributes
+    ----------
+    kind : str
+        ``'sign'``: the columns count the other way; ``'swap'``: two columns are exchanged; ``'unit'``: one is in another
+        unit; ``'noise'``: it is stated wrong; ``'outliers'``: single samples of it are far off.
+    quantities : tuple of str
+        Channels, commands or the time, by their names without units (``'alpha'``, ``'J_eq'``, ``'time'``).
+    factor : float
+        By which values (or the stated noise) are to be multiplied to be right.
+    unit : str
+        In which the numbers seem to be; empty where that is not known.
+    recordings : tuple of str
+        The recordings that have it; empty for all.
+    alternatives : tuple of tuple of Fault
+        Other faults that would leave the very same recordings, since the robot is symmetric.
+    corrected : bool
+        Whether it was corrected.
+    rows : mapping
+        Of outliers: by recording, which of its samples.
+    share : float
+        Of outliers: the part of all samples.
+    """
+
+    kind: Kind
+    quantities: tuple[str, ...]
+    factor: float = 1.0
+    unit: str = ''
+    recordings: tuple[str, ...] = ()
+    alternatives: tuple[tuple[Fault, ...], ...] = field(default=(), compare=False)
+    corrected: bool = True
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict, compare=False)
+    share: float = 0.0
+
+    def applies_to(self, name: str) -> bool:
+        """Whether a recording has it."""
+        return not self.recordings or name in self.recordings
+
+    @property
+    def is_of_channels(self) -> bool:
+        """Whether measured channels are wrong, not what was commanded or the time."""
+        return all(name in CHANNEL_COLUMNS for name in self.quantities)
+
+    @property
+    def where(self) -> str:
+        """In which recordings, as the end of a sentence."""
+        return f' in {joined(self.recordings)}' if self.recordings else ''
+
+    @property
+    def words(self) -> str:
+        """What is wrong, as a sentence without its full stop."""
+        return f'{self.phrase}{self.where}'
+
+    @property
+    def phrase(self) -> str:
+        """What is wrong, whichever recordings have it."""
+        names, plural = joined(self.quantities), len(self.quantities) > 1
+        if self.kind == 'sign':
+            return f'{names} {"have" if plural else "has"} the opposite sign'
+        if self.kind == 'swap':
+            return f'{names} are swapped'
+        if self.kind == 'noise':
+            size = f'{max(self.factor, 1.0 / self.factor):.2g} times too {"small" if self.factor > 1.0 else "large"}'
+            return f'the noise of {names} is stated {size}'
+        if self.kind == 'outliers':
+            count = sum(map(len, self.rows.values()))
+            return f'{names} has {count} isolated outliers, {100.0 * self.share:.2g} % of its samples'
+        if self.unit:
+            return f'{names} is in {self.unit}, not in {UNIT_WORDS[unit_of(self.quantities[0])]}'
+        return f'{names} is {1.0 / self.factor:.3g} times too large' if self.factor < 1.0 else (
+            f'{names} is {self.factor:.3g} times too small')  # fmt: skip
+
+    @property
+    def cure(self) -> str:
+        """What to change."""
+        columns = [column_of(name) for name in self.quantities]
+        scaled = (f'{name}: {{column: {name}, scale: {self.multiplier:.9g}}}' for name in columns)
+        files = f' for {joined(self.recordings)}' if self.recordings else ''
+        if self.kind == 'swap':
+            return f'in a map (--map){files}: {columns[0]}: {{column: {columns[1]}}}; {columns[1]}: {{column: {columns[0]}}}'
+        if self.kind in ('sign', 'unit'):
+            return f'in a map (--map){files}: {"; ".join(scaled)}'
+        if self.kind == 'noise':
+            return 'state the noise that the samples show (noise_std in meta.json, --noise), or none at all'
+        return 'check the wiring of the sensor'
+
+    def in_recording(self, recording: Recording) -> Recording:
+        """A recording without it: outliers are missing samples then; noise is of a dataset."""
+        if self.kind == 'noise' or not self.applies_to(recording.name):
+            return recording
+        if self.quantities == (TIME,):
+            known = tuple(self.factor * instant for instant in recording.known_changes)
+            source = replace(recording.source, times=self.factor * recording.source.times)
+            return replace(recording, time=self.factor * recording.time, source=source, known_changes=known)
+        if not self.is_of_channels:
+            return replace(recording, source=self.in_input(recording.source))
+        channels = dict(recording.channels)
+        if self.kind == 'swap':
+            first, second = self.quantities
+            channels = {{first: second, second: first}.get(name, name): values for name, values in channels.items()}
+        elif self.kind == 'outliers':
+            for name in self.quantities:
+                channels[name] = channels[name].copy()
+                channels[name][list(self.rows.get(recording.name, ()))] = np.nan
+        else:
+            channels |= {name: self.multiplier * channels[name] for name in self.quantities if name in channels}
+        return replace(recording, channels=channels)
+
+    @property
+    def multiplier(self) -> float:
+        """What values are multiplied by."""
+        return -1.0 if self.kind == 'sign' else self.factor
+
+    def in_input(self, source: Input) -> Input:
+        """An input without it, of a fault of commands."""
+        columns = list(source.columns)
+        at = [columns.index(column_of(name)) for name in self.quantities]
+        values = source.values.copy()
+        values[:, at] = values[:, at[::-1]] if self.kind == 'swap' else self.multiplier * values[:, at]
+        return replace(source, values=values)
+
+    def in_run(self, run: FitData) -> FitData:
+        """A run of a fit without it. What the samples say stays what it is: a noise in the wrong unit is converted too."""
+        if not self.applies_to(run.name):
+            return run
+        if self.quantities == (TIME,):
+            return replace(
+                run, time=self.factor * run.time, source=replace(run.source, times=self.factor * run.source.times),
+                changed=self.factor * run.changed, interval=self.factor * run.interval,
+            )  # fmt: skip
+        if not self.is_of_channels:
+            return replace(run, source=self.in_input(run.source))
+        at = [run.channels.index(name) for name in self.quantities if name in run.channels]
+        measured, weight = run.measured.copy(), run.weight.copy()
+        measured[at] = measured[at[::-1]] if self.kind == 'swap' else self.multiplier * measured[at]
+        weight[at] = weight[at[::-1]] if self.kind == 'swap' else weight[at] / abs(self.multiplier)
+        return replace(run, measured=measured, weight=weight)
+
+
+UNIT_WORDS = {'m': 'metres', 'rad': 'radians', 'N': 'newtons', 'Pa': 'pascal', '': 'parts of 1', 'ohm': 'ohms', 'W': 'watts',
+              's': 'seconds', 'K': 'kelvin'}  # fmt: skip
+
+
+def column_of(name: str) -> str:
+    """The column of a channel, a command or the time."""
+    return CHANNEL_COLUMNS.get(name, 'time_s' if name == TIME else f'{name}_W')
+
+
+def unit_of(name: str) -> str:
+    """The unit in the name of a column."""
+    return column_of(name).removeprefix(name).removeprefix('_')
+
+
+def joined(names: Sequence[str]) -> str:
+    """`a, b and c`."""
+    *first, last = names
+    return f'{", ".join(first)} and {last}' if first else last
+
+
+def faults_of(structure: Structure, channels: Sequence[str]) -> Iterator[Fault]:
+    """What may be wrong with recordings of these channels: signs, exchanged columns, units.
+
+    An axis that points the other way turns two coordinates at once, and all forces have one sense.
+    """
+    measured = [name for name in structure.channels if name in channels]
+    signed = [name for name in measured if unit_of(name) in SIGNED]
+    yield from (Fault('sign', (name,)) for name in signed)
+    yield from (
+        Fault('sign', pair) for pair in combinations([one for one in signed if one in structure.coordinate_names], 2)
+    )
+    others = tuple(name for name in signed if name not in structure.coordinate_names)
+    if len(others) > 1:
+        yield Fault('sign', others)
+    if structure.antagonistic:
+        yield from (Fault('sign', (name,)) for name in structure.commands)
+    for names in (measured, structure.commands):
+        yield from (Fault('swap', pair) for pair in combinations(names, 2) if unit_of(pair[0]) == unit_of(pair[1]))
+    for name in (*measured, *structure.commands, TIME):
+        unit = unit_of(name)
+        for other, factor in OTHER_UNITS.get(unit, ()):
+            yield Fault('unit', (name,), factor, other)
+            if unit in TWICE:
+                yield Fault('unit', (name,), 1.0 / factor)
+
+
+def log_share(fault: Fault, all_kinds: int, runs: int) -> float:
+    """Minus the log of how many faults there are: kinds of it, and sets of recordings that may have it."""
+    if not fault.recordings or runs < 2:
+        return -log(max(1, all_kinds)) - log(2.0)
+    return -log(max(1, all_kinds)) - log(2.0) - len(fault.recordings) * log(runs)
+
+
+def corrected(dataset: Dataset, faults: Sequence[Fault]) -> Dataset:
+    """A dataset without these faults, as far as they were corrected."""
+    for fault in faults:
+        if not fault.corrected:
+            continue
+        if fault.kind == 'noise':
+            factors = dict.fromkeys(fault.quantities, fault.factor)
+        else:
+            dataset = replace(dataset, recordings=tuple(map(fault.in_recording, dataset.recordings)))
+            factors = noise_factors(dataset, fault)
+        noise = {name: factors.get(name, 1.0) * std for name, std in dataset.noise_std.items()}
+        dataset = replace(dataset, noise_std=noise)
+    return dataset
+
+
+def pooled(training: Dataset, held_out: Dataset | None) -> Dataset:
+    """All recordings together."""
+    return replace(training, recordings=(*training.recordings, *(held_out.recordings if held_out else ())))
+
+
+def without_faults(
+    training: Dataset, held_out: Dataset | None, faults: Sequence[Fault]
+) -> tuple[Dataset, Dataset | None]:  # fmt: skip
+    """Training and held-out recordings without what is wrong with them, as far as it was corrected."""
+    if not faults:
+        return training, held_out
+    right, count = corrected(pooled(training, held_out), faults), len(training.recordings)
+    others = replace(right, recordings=right.recordings[count:]) if held_out else None
+    return replace(right, recordings=right.recordings[:count]), others
+
+
+def noise_factors(dataset: Dataset, fault: Fault) -> dict[str, float]:
+    """What becomes of the noise of channels that were converted: in which unit it was stated, the samples say."""
+    if fault.kind != 'unit' or not fault.is_of_channels:
+        return {}
+    seen, factors = noise_by_channel(dataset.recordings), dict[str, float]()
+    for name in fault.quantities:
+        ratio = seen[name].std / dataset.noise_std[name] if name in seen and dataset.noise_std[name] > 0.0 else 1.0
+        if max(ratio, 1.0 / ratio) > CRITERIA.noise_only:
+            factors[name] = ratio
+    return factors
+
+
+def set_up_sentences(faults: Sequence[Fault]) -> Iterator[str]:
+    """What was wrong with the recordings, what was done about it, and what to change."""
+    for group in related(faults):
+        first, cure = group[0], '; '.join(dict.fromkeys(fault.cure for fault in group))
+        others = ', or '.join(phrases(other) for other in first.alternatives)
+        if not first.corrected:
+            yield f'Set-up: {phrases(group)}, or {others}: these recordings do not say which. Find out and mend it: {cure}.'
+            continue
+        either = f' (or, which leaves the same recordings of a symmetric robot: {others})' if others else ''
+        either = either_sign(group) or f'{phrases(group)}{either}'
+        yield f'Set-up: {either}. Corrected for this diagnosis; to mend it, {cure}.'
+
+
+def related(faults: Sequence[Fault]) -> list[list[Fault]]:
+    """Signs and exchanges in the same recordings together, others by themselves."""
+    groups = dict[object, list[Fault]]()
+    for k, fault in enumerate(faults):
+        together = fault.kind in ('sign', 'swap') and fault.corrected
+        groups.setdefault(fault.recordings if together else k, []).append(fault)
+    return list(groups.values())
+
+
+def either_sign(group: Sequence[Fault]) -> str:
+    """`J_eq or alpha has the opposite sign`, where one or the other leaves the same recordings; else nothing."""
+    others = [other[0] for other in group[0].alternatives if len(other) == 1]
+    if len(group) != 1 or len(group[0].alternatives) != 1 or not others or {group[0].kind, others[0].kind} != {'sign'}:
+        return ''
+    return f'{group[0].quantities[0]} or {others[0].words}'
+
+
+def phrases(faults: Sequence[Fault]) -> str:
+    """Several faults in a clause; those of one kind together."""
+    signs = tuple(name for fault in faults if fault.kind == 'sign' for name in fault.quantities)
+    together = [*(fault for fault in faults if fault.kind != 'sign'), *([Fault('sign', signs)] if signs else [])]
+    return joined([fault.phrase for fault in together]) + faults[0].where
+
+
+def fault_data(fault: Fault) -> dict[str, object]:
+    """A fault as plain data."""
+    return {
+        'kind': fault.kind, 'quantities': list(fault.quantities), 'factor': fault.multiplier,
+        'recordings': list(fault.recordings), 'words': fault.words, 'cure': fault.cure, 'corrected': fault.corrected,
+        'alternatives': [[one.words for one in other] for other in fault.alternatives],
+    }  # fmt: skip

@@ -1,0 +1,207 @@
+"""The set-up before the physics: signs, columns, units, noise and outliers are named, and nothing is invented."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+
+import numpy as np
+import pytest
+from simulated_data import config, dataset, scaled
+
+from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects
+from sma_sim.evidence.diagnosis.review import reviewed
+from sma_sim.evidence.diagnosis.verdict import as_data
+from sma_sim.evidence.diagnosis.verdict_text import as_text
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.set_up.check import faults_before_fits, thinned
+from sma_sim.evidence.set_up.faults import Fault, corrected, set_up_sentences, without_faults
+from sma_sim.evidence.set_up.symmetry import symmetries, told_apart
+
+POSE, FORCES = ('U_x', 'U_y', 'alpha'), ('F_1', 'F_2')
+OPTIONS = FitOptions(starts=1)
+
+
+def robot(effect='', **values):
+    """A robot whose parameters are off, with or without an effect."""
+    truth = scaled(config('hybrid'), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__sigma_MW0=1.04)
+    return with_effect(truth, find_effects()[effect], values) if effect else truth
+
+
+@pytest.fixture(scope='module')
+def runs():
+    return dataset(robot(), [1, 2, 3], 1.0, 20.0, rate=10.0)
+
+
+@pytest.fixture(scope='module')
+def with_gravity():
+    return dataset(robot('gravity', g_y=-9.81), [1, 2, 3], 1.0, 20.0, rate=10.0)
+
+
+def with_fault(found, *faults):
+    """Recordings as they are read where something is wrong: a sign and an exchange are their own inverses."""
+    for fault in faults:
+        undone = replace(fault, factor=1.0 / fault.factor)
+        found = replace(found, recordings=tuple(map(undone.in_recording, found.recordings)))
+    return found
+
+
+def only(found, *channels):
+    """Recordings of some channels."""
+    kept = (replace(one, channels={name: one.channels[name] for name in channels}) for one in found.recordings)
+    return replace(found, recordings=tuple(kept))
+
+
+def faults_in(found):
+    """What is found to be wrong with recordings."""
+    with ThreadPoolExecutor(2) as pool:
+        return faults_before_fits(found, config('hybrid'), OPTIONS, SearchContext(pool, Event()))
+
+
+def in_words(faults):
+    return [fault.words for fault in faults]
+
+
+@pytest.mark.parametrize('name', ['runs', 'with_gravity'])
+def test_nothing_is_wrong_with_a_healthy_set_up(name, request):
+    found = request.getfixturevalue(name)
+    assert faults_in(found) == ()
+    assert faults_in(only(found, *POSE)) == ()
+
+
+FAULTS = [
+    Fault('sign', ('J_eq',)), Fault('swap', FORCES, recordings=('run3',)),
+    Fault('unit', ('alpha',), np.pi / 180.0, 'degrees'), Fault('unit', ('time',), 1e-3, 'milliseconds'),
+]  # fmt: skip
+FURTHER = [
+    Fault('sign', ('alpha',)), Fault('sign', ('U_x',)), Fault('swap', FORCES), Fault('swap', ('U_x', 'U_y')),
+    Fault('unit', ('U_y',), 1e-3, 'millimetres'), Fault('unit', ('U_x',), 1e-6, 'micrometres'),
+    Fault('unit', ('J_eq',), 1e-3, 'milliwatts'), Fault('unit', ('J_eq',), 1e3),
+    Fault('unit', ('F_1',), 9.80665e-3, 'grams of weight'), Fault('sign', ('J_eq',), recordings=('run1',)),
+    Fault('sign', ('U_x',), recordings=('run2',)), Fault('unit', ('alpha',), np.pi / 180.0, 'degrees', ('run3',)),
+]  # fmt: skip
+
+
+def all_of(few, more):
+    """Parameters of which the usual tests try few."""
+    return [*few, *(pytest.param(one, marks=pytest.mark.slow) for one in more)]
+
+
+@pytest.mark.parametrize('fault', all_of(FAULTS, FURTHER), ids=lambda fault: fault.words)
+def test_a_wrong_column_is_found_in_all_recordings_or_in_one(fault, runs):
+    found = faults_in(with_fault(runs, fault))
+    assert in_words(found) == [fault.words] and found[0].corrected
+    right = corrected(with_fault(runs, fault), found)
+    for one, other in zip(right.recordings, runs.recordings, strict=True):
+        assert {name: pytest.approx(values) for name, values in one.channels.items()} == dict(other.channels)
+        np.testing.assert_allclose(one.source.values, other.source.values)
+        np.testing.assert_allclose(one.time, other.time)
+
+
+@pytest.mark.parametrize('fault', all_of(FAULTS[1:2], [*FAULTS[:1], *FAULTS[2:], *FURTHER]), ids=lambda fault: fault.words)
+def test_a_wrong_column_is_found_beside_a_hidden_effect(fault, with_gravity):
+    assert in_words(faults_in(with_fault(with_gravity, fault))) == [fault.words]
+
+
+@pytest.mark.slow
+def test_two_faults_are_found_one_after_the_other(runs):
+    faults = Fault('sign', ('U_x',)), Fault('unit', ('alpha',), np.pi / 180.0, 'degrees')
+    assert set(in_words(faults_in(with_fault(runs, *faults)))) == {fault.words for fault in faults}
+
+
+def test_what_leaves_the_same_recordings_is_named_together(runs):
+    (found,) = told_apart([Fault('sign', ('J_eq',))], symmetries(thinned(runs, config('hybrid'), OPTIONS)))
+    assert [in_words(other) for other in found.alternatives] == [
+        ['F_1 and F_2 are swapped', 'U_y has the opposite sign', 'alpha has the opposite sign']
+    ]
+    (sentence,) = set_up_sentences([found])
+    assert 'symmetric robot: F_1 and F_2 are swapped and U_y and alpha have the opposite sign)' in sentence
+    known = symmetries(thinned(only(runs, 'U_x', 'alpha'), config('hybrid'), OPTIONS))
+    (sentence,) = set_up_sentences(told_apart([Fault('sign', ('alpha',))], known))
+    assert sentence.startswith('Set-up: alpha or J_eq has the opposite sign')
+    known = symmetries(thinned(only(runs, *POSE), config('hybrid'), OPTIONS))
+    y_axis = [Fault('sign', ('U_y', 'alpha'))]
+    assert in_words(told_apart(y_axis, known)) == ['J_eq has the opposite sign']
+    assert told_apart([Fault('sign', ('U_x',))], known)[0].alternatives == ()
+
+
+def test_a_noise_that_is_stated_too_small_is_found(runs, with_gravity):
+    for found in (runs, with_gravity):
+        small = replace(found, noise_std={name: std / 3.0 for name, std in found.noise_std.items()})
+        (fault,) = faults_in(small)
+        assert set(fault.quantities) == {*POSE, *FORCES} and fault.factor == pytest.approx(3.0, rel=0.1)
+    one = replace(runs, noise_std={**runs.noise_std, 'alpha': runs.noise_std['alpha'] / 3.0})
+    (fault,) = faults_in(one)
+    assert fault.quantities == ('alpha',) and fault.factor == pytest.approx(3.0, rel=0.15)
+    assert fault.words == f'the noise of alpha is stated {fault.factor:.2g} times too small'
+
+
+def with_outliers(found, size, part=0.01, channel='alpha'):
+    """Recordings in which a part of the samples of a channel is off by `size` times its noise."""
+    random, changed = np.random.default_rng(5), []
+    for one in found.recordings:
+        values = one.channels[channel].copy()
+        at = random.choice(len(values), int(part * len(values)), replace=False)
+        values[at] += size * found.noise_std[channel] * random.choice([-1.0, 1.0], len(at))
+        changed.append((replace(one, channels={**one.channels, channel: values}), set(at.tolist())))
+    return replace(found, recordings=tuple(one for one, _ in changed)), {one.name: at for one, at in changed}
+
+
+@pytest.mark.parametrize('size', [250.0, 1e4])
+def test_all_outliers_are_found_and_nothing_else(size, with_gravity):
+    wrong, where = with_outliers(with_gravity, size, 0.02)
+    (fault,) = faults_in(wrong)
+    assert fault.kind == 'outliers' and {name: set(at) for name, at in fault.rows.items()} == where
+    assert fault.words.startswith('alpha has 12 isolated outliers, 2 % of its samples')
+    missing = corrected(wrong, [fault]).recordings[0].channels['alpha']
+    assert set(np.flatnonzero(np.isnan(missing)).tolist()) == where[wrong.recordings[0].name]
+
+
+def diagnosed(found, **options):
+    request = DiagnosisRequest('hybrid', options=FitOptions(starts=1, intervals=False), **options)
+    return diagnose(found, config('hybrid'), request=request)
+
+
+def test_a_diagnosis_goes_on_with_what_it_has_corrected(runs, tmp_path):
+    wrong = with_fault(runs, Fault('swap', FORCES, recordings=('run3',)))
+    wrong, where = with_outliers(wrong, 250.0)
+    small = replace(wrong, noise_std={name: std / 3.0 for name, std in wrong.noise_std.items()})
+    found = diagnosed(small)
+    assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out < 1.2
+    data = json.loads(json.dumps(as_data(found)))
+    assert [one['kind'] for one in data['set_up']] == ['swap', 'outliers', 'noise']
+    assert data['noise_std']['alpha'] == pytest.approx(3.5e-4, rel=0.1)
+    text = list(as_text(found))
+    assert text[1].startswith('Set-up: F_1 and F_2 are swapped in run3') and '--map' in text[1]
+    training = replace(small, recordings=small.recordings[:2])
+    held_out = replace(small, recordings=small.recordings[2:])
+    review = reviewed(found, training, held_out, config('hybrid'))
+    right = without_faults(training, held_out, found.set_up)[1]
+    np.testing.assert_array_equal(review.held_out.recordings[0].channels['F_1'], right.recordings[0].channels['F_1'])
+
+
+def test_a_noise_that_is_stated_too_large_is_found_where_a_fit_leaves_less(runs):
+    large = replace(runs, noise_std={name: 3.0 * std for name, std in runs.noise_std.items()})
+    found = diagnosed(large)
+    (fault,) = found.set_up
+    assert found.verdict == 'none' and fault.factor == pytest.approx(1.0 / 3.0, rel=0.1)
+    assert 'is stated 3 times too large' in fault.words or 'is stated 2.9 times too large' in fault.words
+
+
+def test_no_effect_is_searched_for_where_it_is_not_known_what_is_wrong(runs, monkeypatch):
+    module = 'sma_sim.evidence.diagnosis.diagnose.faults_before_fits'
+    open_fault = Fault('sign', ('alpha',), corrected=False, alternatives=((Fault('sign', ('U_y',)),),))
+    monkeypatch.setattr(module, lambda *_: (open_fault,))
+    found = diagnosed(runs)
+    text = list(as_text(found))
+    assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
+    assert text[0] == 'The set-up has to be mended first; no effect was searched for.'
+    assert 'alpha has the opposite sign, or U_y has the opposite sign: these recordings do not say which' in text[1]
+    assert isinstance(found.posterior.none, float) and len(found.posterior.models) == 1
+
+
+def test_recordings_without_samples_of_a_channel_are_checked_too(runs):
+    first, *others = runs.recordings
+    empty = Recording(first.name, 'module', first.time, {'alpha': first.channels['alpha']}, first.source)
+    assert faults_in(replace(runs, recordings=(empty, *others))) == ()
