@@ -71,16 +71,25 @@ def test_nothing_is_wrong_with_a_healthy_set_up(name, request):
 
 
 FAULTS = [
-    Fault('sign', ('J_eq',)), Fault('swap', FORCES, recordings=('run3',)),
-    Fault('unit', ('alpha',), np.pi / 180.0, 'degrees'), Fault('unit', ('time',), 1e-3, 'milliseconds'),
-]  # fmt: skip
+    Fault('sign', ('J_eq',)),
+    Fault('swap', FORCES, recordings=('run3',)),
+    Fault('unit', ('alpha',), np.pi / 180.0, 'degrees'),
+    Fault('unit', ('time',), 1e-3, 'milliseconds'),
+]
 FURTHER = [
-    Fault('sign', ('alpha',)), Fault('sign', ('U_x',)), Fault('swap', FORCES), Fault('swap', ('U_x', 'U_y')),
-    Fault('unit', ('U_y',), 1e-3, 'millimetres'), Fault('unit', ('U_x',), 1e-6, 'micrometres'),
-    Fault('unit', ('J_eq',), 1e-3, 'milliwatts'), Fault('unit', ('J_eq',), 1e3),
-    Fault('unit', ('F_1',), 9.80665e-3, 'grams of weight'), Fault('sign', ('J_eq',), recordings=('run1',)),
-    Fault('sign', ('U_x',), recordings=('run2',)), Fault('unit', ('alpha',), np.pi / 180.0, 'degrees', ('run3',)),
-]  # fmt: skip
+    Fault('sign', ('alpha',)),
+    Fault('sign', ('U_x',)),
+    Fault('swap', FORCES),
+    Fault('swap', ('U_x', 'U_y')),
+    Fault('unit', ('U_y',), 1e-3, 'millimetres'),
+    Fault('unit', ('U_x',), 1e-6, 'micrometres'),
+    Fault('unit', ('J_eq',), 1e-3, 'milliwatts'),
+    Fault('unit', ('J_eq',), 1e3),
+    Fault('unit', ('F_1',), 9.80665e-3, 'grams of weight'),
+    Fault('sign', ('J_eq',), recordings=('run1',)),
+    Fault('sign', ('U_x',), recordings=('run2',)),
+    Fault('unit', ('alpha',), np.pi / 180.0, 'degrees', ('run3',)),
+]
 
 
 def all_of(few, more):

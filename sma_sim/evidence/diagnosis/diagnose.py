@@ -264,13 +264,15 @@ def searched_together(
 
 def search_effects(
     data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext, faults: tuple[Fault, ...] = ()
-) -> Diagnosis:  # fmt: skip
-    """The whole search; its time, and whether it was interrupted, are still open. It does not begin where it is not certain
-    what is wrong with the recordings."""  # fmt: skip
+) -> Diagnosis:
+    """The whole search; its time, and whether it was interrupted, are still open.
+
+    It does not begin where it is not certain what is wrong with the recordings.
+    """
     nominal = nominal_fits(data.training, config, request, context)
     best = min(nominal, key=lambda fit: fit.cost)
-    later = () if context.stop.is_set() else faults_after_fit(
-        pooled(data.training, data.held_out), best, request.options, context)  # fmt: skip
+    everything = pooled(data.training, data.held_out)
+    later = () if context.stop.is_set() else faults_after_fit(everything, best, request.options, context)
     if later:
         training, held_out = without_faults(data.training, data.held_out, later)
         data, faults = replace(data, training=training, held_out=held_out), (*faults, *later)

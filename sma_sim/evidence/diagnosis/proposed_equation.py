@@ -96,10 +96,8 @@ def describes(diagnosis: Diagnosis) -> bool:
     last = diagnosis.stages[-1]
     if last.train > CRITERIA.noise_only or last.held_out > diagnosis.limit:
         return False
-    neutral = {p.name: p.neutral for p in proposal_of(diagnosis).formula.parameters}
-    return not any(
-        includes(one, float(neutral[name])) for name, one in coefficients(diagnosis).items() if neutral[name] is not None
-    )
+    neutral = {p.name: p.neutral for p in proposal_of(diagnosis).formula.parameters if p.neutral is not None}
+    return not any(includes(one, neutral[name]) for name, one in coefficients(diagnosis).items() if name in neutral)
 
 
 def includes(coefficient: Mapping[str, Any], value: float) -> bool:

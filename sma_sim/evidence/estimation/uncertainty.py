@@ -168,9 +168,7 @@ def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) ->
     )  # fmt: skip
 
 
-def ambient_differences(
-    problem: Problem, z: Vector, covariances: tuple[Matrix, Matrix]
-) -> dict[str, AmbientDifference]:  # fmt: skip
+def ambient_differences(problem: Problem, z: Vector, covariances: tuple[Matrix, Matrix]) -> dict[str, AmbientDifference]:
     """By recording, the difference to the first; the larger variance of two estimates of the covariance of z counts."""
     scale = np.zeros((len(problem.runs), len(z)))
     for row, run, at in zip(scale, problem.runs, problem.indices(), strict=True):

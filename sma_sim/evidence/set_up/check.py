@@ -73,7 +73,7 @@ class Step:
 @dataclass(frozen=True)
 class Approximation:
     """What a fit would leave, to first order: its squares, those of the unknowns, log det(I + J'J/k^2) by its k^2 J'J, and
-    the overdispersion of what is left."""  # fmt: skip
+    the overdispersion of what is left."""
 
     squares: float
     prior: float
@@ -86,11 +86,9 @@ class Approximation:
         return -0.5 * (self.squares / k**2 + self.prior + float(volume))
 
 
-def faults_before_fits(
-    dataset: Dataset, config: Config, options: FitOptions, context: SearchContext
-) -> tuple[Fault, ...]:  # fmt: skip
+def faults_before_fits(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
     """What is wrong with recordings, as far as a model at the middle of its priors shows it. Columns first: what they hold
-    decides what scatters."""  # fmt: skip
+    decides what scatters."""
     found = wrong_columns(dataset, config, options, context)
     if is_uncertain(found) or context.stop.is_set():
         return found
@@ -112,7 +110,7 @@ def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, cont
 
 def wrong_samples(
     problem: Problem, z: Vector, dataset: Dataset, is_fitted: bool, context: SearchContext
-) -> tuple[Fault, ...]:  # fmt: skip
+) -> tuple[Fault, ...]:
     """Outliers, and a noise that is stated wrong."""
     shown = residuals_at(problem, z, context.pool)
     rows = [-run.measured * run.weight if left is None else left for run, left in zip(problem.runs, shown, strict=True)]

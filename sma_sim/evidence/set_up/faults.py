@@ -36,7 +36,7 @@ OTHER_UNITS = {
     'ohm': (('milliohms', 1e-3),),
     'W': (('milliwatts', 1e-3),),
     's': (('milliseconds', 1e-3), ('microseconds', 1e-6), ('minutes', 60.0)),
-}  # fmt: skip
+}
 TWICE = ('m', 'rad', 'W', 'Pa')  # units of columns that were converted though they were right: the inverse factors
 
 
@@ -112,8 +112,11 @@ class Fault:
             return f'{names} has {count} isolated outliers, {100.0 * self.share:.2g} % of its samples'
         if self.unit:
             return f'{names} is in {self.unit}, not in {UNIT_WORDS[unit_of(self.quantities[0])]}'
-        return f'{names} is {1.0 / self.factor:.3g} times too large' if self.factor < 1.0 else (
-            f'{names} is {self.factor:.3g} times too small')  # fmt: skip
+        return (
+            f'{names} is {1.0 / self.factor:.3g} times too large'
+            if self.factor < 1.0
+            else (f'{names} is {self.factor:.3g} times too small')
+        )
 
     @property
     def cure(self) -> str:
@@ -170,9 +173,12 @@ class Fault:
             return run
         if self.quantities == (TIME,):
             return replace(
-                run, time=self.factor * run.time, source=replace(run.source, times=self.factor * run.source.times),
-                changed=self.factor * run.changed, interval=self.factor * run.interval,
-            )  # fmt: skip
+                run,
+                time=self.factor * run.time,
+                source=replace(run.source, times=self.factor * run.source.times),
+                changed=self.factor * run.changed,
+                interval=self.factor * run.interval,
+            )
         if not self.is_of_channels:
             return replace(run, source=self.in_input(run.source))
         at = [run.channels.index(name) for name in self.quantities if name in run.channels]
@@ -182,8 +188,17 @@ class Fault:
         return replace(run, measured=measured, weight=weight)
 
 
-UNIT_WORDS = {'m': 'metres', 'rad': 'radians', 'N': 'newtons', 'Pa': 'pascal', '': 'parts of 1', 'ohm': 'ohms', 'W': 'watts',
-              's': 'seconds', 'K': 'kelvin'}  # fmt: skip
+UNIT_WORDS = {
+    'm': 'metres',
+    'rad': 'radians',
+    'N': 'newtons',
+    'Pa': 'pascal',
+    '': 'parts of 1',
+    'ohm': 'ohms',
+    'W': 'watts',
+    's': 'seconds',
+    'K': 'kelvin',
+}
 
 
 def column_of(name: str) -> str:
@@ -255,9 +270,7 @@ def pooled(training: Dataset, held_out: Dataset | None) -> Dataset:
     return replace(training, recordings=(*training.recordings, *(held_out.recordings if held_out else ())))
 
 
-def without_faults(
-    training: Dataset, held_out: Dataset | None, faults: Sequence[Fault]
-) -> tuple[Dataset, Dataset | None]:  # fmt: skip
+def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence[Fault]) -> tuple[Dataset, Dataset | None]:
     """Training and held-out recordings without what is wrong with them, as far as it was corrected."""
     if not faults:
         return training, held_out
@@ -318,7 +331,12 @@ def phrases(faults: Sequence[Fault]) -> str:
 def fault_data(fault: Fault) -> dict[str, object]:
     """A fault as plain data."""
     return {
-        'kind': fault.kind, 'quantities': list(fault.quantities), 'factor': fault.multiplier,
-        'recordings': list(fault.recordings), 'words': fault.words, 'cure': fault.cure, 'corrected': fault.corrected,
+        'kind': fault.kind,
+        'quantities': list(fault.quantities),
+        'factor': fault.multiplier,
+        'recordings': list(fault.recordings),
+        'words': fault.words,
+        'cure': fault.cure,
+        'corrected': fault.corrected,
         'alternatives': [[one.words for one in other] for other in fault.alternatives],
-    }  # fmt: skip
+    }

@@ -38,7 +38,7 @@ MOST = 0.1  # of the samples of a run: more are no outliers
 
 def outliers(problem: Problem, residuals: Sequence[Rows]) -> list[Fault]:
     """By channel, the samples that are far from where their neighbours in the residuals say: by so much that chance among
-    all samples, and any motion that neighbours share, is out of the question by the odds of Occam's window."""  # fmt: skip
+    all samples, and any motion that neighbours share, is out of the question by the odds of Occam's window."""
     found = []
     for channel in dict.fromkeys(name for run in problem.runs for name in run.channels):
         rows, samples = dict[str, tuple[int, ...]](), 0
@@ -105,7 +105,7 @@ def chance_limit(samples: int) -> float:
 
 def scales(problem: Problem, rows: Sequence[Rows], order: int) -> dict[str, tuple[float, int]]:
     """By channel, the size of white noise in rows (channels, k) of every run, in units of the stated noise, and the samples
-    behind it."""  # fmt: skip
+    behind it."""
     squares: dict[str, float] = {}
     counts: dict[str, int] = {}
     for run, row in zip(problem.runs, rows, strict=True):
@@ -125,7 +125,7 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
     Too small: the samples themselves scatter as much, not only what a model leaves of them. Too large: a fit (`is_fitted`)
     leaves as little; a noise that is slow may hide from differences. Not where repeated experiments say what noise is, nor
     where none is visible.
-    """  # fmt: skip
+    """
     if dataset.floor or problem.config.structure.structure.is_quasi_static:
         return []
     by_order = [scales(problem, residuals, order) for order in ORDERS]

@@ -97,9 +97,12 @@ def exchanged(straight: Channels, mirrored: Channels) -> Iterator[tuple[str, tup
     for name, values in straight.items():
         within = SAME * float(np.abs(values).max())
         alike = (
-            (sign, other) for other, there in mirrored.items() if unit_of(other) == unit_of(name)
-            for sign in (1.0, -1.0) if np.abs(values - sign * there).max() <= within
-        )  # fmt: skip
+            (sign, other)
+            for other, there in mirrored.items()
+            if unit_of(other) == unit_of(name)
+            for sign in (1.0, -1.0)
+            if np.abs(values - sign * there).max() <= within
+        )
         if (first := next(alike, None)) is not None:
             yield name, first
 
