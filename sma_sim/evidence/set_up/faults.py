@@ -26,7 +26,6 @@ Vector = NDArray[np.float64]
 Kind = Literal['sign', 'swap', 'unit', 'noise', 'outliers']
 TIME = 'time'  # what the column of time is called
 SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
-# By the unit of a column: other units in which its numbers may be, and what these are to be multiplied by.
 OTHER_UNITS = {
     'm': (('millimetres', 1e-3), ('micrometres', 1e-6), ('centimetres', 1e-2)),
     'rad': (('degrees', pi / 180.0),),
@@ -37,6 +36,7 @@ OTHER_UNITS = {
     'W': (('milliwatts', 1e-3),),
     's': (('milliseconds', 1e-3), ('microseconds', 1e-6), ('minutes', 60.0)),
 }
+"""By the unit of a column: other units in which its numbers may be, and what these are to be multiplied by."""
 TWICE = ('m', 'rad', 'W', 'Pa')  # units of columns that were converted though they were right: the inverse factors
 
 
