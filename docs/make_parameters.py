@@ -96,12 +96,12 @@ def sections() -> Iterator[str]:
     yield '\n## Structures\n'
     for name, found in sorted(package_structures().items()):
         own = found.structure.declared
-        if own:
+        if own and found.structure.has_own_columns:
             yield section(f'### {name}', COLUMNS, [row(full, p) for full, p in own.items()])
     yield COORDINATES
     for name, found in sorted(package_structures().items()):
         structure = found.structure
-        if structure.coordinates:
+        if structure.coordinates and structure.has_own_columns:
             rows = [coordinate_row(coordinate, structure) for coordinate in structure.coordinates]
             yield section(f'### Coordinates of {name}', COORDINATE_COLUMNS, rows)
     yield '\n## Effects\n\nTheir parameters are `effects.NAME.PARAMETER`.\n'

@@ -23,6 +23,7 @@ SHOWN = {  # what is imposed beside heating, and the heating [W]
     'spatial': ([], [25.0, 0.0, 0.0]),
     'lever': ([], [2.0]),
     'slider': ([], [2.0]),
+    'coil': ([], [5.0]),
     'wire': ([0.05], [0.0]),
     'rocker': ([], [2.0]),
 }

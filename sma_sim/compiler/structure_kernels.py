@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
-from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_V, RANGE
+from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_RATIO, O_V, RANGE
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 
@@ -69,7 +69,7 @@ def native_structure(found: FoundStructure) -> NativeStructure:
 def records_of(structure: Structure) -> dict[str, Any]:
     """The named tuples that kernels take, by the letter of the argument; poses are those of one segment."""
     pose = record('Pose', segment_of(structure).coordinate_names)
-    drives = record('Drives', [drive.name for drive in structure.drives])
+    drives = record('Drives', [drive.name for drive in structure.loads])
     return {'q': pose, 'v': pose, 'f': pose, 'p': type(structure.default_constants), 'u': drives}
 
 
@@ -81,18 +81,20 @@ def segment_of(structure: Structure) -> Structure:
 def checked_kernels(structure: Structure) -> dict[str, Kernel]:
     """The kernels by role, each called once. Raises StructureError."""
     one = segment_of(structure)
-    n, driven = len(one.coordinates), 'u' if structure.drives else ''
+    n, driven = len(one.coordinates), 'u' if structure.loads else ''
     constants, kinds = structure.default_constants, records_of(structure)
     example: dict[str, Any] = {
         letter: kinds[letter](*(TRIED_POSE * c.size(constants) for c in one.coordinates)) for letter in 'qvf'
     }
-    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.drives)), 'k': 0, 'g': 1.0}
+    example |= {'p': constants, 'u': kinds['u'](*(0.5 for _ in structure.loads)), 'k': 0, 'g': 1.0}
     example |= {letter: np.full((structure.segments, n), 1e-3) for letter in SERIES}
+    example['l'] = numbers(one.lengths(example['q'], constants))[0] if one.strain and one.lengths else 0.0
     example['w'] = Place(0, example['Q'])
     kernels = {}
     for role, python, takes, returns in (
         ('lengths', one.lengths, 'qp', one.wires),
         ('gradients', one.gradients, 'qp', n * one.wires),
+        ('strain', one.strain, 'lp', 2),
         ('forces', one.forces, 'qvp' + driven, n),
         ('accelerations', structure.accelerations, f'k{SERIES}p' if structure.segment else 'qvfp', n),
         ('stiffness', one.stiffness, 'qpg', n),
@@ -160,7 +162,12 @@ def kinematics_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
     lines = [f'lengths_ = {call(kernels, "lengths")}']
     for i in range(one.wires):
         lines.append(f'obs[{at(structure, i, O_LENGTH)}] = lengths_[{i}]')
-        lines.append(f'obs[{at(structure, i, O_EPS)}] = lengths_[{i}] / p_[{l0}] - 1.0')
+        if 'strain' in kernels:
+            found = call(kernels, 'strain', f'lengths_[{i}]')
+            lines.append(f'obs[{at(structure, i, O_EPS)}], obs[{at(structure, i, O_RATIO)}] = {found}')
+        else:
+            lines.append(f'obs[{at(structure, i, O_EPS)}] = lengths_[{i}] / p_[{l0}] - 1.0')
+            lines.append(f'obs[{at(structure, i, O_RATIO)}] = 1.0')
     if 'gradients' in kernels:
         lines.append(f'slopes_ = {call(kernels, "gradients")}')
         lines += [f'obs[{at(structure, i, O_DL + j)}] = slopes_[{i * n + j}]' for i in range(one.wires) for j in range(n)]
@@ -192,19 +199,20 @@ def speeds_text(structure: Structure) -> str:
     for i in range(one.wires):
         terms = (f'obs[{at(structure, i, O_DL + j)}] * {state_entry(structure, n + j)}' for j in range(len(one.coordinates)))
         lines.append(f'obs[{at(structure, i, O_V)}] = {" + ".join(terms)}')
-        lines.append(f'obs[{at(structure, i, O_DEPS)}] = obs[{at(structure, i, O_V)}] / p_[{l0}]')
+        stretching = f'obs[{at(structure, i, O_RATIO)}] * ' if one.strain else ''
+        lines.append(f'obs[{at(structure, i, O_DEPS)}] = {stretching}obs[{at(structure, i, O_V)}] / p_[{l0}]')
     return text_of(structure, 'speeds', [f'obs = carray(out, {size_of_obs(structure)})', *in_each(structure, lines)])
 
 
 def motion_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
     """Source of the C function that stores dq/dt and dv/dt, under wires and effects."""
-    n, drives, first = len(structure.coordinates), len(structure.drives), constants_in(structure)
+    n, loads, first = len(structure.coordinates), len(structure.loads), constants_in(structure)
     lines = [
         f'obs, dy = carray(findings, {size_of_obs(structure)}), carray(out, {2 * n})',
         f'added = carray(effects, {effects_room(structure)})',
     ]
-    if drives:
-        lines.append(f'u = U({", ".join(f"added[{k}]" for k in range(drives))})')
+    if loads:
+        lines.append(f'u = U({", ".join(f"added[{k}]" for k in range(loads))})')
     if structure.segment:
         return text_of(structure, 'motion', [*lines, *series_lines(structure, kernels)])
     lines += force_lines(structure, kernels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +25,10 @@ KINDS = ('steps', 'sine', 'file')
 SINE_POINTS = 64  # per period
 MAX_ROWS, LONGEST, MAX_TEXT = 20_000, 1e6, 20_000_000  # rows, [s], characters of a file
 WARMING = 60.0  # [K] by which the first command heats a wire in the end
-DRIVEN = {'strain': (0.0, 0.06), 'stress_Pa': (20e6, 200e6), 'T_K': (298.0, 398.0)}  # from and to, of a first command
+# From and to, of a first command.
+DRIVEN = {'strain': (0.0, 0.06), 'stress_Pa': (20e6, 200e6), 'crosshead_m': (-0.05, 0.04), 'T_K': (298.0, 398.0)}
 FALLBACK_DRIVE = (0.0, 1.0)
+WIRE_NUMBER = re.compile(r'_\d+(?=_)')
 
 
 @dataclass(frozen=True)
@@ -73,21 +76,26 @@ def first_command(config: Config) -> Command:
     signs = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
     times = (0.0, 5.0, 25.0, 45.0, 65.0, 100.0)
     power = heating_of(config)
-    levels = {'strain': (0.0, 0.5, 1.0, 0.5, 0.0, 0.0)}
+    levels = (0.0, 0.5, 1.0, 0.5, 0.0, 0.0)
     rows = []
     for k, (time, sign) in enumerate(zip(times, signs, strict=True)):
         row = [time]
         for name in columns:
             if name in drives:
-                low, high = DRIVEN.get(name, FALLBACK_DRIVE)
-                level = levels['strain'][k] if name == drives[-1] else 1.0
+                low, high = driven_range(name)
+                level = levels[k] if name == drives[-1] else 1.0
                 row.append(low + level * (high - low))
             else:
                 row.append(power * heated_part(columns.index(name), sign, structure) if not drives else 0.0)
         rows.append(tuple(row))
     sine = columns[len(drives) - 1 if drives else 0]
-    low, high = DRIVEN.get(sine, FALLBACK_DRIVE) if drives else ((-power if structure.antagonistic else 0.0), power)
+    low, high = driven_range(sine) if drives else ((-power if structure.antagonistic else 0.0), power)
     return Command('steps', times[-1], tuple(rows), sine, 0.5 * (low + high), 0.5 * (high - low), 40.0)
+
+
+def driven_range(column: str) -> tuple[float, float]:
+    """From where to where a first command goes in a column of what is imposed, one of a wire with its number too."""
+    return DRIVEN.get(WIRE_NUMBER.sub('', column), FALLBACK_DRIVE)
 
 
 def heated_part(number: int, sign: float, structure: Structure) -> float:

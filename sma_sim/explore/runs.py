@@ -15,14 +15,13 @@ from sma_sim.explore.command import Command, input_of
 from sma_sim.explore.decimation import decimated, where_it_moves
 from sma_sim.explore.packing import Numbers
 from sma_sim.model.config import Config
-from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.drawing import Sketch, projected
 from sma_sim.model.structures.structure import Coordinate
 from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, UNITS, is_held, panels_of
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
-from sma_sim.solver.wire_columns import strains_from_pose
+from sma_sim.solver.wire_columns import strains_from_pose, stresses_from_forces
 
 Vector = NDArray[np.float64]
 RATE, MAX_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
@@ -154,9 +153,7 @@ def stress_of(run: ShownRun, columns: Mapping[str, Vector], suffix: str) -> Vect
     """Stress of a wire [Pa], (k,): measured on a bench, of a structure from the force of its bundle."""
     if 'stress_Pa' in columns:
         return columns['stress_Pa']
-    wire = wire_constants(run.config.parameters)
-    found: Vector = columns[f'F{suffix}_N'] / (wire.n * wire.section)
-    return found
+    return stresses_from_forces(run.config, columns)[f'stress{suffix}']
 
 
 def loop_curve(x: Vector, y: Vector, label: str, k: int, numbers: Numbers) -> dict[str, Any]:

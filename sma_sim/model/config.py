@@ -42,6 +42,7 @@ from sma_sim.model.structures.discovery import (
     FoundStructure,
     find_structures,
     found_structure,
+    found_structures,
     package_structures,
     structure_of_size,
 )
@@ -226,7 +227,8 @@ class Config(Comparable):
         return structure_of_size(self.own_structure or package_structures()[self.system], self.parameters)
 
     def on_bench(self, name: str) -> Config:
-        """The same wire and effects on another bench of the package: a structure that differs in its options only.
+        """The same wire and effects on another bench: a structure that differs in its options only, such as one whose wires
+        have an imposed temperature.
 
         What only this bench has, such as the lag of a load-controlled machine, keeps its value; what only the other one has
         gets its default, and wires start as they do there.
@@ -234,7 +236,10 @@ class Config(Comparable):
         own = self.structure.structure
         if name == own.name:
             return self
-        other = package_structures()[name].structure
+        members = [one for one in found_structures().values() if one.structure.original == own.original]
+        sized = (structure_of_size(one, self.parameters) for one in members)
+        found = next(one for one in sized if one.structure.name == name)
+        other = found.structure
         defaults = other.default_values
         values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
         effects = tuple(
@@ -246,7 +251,8 @@ class Config(Comparable):
         kept = {n: v for n, v in values.items() if n in defaults}
         settings = {n: v for n, v in self.settings.items() if n in settings_of(other)}
         priors = {n: std for n, std in self.priors.items() if n in kept or n.startswith('effects.')}
-        return Config(kept, name, self.kinetics, effects, settings, priors=priors)
+        own_structure = None if self.own_structure is None else found
+        return Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors)
 
     def __repr__(self) -> str:
         defaults = self.structure.structure.default_values
@@ -286,6 +292,11 @@ def is_noise_elsewhere(name: object) -> bool:
     return any(name in found.structure.noise for found in package_structures().values())
 
 
+def is_noise_of_variant(name: str, structure: Structure) -> bool:
+    """Whether a parameter is the noise of a channel that only a structure with other options has, as files for it say."""
+    return any(name in one.structure.noise for one in found_structures().values() if one.structure.is_like(structure))
+
+
 def in_config(argument: str) -> str:
     """Where a value was given."""
     return f'in Config({argument}=...)'
@@ -319,7 +330,7 @@ def structure_named(system: str | Structure | FoundStructure, own: FoundStructur
         return system
     if isinstance(system, Structure):
         return found_structure(system)
-    return package_structures()[checked_choice('system', RawValue(system, in_config('system')), tuple(package_structures()))]
+    return package_structures()[checked_system(RawValue(system, in_config('system')), package_structures())]
 
 
 def as_sequence(given: Any) -> Sequence[Any]:
@@ -521,7 +532,9 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
             kinetics = checked_kinetics(name, entry, given)
         elif name in texts:
             settings[name] = checked_setting(name, entry, texts[name])
-        elif name not in LISTS and name != 'system' and name not in structure.options:
+        elif name not in (*LISTS, 'system', *structure.options) and (
+            name in declared or not is_noise_of_variant(name, structure)
+        ):
             known[name] = RawValue(checked_number(name, entry, declared), entry.where)
     asked = given.get('effects.active', RawValue([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
@@ -564,7 +577,7 @@ def checked_structure(given: Mapping[str, RawValue]) -> FoundStructure:
     if one.value not in found and names_in('structures.paths', folders):
         where = ', '.join(map(str, named_folders('structures.paths', folders)))
         one = replace(one, where=f'{one.where}; no STRUCTURE in {where} has this name')
-    base = chosen_variant(found[checked_choice('system', one, tuple(found))], given, found)
+    base = chosen_variant(found[checked_system(one, found)], given, found)
     size = base.structure.size_name
     if size not in given:
         return base
@@ -575,13 +588,20 @@ def chosen_variant(
     structure: FoundStructure, given: Mapping[str, RawValue], found: Mapping[str, FoundStructure]
 ) -> FoundStructure:
     """The variant of a structure that the given options name; itself without any. Raises ConfigError."""
-    own = structure.structure.options
-    family = [member for member in found.values() if own and member.structure.options.keys() == own.keys()]
+    own, original = structure.structure.options, structure.structure.original
+    family = [member for member in found.values() if member.structure.original == original]
     for name in own:
         if name in given:
             checked_choice(name, given[name], sorted({member.structure.options[name] for member in family}))
     wanted = {name: str(given[name].value) if name in given else word for name, word in own.items()}
     return next((member for member in family if dict(member.structure.options) == wanted), structure)
+
+
+def checked_system(one: RawValue, found: Mapping[str, FoundStructure]) -> str:
+    """The name of a structure. Raises ConfigError, which names all but variants."""
+    if isinstance(one.value, str) and one.value in found:
+        return one.value
+    return checked_choice('system', one, tuple(name for name, each in found.items() if not each.structure.variant_of))
 
 
 def checked_choice(name: str, one: RawValue, choices: Sequence[str]) -> str:

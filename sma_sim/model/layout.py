@@ -14,9 +14,9 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
-# Columns of `obs`, a row per wire: what the flow finds on its way; from O_DL on dl/dq, one column for each coordinate
-# of the wire's segment.
-O_LENGTH, O_V, O_EPS, O_DEPS, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL = range(13)
+# Columns of `obs`, a row per wire: what the flow finds on its way; O_RATIO is l0 deps/dl, 1 of a straight wire; from O_DL
+# on dl/dq, one column for each coordinate of the wire's segment.
+O_LENGTH, O_V, O_EPS, O_DEPS, O_RATIO, O_J, O_X, O_STRAIN, O_SIGMA, O_S_A, O_S_M, O_DX, O_F, O_DL = range(14)
 RANGE = 4  # numbers that say which segments of a series are evaluated (`StructureTable.effects`)
 
 
@@ -49,12 +49,12 @@ class Evaluation(NamedTuple):
 class StructureTable(NamedTuple):
     """The structure as the compiled flow reads it.
 
-    The first three are addresses of native kernels: `kinematics_at` writes length, strain and dl/dq of each wire into `obs`,
-    `speeds_at` their rates, `motion_at` the rates of coordinates and velocities into `dy`. They read `constants`: the
-    structure's own, the scales and the inertia of its coordinates (n,) each, l0. `effects` takes what is imposed (drives,),
-    how many effects act on the structure, and the generalised forces of each (n,); for segments in series then the first
-    and behind the last of those whose wires and forces are evaluated, the same of those whose accelerations are, and the
-    generalised forces (n,).
+    The first three are addresses of native kernels: `kinematics_at` writes length, strain with its O_RATIO and dl/dq of each
+    wire into `obs`, `speeds_at` their rates, `motion_at` the rates of coordinates and velocities into `dy`. They read
+    `constants`: the structure's own, the scales and the inertia of its coordinates (n,) each, l0. `effects` takes what is
+    imposed (drives,), how many effects act on the structure, and the generalised forces of each (n,); for segments in series
+    then the first and behind the last of those whose wires and forces are evaluated, the same of those whose accelerations
+    are, and the generalised forces (n,).
     """
 
     kinematics_at: int
@@ -81,6 +81,7 @@ class System(NamedTuple):
     first_x: int  # index of x_M of wire 1 in y (MAS)
     channels: int  # of sensors
     wire: WireConstants
+    coiled: bool  # the strain of the wires is one of shear, which does not lengthen them
     structure: StructureTable
     effects: EffectTable
-    imposed_T: int  # which of the drives is the temperature of the wires; -1: they have a heat balance
+    imposed_T: int  # which of the drives is the temperature of wire 1, before all others'; -1: they have a heat balance

@@ -38,6 +38,7 @@ from sma_sim.model.layout import (
     O_F,
     O_J,
     O_LENGTH,
+    O_RATIO,
     O_S_A,
     O_S_M,
     O_SIGMA,
@@ -148,7 +149,7 @@ def update_forces(state: SystemState, point: InputPoint, p: System, obs: Vector,
 def stress_and_force(i: int, state: SystemState, p: System, obs: Vector) -> None:
     """x_M, stress and the force of wire `i` before the effects on it."""
     phase_and_stress(i, state, p, obs)
-    obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA])
+    obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA] * obs[i, O_RATIO])
 
 
 def ambient_temperature(u: Vector, p: System) -> float:
@@ -157,12 +158,12 @@ def ambient_temperature(u: Vector, p: System) -> float:
 
 
 def kinematics(y: Vector, point: InputPoint, p: System, obs: Vector) -> None:
-    """Length and strain of each wire with dl/dq from the pose; of a single wire, with their rates, from the input."""
+    """Length and strain of each wire with their derivatives from the pose; of a single wire from the input."""
     if p.coordinates > 0:
         at = p.structure
         call_kernel(at.kinematics_at, y.ctypes.data, at.constants.ctypes.data, at.effects.ctypes.data, 0, obs.ctypes.data)
         return
-    obs[0, O_EPS], obs[0, O_DEPS] = point.u[0], point.du[0]
+    obs[0, O_EPS], obs[0, O_DEPS], obs[0, O_RATIO] = point.u[0], point.du[0], 1.0
     obs[0, O_LENGTH], obs[0, O_V] = p.wire.l0 * (1.0 + point.u[0]), p.wire.l0 * point.du[0]
 
 
@@ -210,7 +211,7 @@ def wire_rates(i: int, state: SystemState, point: InputPoint, p: System, dy: Vec
         dy[p.first_x + i] = dx
     transforming = not p.mas and (mode == TO_MARTENSITE or mode == TO_AUSTENITE)
     if p.imposed_T >= 0:  # whatever heat it takes
-        heat, capacity, latent = point.du[p.imposed_T], 1.0, 0.0
+        heat, capacity, latent = point.du[p.imposed_T + i], 1.0, 0.0
     else:
         T_E = ambient_temperature(point.u, p)
         heat = obs[i, O_J] - w.lambda_ * w.surface * (T - T_E) + extra_heat(i, dx, y, p)
@@ -262,9 +263,10 @@ def extra_latent_heat(i: int, sign: float, y: Vector, p: System) -> float:
 
 
 def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
-    """Force of one wire on the structure [N] (MAS4), and the rates of the memory of heat, strain and stress effects."""
+    """Force of one wire on the structure [N] (MAS4; Om sigma deps/dl, by virtual work), and the rates of the memory of heat,
+    strain and stress effects."""  # fmt: skip
     e = p.effects
-    force = p.wire.section * obs[i, O_SIGMA]
+    force = p.wire.section * obs[i, O_SIGMA] * obs[i, O_RATIO]
     if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_HEAT]:
         s = e.s[i]
         s[S_T], s[S_X], s[S_STRAIN] = y[p.first_T + i], obs[i, O_X], obs[i, O_STRAIN]  # others were tried for their rates

@@ -28,6 +28,7 @@ from sma_sim.model.layout import (
     O_DEPS,
     O_EPS,
     O_LENGTH,
+    O_RATIO,
     O_S_A,
     O_S_M,
     O_SIGMA,
@@ -257,7 +258,8 @@ def added(i: int, T: float, x: float, at: Transformation, y: Vector, p: System) 
 def added_by_strain(i: int, at: Transformation, y: Vector, p: System, obs: Vector) -> float:
     """Derivative of sigma - sigma_A - s_A (or M) in the strain of the wire, through what effects add [Pa]."""
     s = p.effects.s[i]
-    s[S_EPS], s[S_LENGTH] = obs[i, O_EPS] + EPS_STEP, obs[i, O_LENGTH] + EPS_STEP * p.wire.l0
+    s[S_EPS] = obs[i, O_EPS] + EPS_STEP
+    s[S_LENGTH] = obs[i, O_LENGTH] + EPS_STEP * p.wire.l0 / obs[i, O_RATIO]
     slope = added(i, at.T, at.x, at, y, p) / EPS_STEP
     s[S_EPS], s[S_LENGTH] = obs[i, O_EPS], obs[i, O_LENGTH]
     return slope

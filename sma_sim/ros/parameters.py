@@ -111,7 +111,8 @@ def configure(
         node.undeclare_parameter(name)
     for name, parameter in config.structure.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
-    systems = dict.fromkeys((*package_structures(), config.system))
+    found = package_structures().items()
+    systems = dict.fromkeys((*(name for name, one in found if one.structure.has_own_columns), config.system))
     for name, value, choices in (
         ('system', config.system, tuple(systems)),
         ('model', config.simulated_kinetics, (*MODELS, AUTO)),

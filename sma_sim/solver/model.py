@@ -93,7 +93,8 @@ class Model:
         )  # fmt: skip
         return System(
             n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T,
-            first_T + self.wires, len(structure.channels), wire, at, table, structure.imposed_temperature,
+            first_T + self.wires, len(structure.channels), wire, structure.strain is not None, at, table,
+            structure.imposed_temperature,
         )  # fmt: skip
 
     @cached_property
@@ -129,8 +130,8 @@ def rate_scales(structure: Structure, constants: Constants) -> list[float]:
     scales = []
     pose = record('Pose', structure.coordinate_names)
     rest = pose(*(0.0 for _ in structure.coordinates))
-    names = [drive.name for drive in structure.drives]
-    drives = (record('Drives', names)(*(0.0 for _ in names)),) if names else ()
+    names = [drive.name for drive in structure.loads]
+    loads = (record('Drives', names)(*(0.0 for _ in names)),) if names else ()
     for j, (coordinate, inertia) in enumerate(zip(structure.coordinates, inertia_of(structure, constants), strict=True)):
         scale = coordinate.size(constants)
         if coordinate.rate_scale is not None:
@@ -138,7 +139,7 @@ def rate_scales(structure: Structure, constants: Constants) -> list[float]:
             continue
         assert structure.forces is not None
         moved = rest._replace(**{coordinate.name: scale})
-        ends = [numbers(structure.forces(q, rest, constants, *drives))[j] for q in (rest, moved)]
+        ends = [numbers(structure.forces(q, rest, constants, *loads))[j] for q in (rest, moved)]
         scales.append(scale * max(1.0, math.sqrt(abs(ends[0] - ends[1]) / scale / inertia)))
     return scales
 

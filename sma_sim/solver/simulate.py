@@ -96,7 +96,7 @@ def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float
     y = np.zeros(len(work.weight))
     u = np.array(first_input, dtype=float)
     u[p.drives : -1] = 0.0
-    y[p.first_T : p.first_T + p.wires] = u[p.imposed_T] if p.imposed_T >= 0 else u[-1]
+    y[p.first_T : p.first_T + p.wires] = u[p.imposed_T : p.imposed_T + p.wires] if p.imposed_T >= 0 else u[-1]
     requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
     within = np.array(parts if len(parts) else [np.nan] * p.wires, dtype=float)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))

@@ -76,7 +76,7 @@ def test_type_of_every_parameter_in_yaml(complaint, tmp_path, name, value):
         (['--set', 'model=mass'], "model = 'mass' (on the command line): expected one of hybrid, mas"),
         (
             ['--set', 'system=robot'],
-            "system = 'robot' (on the command line): expected one of lever, module, slider, spatial, stack, wire",
+            "system = 'robot' (on the command line): expected one of coil, lever, module, slider, spatial, stack, wire",
         ),
         (['--effect', 'gravitation'], 'unknown effect gravitation (effects.active, on the command line); did you mean'),
         (['--effect', 'gravity:g_z=1'], 'unknown parameter effects.gravity.g_z'),

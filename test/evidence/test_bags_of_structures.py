@@ -19,8 +19,10 @@ from sma_sim.solver.inputs import inputs_at
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
-BENCHES = [bench.name for bench in package_structures()['wire'].structure.variants]
-STRUCTURES = {name: found for name, found in package_structures().items() if name not in BENCHES} | {'rocker': ROCKER}
+STRUCTURES = {
+    name: found for name, found in package_structures().items()
+    if not found.structure.variant_of
+} | {'rocker': ROCKER}  # fmt: skip
 
 
 @pytest.fixture(scope='module', params=STRUCTURES)

@@ -14,7 +14,7 @@ from sma_sim.evidence.estimation.injection_points import small_force
 from sma_sim.model.effects.conversion import pull_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on
 from sma_sim.model.effects.meaning import acts_on
-from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_SIGMA, O_STRAIN, O_V, O_X
+from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_RATIO, O_SIGMA, O_STRAIN, O_V, O_X
 from sma_sim.model.material import internal_energy, latent_heat
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import numbers, record
@@ -123,7 +123,8 @@ def check_balance(model, y, x, u):
         at = (obs[i, O_EPS] - obs[i, O_STRAIN] - w.eps_T * x_M, T, x_M)
         along = (obs[i, O_DEPS] - strain_rates[i] - w.eps_T * obs[i, O_DX], dy[p.first_T + i], obs[i, O_DX])
         stored = internal_energy(*(a + 1e-30j * b for a, b in zip(at, along, strict=True)), w).imag / 1e-30
-        powers = np.array([w.section * sigma * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.surface * (T - 298.0), heat[i],
+        force = w.section * sigma * obs[i, O_RATIO]
+        powers = np.array([force * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.surface * (T - 298.0), heat[i],
                            -w.volume * sigma * strain_rates[i], -capacities[i] * dy[p.first_T + i]])  # fmt: skip
         exchanged = np.abs([*powers, latent_heat(T, sigma, w) * obs[i, O_DX]]).sum()
         assert stored == pytest.approx(powers.sum(), abs=1e-6 * exchanged)
@@ -280,4 +281,4 @@ def test_small_forces_move_a_coordinate_by_a_part_of_its_usual_change(system):
             assert 1e-3 < force / stiffness / coordinate.size(constants) < 0.5
         else:
             assert 1e-3 * pull < force / 1e8 < 0.5 * pull  # of the usual stress of a wire, 100 MPa
-    assert sprung or system in ('lever', 'slider', 'rocker')
+    assert sprung or system in ('lever', 'slider', 'rocker', 'coil')

@@ -46,7 +46,7 @@ def test_channels_columns_and_inputs_belong_together(name):
     suffixes = [''] if structure.wires == 1 else [f'_{i + 1}' for i in range(structure.wires)]
     shown = list(structure.coordinate_names) or ['stress']
     shown += [f'F{s}' for s in suffixes] if structure.coordinates else []
-    shown += [] if any(drive.name == 'T' for drive in structure.drives) else [f'T{s}' for s in suffixes]
+    shown += [] if structure.drives and structure.drives[-1].unit == 'K' else [f'T{s}' for s in suffixes]
     assert list(structure.channels) == shown + [f'R{s}' for s in suffixes]
     units = {'F': '_N', 'T': '_K', 'R': '_ohm', 'stress': '_Pa'}
     for channel, column in zip(structure.channels, structure.channel_columns, strict=True):
@@ -62,7 +62,9 @@ def test_channels_columns_and_inputs_belong_together(name):
     imposed = [d.column for d in structure.drives] or [f'{c}_W' for c in structure.commands]
     assert list(structure.needed_columns) == imposed
     assert structure.has_one_command == (commands == 1 and not structure.drives)
-    assert structure.is_quasi_static == (structure.imposed_temperature >= 0 and bool(structure.coordinates))
+    imposed = {drive.name for drive in structure.drives}
+    assert structure.is_quasi_static == (imposed == {'stress', 'T'})
+    assert structure.imposed_temperature == (len(structure.loads) if imposed & {'T', 'T_1'} else -1)
     assert len(structure.initial) == max(0, structure.wires - 2)
     assert len(channel_codes(structure)) == len(set(channel_codes(structure))) == len(channel_scales(structure))
 
@@ -117,15 +119,17 @@ def test_segments_in_series_repeat_what_one_is():
     assert three.stiffness(q, None, 0.5) == (0.005, 0.01, 0.015) and three.title == 'spring'
 
 
-@pytest.mark.parametrize('name', ['lever', 'slider', 'spatial', 'slider_2', 'module'])
+@pytest.mark.parametrize('name', ['lever', 'slider', 'spatial', 'slider_2', 'module', 'coil'])
 def test_the_pull_of_bundles_is_their_sections_times_the_longest_arm(name):
-    """n pi r0^2 |dl/dq| at rest [N/Pa], by which forces of effects are converted."""
+    """n pi r0^2 |dl/dq| at rest [N/Pa], of a coil n Om deps/dl |dl/dq|, by which forces of effects are converted."""
     structure = FOUND['slider'].structure.of_size(2) if name == 'slider_2' else FOUND[name].structure
     values = structure.default_values
     section = values['wire.n'] * math.pi * values['wire.r0'] ** 2
     p, n = structure.default_constants, len(structure.coordinates)
     slopes = np.array(numbers(structure.gradients(record('Pose', structure.coordinate_names)(*[0.0] * n), p)))
     arms = np.abs(slopes.reshape(structure.wires, n)).max(axis=0)
+    lengths = numbers(structure.lengths(record('Pose', structure.coordinate_names)(*[0.0] * n), p))
+    arms *= structure.strains(lengths[:1], values)[0][1]
     for j in range(n):
         if arms[j] > 1e-9:
             assert pull_of(structure, j, values) == pytest.approx(section * arms[j], rel=1e-3)
@@ -156,7 +160,8 @@ def test_an_effect_acts_where_it_has_a_meaning(name):
     """Heat where there is a heat balance, forces on coordinates that have what they need, sensors on channels."""
     effect = EFFECTS[name].effect
     for structure in (found.structure for found in FOUND.values()):
-        acts = not effect.systems or structure.family in effect.systems
+        acts = not effect.systems or bool({structure.family, structure.original} & {*effect.systems})
+        acts &= structure.strain is None or not effect.straight
         acts &= structure.wires >= effect.wires
         acts &= not (effect.port in ('actuation', 'wire_heat') and structure.imposed_temperature >= 0)
         if 'stiffness' in effect.needs or 'gravity' in effect.needs:
@@ -174,7 +179,7 @@ def test_an_effect_acts_where_it_has_a_meaning(name):
                 assert all(slots[k] >= 0 for k in range(len(structure.coordinates)))
         assert acts_on(effect, structure) == acts
         single = effect.tried == 'single wire' and structure.wires == 1
-        timed = effect.tried == 'timed' and not (structure.imposed_temperature >= 0 and structure.coordinates)
+        timed = effect.tried == 'timed' and {drive.name for drive in structure.drives} != {'stress', 'T'}
         assert is_tried(effect, structure) == (acts and (effect.tried == 'everywhere' or single or timed))
 
 

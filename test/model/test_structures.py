@@ -25,7 +25,7 @@ MOVING = {
     name: found for name, found in (*package_structures().items(), ('rocker', ROCKER))
     if found.structure.coordinates and not found.structure.drives
 }  # fmt: skip
-HEATING = {'spatial': 8.0, 'module': 12.0, 'stack': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2}
+HEATING = {'spatial': 8.0, 'module': 12.0, 'stack': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2, 'coil': 4.0}
 
 
 def model_of(name, kind='hybrid', effects=(), **parameters):
@@ -265,9 +265,29 @@ def lever_rates(_, y, J, c):
     return [rate, (pull - weight) / c['J'], first[1], second[1], first[2], second[2]]
 
 
+def coil_rates(_, y, J, c):
+    """dy/dt of a coil, y = (stroke, speed, T, x_M): its force by differences of the energy-equivalent strain."""
+    stroke, speed, T, x = y
+    extension, h = c['delta_0'] - stroke, 1e-7
+    ends = [equivalent_strain(extension + s * h, c) for s in (1.0, 0.0, -1.0)]
+    sigma, dT, dx = wire_rates(ends[1], T, x, J, c)
+    force = math.pi * c['r0'] ** 2 * c['l0'] * sigma * (ends[0] - ends[2]) / (2.0 * h)
+    pull = force - c['k'] * (stroke + c['x_0']) - c['b'] * speed
+    return [speed, (pull - c['m'] * c['g'] * math.sin(c['incline'])) / c['m'], dT, dx]
+
+
+def equivalent_strain(extension, c):
+    """The root of 2 U/(E Om), U being the elastic energy G J dt^2/2 + E I dc^2/2 per length of a helix, with G = E/3."""
+    first, now = (math.asin(h / c['l0']) for h in (c['h_0'], c['h_0'] + extension))
+    around = 2.0 * math.cos(first) / c['D']  # 2 pi N/l0
+    twist, bend = (around * (f(now) - f(first)) for f in (math.sin, math.cos))
+    return math.copysign(c['r0'] * math.sqrt(twist**2 / 6.0 + bend**2 / 4.0), extension)  # J = A r^2/2, I = A r^2/4
+
+
 @pytest.mark.parametrize(
     ('name', 'rates', 'column', 'starts'),
     [
+        ('coil', coil_rates, 'stroke_m', ('T_K', 'x_M')),
         ('slider', slider_rates, 'position_m', ('T_K', 'x_M')),
         ('lever', lever_rates, 'angle_rad', ('T_1_K', 'T_2_K', 'x_M_1', 'x_M_2')),
     ],

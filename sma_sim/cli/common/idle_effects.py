@@ -24,11 +24,13 @@ def noted(config: Config) -> Config:
 def why_idle(effect: Effect, structure: Structure) -> str:
     """Why an effect has no meaning on a structure."""
     name = structure.family
-    if effect.systems and name not in effect.systems:
+    if effect.systems and not {name, structure.original} & {*effect.systems}:
         return f'it acts on {", ".join(effect.systems)}, not on {name}'
     if structure.wires < effect.wires:
         return f'it needs {effect.wires} wires, {name} has {structure.wires}'
     if structure.imposed_temperature >= 0 and effect.port in HEATING:
         return f'the temperature of the wires of {name} is imposed'
+    if effect.straight and structure.strain is not None:
+        return f'it acts on straight wires, those of {name} are twisted'
     lacking = [need for need in FUNCTIONS if need in effect.needs and getattr(structure, need) is None]
     return f'{name} declares no {lacking[0]}' if lacking else f'{name} has nothing on which it could act'

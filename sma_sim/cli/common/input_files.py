@@ -11,11 +11,12 @@ from sma_sim.evidence.data.rosbag.commands import limits_in
 from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
-from sma_sim.evidence.data.tables import Vector, read_columns
+from sma_sim.evidence.data.tables import Vector, read_columns, read_header
 from sma_sim.evidence.data.units import mismatch_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import KELVIN, kelvin_hint
+from sma_sim.model.structures.structure import shared_temperature
 from sma_sim.solver.inputs import Input
 
 
@@ -37,9 +38,12 @@ def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[st
     """
     imposed, powers = tuple(of.drives.values()), of.heating_columns
     needed, names = imposed or powers, (*imposed, *powers, 'T_E_K')
-    columns = (
-        bag if bag is not None else read_columns(path, ('time_s', *needed), [name for name in names if name not in needed])
-    )
+    columns = bag
+    if columns is None:
+        shared = shared_temperature(imposed, read_header(path))
+        asked = [shared.get(name, name) for name in needed]
+        found = read_columns(path, tuple(dict.fromkeys(('time_s', *asked))), [name for name in names if name not in needed])
+        columns = found | {name: found[column] for name, column in shared.items()}
     missing = [name for name in needed if name not in columns]
     if missing:
         raise UserError(f'{path} has no {", ".join(missing)}: expected the input of system {of.system}')

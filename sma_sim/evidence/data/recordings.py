@@ -128,7 +128,7 @@ def bench_of(system: str, test: ColumnMap) -> str:
     if not test.bench:
         return system
     own, known = known_structures()[system], known_structures()
-    family = [member for member in known.values() if own.options and member.options.keys() == own.options.keys()]
+    family = [member for member in known.values() if member.is_like(own)]
     wanted = {**own.options, **test.bench}
     found = next((member.name for member in family if dict(member.options) == wanted), None)
     if found is None:
@@ -169,8 +169,7 @@ def column_map_for(system: str, path: Path | None) -> ColumnMap:
 def same_options(one: str, other: str) -> bool:
     """Whether two systems are one structure with different options."""
     known = known_structures()
-    keys = known[one].options.keys()
-    return bool(keys) and keys == known[other].options.keys()
+    return one in known and other in known and known[one].is_like(known[other])
 
 
 def unique_files(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bool]]:

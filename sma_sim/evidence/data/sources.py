@@ -24,6 +24,7 @@ from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_nu
 from sma_sim.evidence.data.tables import listed
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.structure import shared_temperature
 
 META_FILE = 'meta.json'
 TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat')
@@ -91,7 +92,9 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     written = table_format(path)
     header = written.header
     check_header(path, header)
-    origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
+    imposed = [drive.column for drive in known_structures()[system].drives]
+    shared = {name: Origin(column) for name, column in shared_temperature(imposed, header).items()}
+    origins = shared | column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
     check_complete(path, system, header, origins)
     check_units_row(path, written, origins)
     check_clock(path, header, origins['time_s'])
@@ -216,7 +219,12 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     if not missing:
         return
     hint = ''
-    others = [other for other, names in NEEDED_COLUMNS.items() if other != system and set(names) <= set(header)]
+    known = known_structures()
+    others = [
+        other
+        for other, names in NEEDED_COLUMNS.items()
+        if other != system and known[other].has_own_columns and set(names) <= set(header)
+    ]
     if others:
         other = max(others, key=lambda name: len(set(COLUMNS_BY_SYSTEM[name]) & set(header)))
         hint = f' (it has {NEEDED_COLUMNS[other][1]}: is it the recording of a {other}? say --system {other})'

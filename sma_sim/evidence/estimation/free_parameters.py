@@ -89,14 +89,17 @@ def equivalences(config: Config, measured: Collection[str] = ()) -> tuple[Equiva
     """Exact equivalences of the equations (docs/explanation/calibration.md derives them); `measured`: the channels."""
     thickness = RESISTIVITY_NAMES[:2] if any(map(is_resistance, measured)) else ()  # a resistance shows resistivity/r0^2
     stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.simulated_kinetics == 'mas' else ())
+    is_straight = config.structure.structure.strain is None  # the strain of a coil is in proportion to r0
+    together = Equivalence(
+        'wire.n', ('wire.r0', 'wire.lambda', *thickness), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'
+    )
+    thicker = Equivalence('wire.r0', stress + thickness, 'thicker wires at lower stresses, c_V and lambda behave the same')
     return (
         Equivalence('wire.rho', ('wire.c_V',), 'rho and c_V enter as their product only (MAS9)'),
         Equivalence('wire.T0', ('wire.sigma_MW0',), 'a shift of T0 is a shift of sigma_MW0 (MAS8a)'),
-        Equivalence(
-            'wire.n', ('wire.r0', 'wire.lambda', *thickness), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'
-        ),
+        *((together,) if is_straight else ()),
         Equivalence('wire.n', stress, 'more wires at lower stresses, c_V and lambda behave the same'),
-        Equivalence('wire.r0', stress + thickness, 'thicker wires at lower stresses, c_V and lambda behave the same'),
+        *((thicker,) if is_straight else ()),
     )
 
 

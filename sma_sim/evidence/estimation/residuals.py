@@ -139,7 +139,7 @@ def fit_data(
         zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
         drift_std=stds_of(recording.drift_std, recording.zero_std, channels), ambient_std=recording.ambient_std,
         unpowered_side=recording.unpowered_side,
-        bench=recording.system if structure.options else '',
+        bench=recording.system,
         level=float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan,
     )  # fmt: skip
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
+from sma_sim.solver.wire_columns import stresses_from_forces
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -167,11 +167,10 @@ def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedR
     """One simulation. Raises SimulationError."""
     columns = model_columns(config, run, nuisance)
     values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
-    section = config.parameters['wire.n'] * pi * config.parameters['wire.r0'] ** 2
     suffixes = config.structure.structure.wire_suffixes
     temperature = max(columns[f'T{suffix}_K'].max() for suffix in suffixes)
-    force = max(columns[f'F{suffix}_N'].max() for suffix in suffixes)
-    return SimulatedRun(values.ravel(), float(temperature), float(force / section))
+    stress = max(stress.max() for stress in stresses_from_forces(config, columns).values())
+    return SimulatedRun(values.ravel(), float(temperature), float(stress))
 
 
 def prediction_from(points: EvaluationPoints, simulated: list[SimulatedRun] | None) -> RunPrediction | None:

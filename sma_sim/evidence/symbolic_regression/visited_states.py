@@ -19,7 +19,7 @@ from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
-from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
+from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose, stresses_from_forces
 
 Vector = NDArray[np.float64]
 MAX_STATES_PER_RUN = 150  # instants at which terms are evaluated in Python: enough for a range and a mean square
@@ -69,7 +69,8 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
         fields[f'{name}_other'] = np.mean([columns[column.format(suffix)] for suffix in others], axis=0)
     fields['J'] = heating_of_wire(config, columns, wire)
     if structure.coordinates:
-        fields['sigma'] = columns[f'F{suffixes[wire]}_N'] / (w.n * w.section)
+        fields['sigma'] = stresses_from_forces(config, columns)[f'stress{suffixes[wire]}']
+        fields['F'] = columns[f'F{suffixes[wire]}_N'] / w.n
         fields['eps'] = strains_from_pose(config, columns)[f'strain{suffixes[wire]}']
         names = pose_fields(structure)
         for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
@@ -114,7 +115,7 @@ def sensor_fields(location: Location, states: VisitedStates, problem: Problem) -
     elif channel.startswith('T'):
         value = fields['T']
     else:
-        value = fields['sigma'] * (1.0 if channel == 'stress' else w.n * w.section)
+        value = fields['sigma'] if channel == 'stress' else w.n * fields['F']
     return {'value': value, 'channel': np.full_like(value, location.component)}
 
 

@@ -160,7 +160,7 @@ def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
         return obs[i, O_F] if n > 0 else obs[i, O_F] / (p.wire.n * p.wire.section)
     if i < 0:
         return y[p.first_T + channel - n - p.wires]
-    return resistance(obs[i, O_EPS], obs[i, O_X], y[p.first_T + i], p.wire)
+    return resistance(0.0 if p.coiled else obs[i, O_EPS], obs[i, O_X], y[p.first_T + i], p.wire)
 
 
 def sum_of_neighbours(channel: int, y: Vector, p: System, obs: Vector) -> float:

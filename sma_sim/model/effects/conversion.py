@@ -38,7 +38,7 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     title, named = structure.named_effects.get(effect.name, NamedEffect('', {}))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
     moved = replace(
-        effect, structure=structure, kernel=dict(effect.kernels).get(structure.family, effect.kernel),
+        effect, structure=structure, kernel=dict(effect.kernels).get(structure.original, effect.kernel),
         title=title or general or effect.title, same_as=' with '.join(named.values()) or effect.same_as,
         confused_with=tuple(name for name in effect.confused_with if has_parameter(name, structure)),
     )  # fmt: skip
@@ -153,12 +153,12 @@ def size_of(structure: Structure, at: int, values: Mapping[str, float]) -> float
 
 
 def pull_of(structure: Structure, at: int, values: Mapping[str, float]) -> float:
-    """Generalised force of the bundles on a coordinate over their stress: n section max |dl/dq| at q = 0 [N/Pa]."""
+    """Generalised force of the bundles on a coordinate over their stress: n Om max |deps/dq| at q = 0 [N/Pa]."""
     constants, wire = structure.constants_of(values), wire_constants(values)
     pose, lengths = record('Pose', structure.coordinate_names), structure.lengths
     assert lengths is not None
     h = STEP * structure.coordinates[at].size(constants)
     moved = [pose(*(sign * h * (j == at) for j in range(len(structure.coordinates)))) for sign in (1.0, -1.0)]
-    ends = [numbers(lengths(q, constants)) for q in moved]
-    arm = max(abs(a - b) for a, b in zip(*ends, strict=True)) / (2.0 * h)
+    ends = [structure.strains(numbers(lengths(q, constants)), values) for q in moved]
+    arm = wire.l0 * max(abs(a - b) for (a, _), (b, _) in zip(*ends, strict=True)) / (2.0 * h)
     return wire.n * wire.section * arm if math.isfinite(arm) and arm > 0.0 else wire.n * wire.section

@@ -126,6 +126,8 @@ class Effect:
         what it `needs`.
     wires : int
         How many wires it needs.
+    straight : bool
+        Whether it needs straight wires: what their ends, guides and lengths do, but not those of coils, which are twisted.
     tried : str
         Where a diagnosis looks for it, of where it acts: 'everywhere', on structures with a 'single wire', whose strain and
         stress an antagonist does not hide, where runs are 'timed', as what depends on speed, or 'never', as what belongs to
@@ -173,6 +175,7 @@ class Effect:
     each_bundle: tuple[EachBundle, ...] = ()
     systems: tuple[str, ...] = ()
     wires: int = 1
+    straight: bool = False
     tried: str = 'everywhere'
     gradual: bool = False
     energy: str = ''

@@ -12,9 +12,11 @@ POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels
 
 def acts_on(effect: Effect, structure: Structure) -> bool:
     """Whether an effect has a meaning on a structure."""
-    if effect.systems and structure.family not in effect.systems or structure.wires < effect.wires:
+    if effect.systems and not {structure.family, structure.original} & {*effect.systems}:
         return False
-    if structure.imposed_temperature >= 0 and effect.port in HEATING:
+    if structure.wires < effect.wires:
+        return False
+    if structure.imposed_temperature >= 0 and effect.port in HEATING or effect.straight and structure.strain is not None:
         return False
     if 'stiffness' in effect.needs and not structure.stiffness or 'gravity' in effect.needs and not structure.gravity:
         return False

@@ -45,7 +45,7 @@ def package_structures() -> dict[str, FoundStructure]:
     return {
         structure.name: FoundStructure(structure, plugin.files, plugin.packages)
         for plugin in plugins
-        for structure in (plugin.value, *plugin.value.variants)
+        for structure in plugin.value.family_members
     }
 
 
@@ -63,9 +63,10 @@ def found_structure(structure: Structure) -> FoundStructure:
         raise StructureError(fault)
     check_channels(structure, package_structures().values(), None)
     kernels = (structure.lengths, structure.forces, structure.inertia, structure.gradients, structure.stiffness)
-    further = (structure.gravity, structure.accelerations, structure.constants)
+    further = (structure.strain, structure.gravity, structure.accelerations, structure.constants)
     modules = {kernel.__module__.partition('.')[0] for kernel in (*kernels, *further) if kernel is not None}
-    KNOWN[name] = FoundStructure(structure, (), (*OWN, *sorted(modules)))
+    for variant in structure.family_members:
+        KNOWN[variant.name] = FoundStructure(variant, (), (*OWN, *sorted(modules)))
     return KNOWN[name]
 
 
@@ -102,7 +103,7 @@ def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str
                 raise StructureError(
                     f'{plugin.file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}'
                 )
-            for variant in (structure, *structure.variants):
+            for variant in structure.family_members:
                 if variant.name in found:
                     raise StructureError(
                         f'{plugin.file}: a structure named {variant.name!r} exists already; choose another name'
@@ -134,7 +135,8 @@ def resized(found: FoundStructure, size: int) -> FoundStructure:
     """A structure in another size, known by its name from now on."""
     assert found.structure.of_size is not None
     other = replace(found, structure=found.structure.of_size(size))
-    KNOWN[other.structure.name] = other
+    for variant in other.structure.family_members:
+        KNOWN[variant.name] = replace(found, structure=variant)
     return other
 
 
@@ -152,4 +154,9 @@ def check_channels(structure: Structure, others: Iterable[FoundStructure], file:
 
 def known_structures() -> dict[str, Structure]:
     """The structures of the package, and those of folders and of other sizes that were named in this process, by name."""
-    return {name: found.structure for name, found in (package_structures() | KNOWN).items()}
+    return {name: found.structure for name, found in found_structures().items()}
+
+
+def found_structures() -> dict[str, FoundStructure]:
+    """The same with their files."""
+    return package_structures() | KNOWN

@@ -100,8 +100,10 @@ class Sketch:
         for k, coordinate in enumerate(self._structure.coordinates):
             counts = counts if k % self._in_segment else {'rad': 0, '': 0}
             revolute, size = coordinate.unit == 'rad', coordinate.size(self._constants)
-            moved = self.lengths_at(self._at_zero | {coordinate.name: DIFFERENCE * size})
-            effort = force * sum(abs(a - b) for a, b in zip(moved, self._rest, strict=True)) / (DIFFERENCE * size)
+            ends = [self._rest, self.lengths_at(self._at_zero | {coordinate.name: DIFFERENCE * size})]
+            rest, moved = (self._structure.strains(lengths, self._values) for lengths in ends)
+            change = w.l0 * sum(abs(a - b) for (a, _), (b, _) in zip(moved, rest, strict=True))
+            effort = force * change / (DIFFERENCE * size)
             most = min(coordinate.limit, MAX_MOTION * size)
             axis = axis_of(coordinate, counts)
             found.append(Motion(coordinate.name, revolute, AXES[axis], -most, most, max(effort, force * 1e-6), most, 0.0))

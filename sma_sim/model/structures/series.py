@@ -17,7 +17,7 @@ def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Struc
     fields = {
         'title': segment.title, 'antagonistic': segment.antagonistic, 'parameters': segment.parameters,
         'constants': segment.constants, 'size_parameter': segment.size_parameter, 'fitted': segment.fitted,
-        'defaults': segment.defaults, **fields,
+        'defaults': segment.defaults, 'strain': segment.strain, **fields,
     }  # fmt: skip
     lengths, forces, stiffness = segment.lengths, segment.forces, segment.stiffness
     assert lengths is not None and forces is not None

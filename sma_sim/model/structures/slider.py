@@ -15,6 +15,7 @@ from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, NamedEffect, Structure, in_group
 
 NAME, SOURCE = 'slider', 'a usual bench actuator'
+BAR, SPRING, TURNS = 0.04, 0.3, 8  # of pictures: half a bar and a spring at rest, relative to L; turns of a spring
 
 
 def lengths(q: Any, p: Any) -> float:
@@ -68,7 +69,7 @@ def slider_with(wires: int) -> Structure:
         )),
         named_effects={'joint_friction': NamedEffect(
             'dry friction of the rail (slider.F_c)', {'M_c': 'slider.F_c', 'w_s': 'slider.v_c'})},
-        drawing=Drawing(wires=(lambda q, p: [toward_anchor(q, p)]) if one else drawn_wires),
+        drawing=Drawing(lambda q, p: [toward_anchor(q, p)], against_spring) if one else Drawing(drawn_wires),
         size_parameter='slider.L',
         fitted=('slider.k', 'slider.x_0', 'slider.b'),
         defaults={'wire.n': 1.0},
@@ -84,6 +85,15 @@ def slider_with(wires: int) -> Structure:
 def toward_anchor(q: Any, p: Any) -> Line:
     """Wire 1, from its anchor to the slider."""
     return [(p.L, 0.0, 0.0), (q.position, 0.0, 0.0)]
+
+
+def against_spring(q: Any, p: Any) -> list[Line]:
+    """The slider, and its spring behind it, which a zigzag stands for."""
+    half, fixed = BAR * p.L, -p.x_0 - SPRING * p.L
+    step = (q.position - fixed) / (2 * TURNS + 1)
+    bent = [(fixed + (k + 0.5) * step, half * (-1.0) ** k, 0.0) for k in range(2 * TURNS + 1)]
+    zigzag: Line = [(fixed, 0.0, 0.0), *bent, (q.position, 0.0, 0.0)]
+    return [((q.position, -half, 0.0), (q.position, half, 0.0)), zigzag]
 
 
 def drawn_wires(q: Any, p: Any) -> list[Line]:

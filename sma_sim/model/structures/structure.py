@@ -6,8 +6,9 @@ A structure is what wires pull on: its coordinates, its inertia, its own forces,
 from __future__ import annotations
 
 import math
+import re
 from collections import namedtuple
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -17,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, Parameter, initial_fraction
+from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
 UNITS_WITHOUT_SUFFIX = ('-', '')
 COUPLED = 1e-9  # part of its own stiffness above which a coordinate is coupled to another
+CONTROL, TEMPERATURE = 'bench.control', 'bench.temperature'  # options
+BALANCE: Mapping[str, str] = MappingProxyType({TEMPERATURE: 'balance'})
+TEMPERATURE_OF_WIRE = re.compile(r'T_\d+_K')
 CHECK_PAGE = 'docs/reference/model-check.md'
 CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-'),
                  'R': (0.01, 'ohm')}  # fmt: skip # usual sensors
@@ -144,11 +148,16 @@ class Structure:
         the constants.
     forces : callable
         ``forces(q, v, p)`` returns the generalised force of all but the wires on every coordinate [N or N m]: springs,
-        damping, weight. `v` has the rates by the names of the coordinates. With drives it is ``forces(q, v, p, u)``.
+        damping, weight. `v` has the rates by the names of the coordinates. Where more than temperatures is imposed it is
+        ``forces(q, v, p, u)``.
     inertia : callable
         ``inertia(p)`` returns the inertia of every coordinate [kg or kg m^2].
     gradients : callable, optional
         ``gradients(q, p)`` returns dl/dq, wire by wire, in one tuple; without it central differences of sixth order.
+    strain : callable, optional
+        ``strain(l, p)`` returns the equivalent strain of a wire whose ends are `l` [m] apart, and l0 times its derivative in
+        `l`: of one that is wound to a coil, which is twisted. Its force is then n Om sigma deps/dl, by virtual work. Without
+        it wires are straight: l/l0 - 1, and 1.
     stiffness : callable, optional
         ``stiffness(q, p, part)`` returns the generalised forces K q that hold against the springs, of which a `part` of the
         stiffness is there (1: as in `forces`). Effects such as creep act where it is declared.
@@ -161,7 +170,7 @@ class Structure:
         ``accelerations(k, q, v, f, p)`` returns those of segment `k`, from 0 on; `q`, `v` and `f` are arrays (segments,
         coordinates of one). It may depend on the rates of all segments before it, and for the rest on its neighbours only.
     parameters : tuple of Parameter
-        The structure's parameters. A name without a point belongs to the group with the structure's name.
+        The structure's parameters. A name without a point belongs to the group with the system's name.
     constants : callable, optional
         From the values by full name to the named tuple `p`; without it `p` has the parameters by name.
     antagonistic : bool
@@ -195,7 +204,9 @@ class Structure:
         Words by the name of a parameter, such as ``bench.control: strain``, by which this structure is chosen among its
         `variants`.
     variants : tuple of Structure
-        What the structure becomes with other options.
+        What the structure becomes with other options; without any, `at_imposed_temperature`.
+    variant_of : str
+        Of a variant, the name of the system whose variant it is.
     description, source : str
         Remarks, and where the equations come from.
     """
@@ -208,6 +219,7 @@ class Structure:
     forces: Callable[..., Any] | None = None
     inertia: Callable[..., Any] | None = None
     gradients: Callable[..., Any] | None = None
+    strain: Callable[..., Any] | None = None
     stiffness: Callable[..., Any] | None = None
     gravity: Callable[..., Any] | None = None
     accelerations: Callable[..., Any] | None = None
@@ -226,8 +238,9 @@ class Structure:
     size_name: str = ''
     of_size: Callable[[int], Structure] | None = None
     named_effects: Mapping[str, NamedEffect] = field(default_factory=lambda: MappingProxyType({}))
-    options: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    options: Mapping[str, str] = field(default_factory=lambda: BALANCE)
     variants: tuple[Structure, ...] = ()
+    variant_of: str = ''
     description: str = ''
     source: str = ''
 
@@ -236,8 +249,8 @@ class Structure:
             raise UserError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
         if self.antagonistic and self.wires != 2 * self.segments:
             raise UserError(f'structure {self.name!r}: antagonistic heating is of 2 wires, got {self.wires}')
-        if self.segment and (self.drives or not self.accelerations):
-            raise UserError(f'structure {self.name!r}: segments in series need accelerations, and take no drives')
+        if self.segment and (self.loads or not self.accelerations):
+            raise UserError(f'structure {self.name!r}: segments in series need accelerations; only temperatures are imposed')
         if not 1 <= self.wires <= MAX_WIRES:
             raise UserError(f'structure {self.name!r}: expected 1 to {MAX_WIRES} wires, got {self.wires}')
 
@@ -247,12 +260,28 @@ class Structure:
     @cached_property
     def declared(self) -> dict[str, Parameter]:
         """The structure's parameters by full name."""
-        return {p.name if '.' in p.name else f'{self.name}.{p.name}': p for p in self.parameters}
+        return {p.name if '.' in p.name else f'{self.original}.{p.name}': p for p in self.parameters}
 
     @property
     def family(self) -> str:
         """The name of the system, whatever its size."""
         return self.system or self.name
+
+    @property
+    def original(self) -> str:
+        """The name of the system whose variant it is; its own, of one that is no variant."""
+        return self.variant_of or self.family
+
+    def is_like(self, other: Structure) -> bool:
+        """Whether both are one structure, perhaps with different options."""
+        return self.original == other.original and self.wires == other.wires
+
+    @cached_property
+    def family_members(self) -> tuple[Structure, ...]:
+        """The structure itself and its variants; where it declares none, the one whose wires have imposed temperatures."""
+        if self.variants or self.variant_of:
+            return (self, *self.variants)
+        return self, at_imposed_temperature(self)
 
     @cached_property
     def segments(self) -> int:
@@ -298,6 +327,13 @@ class Structure:
     def default_constants(self) -> Constants:
         """The constants at the default values."""
         return self.constants_of(self.default_values)
+
+    def strains(self, lengths: Iterable[float], values: Mapping[str, float]) -> list[tuple[float, float]]:
+        """Strain of wires of these lengths [m], and l0 times its derivative, with parameters `values` by full name."""
+        if self.strain is None:
+            return [(length / values['wire.l0'] - 1.0, 1.0) for length in lengths]
+        constants = self.constants_of(values)
+        return [self.strain(length, constants) for length in lengths]
 
     @cached_property
     def sprung(self) -> tuple[int, ...]:
@@ -362,14 +398,24 @@ class Structure:
 
     @cached_property
     def imposed_temperature(self) -> int:
-        """Number of the drive that imposes the temperature of the wires, -1 where they have a heat balance."""
-        names = [drive.name for drive in self.drives]
-        return names.index('T') if 'T' in names else -1
+        """Number of the drive that imposes the temperature of wire 1, before those of all others; -1: a heat balance."""
+        names, first = [drive.name for drive in self.drives], f'T{self.wire_suffixes[0]}'
+        return names.index(first) if first in names else -1
+
+    @property
+    def loads(self) -> tuple[Drive, ...]:
+        """What is imposed, but for temperatures."""
+        return self.drives if self.imposed_temperature < 0 else self.drives[: self.imposed_temperature]
+
+    @property
+    def has_own_columns(self) -> bool:
+        """Whether columns of a file can tell it: not where temperatures alone are imposed, which others have as sensors."""
+        return not self.drives or bool(self.loads)
 
     @property
     def is_quasi_static(self) -> bool:
         """Whether both stress and temperature of the wires are imposed, as in an isobaric test, whose time says nothing."""
-        return self.imposed_temperature >= 0 and bool(self.coordinates)
+        return self.imposed_temperature >= 0 and any(drive.name == 'stress' for drive in self.drives)
 
     @cached_property
     def wire_suffixes(self) -> tuple[str, ...]:
@@ -405,6 +451,29 @@ class Structure:
         """Columns of all that is sampled: the channels, then WIRE_STATES of the wires."""
         states = (f'{name}{suffix}{unit}' for name, unit in WIRE_STATES for suffix in self.wire_suffixes)
         return (*self.channel_columns, *states)
+
+
+def at_imposed_temperature(structure: Structure, description: str = '') -> Structure:
+    """The same structure with wires whose temperatures are measured or set, as in a furnace or a bath: columns T_K, or
+    T_1_K, T_2_K, ..."""
+    of_size = structure.of_size
+    drives = tuple(
+        Drive(f'T{suffix}', 'K', f'temperature of wire{suffix.replace("_", " ")}', KELVIN)
+        for suffix in structure.wire_suffixes
+    )
+    return replace(
+        structure, name=f'{structure.name}_at_T', drives=(*structure.drives, *drives), variant_of=structure.original,
+        options={**structure.options, TEMPERATURE: 'prescribed'}, variants=(),
+        system=structure.system and f'{structure.system}_at_T',
+        of_size=None if of_size is None else lambda size: at_imposed_temperature(of_size(size)),
+        description=description or f'wires whose temperature is measured or set; {structure.description}'.removesuffix('; '),
+    )  # fmt: skip
+
+
+def shared_temperature(columns: Iterable[str], present: Collection[str]) -> dict[str, str]:
+    """By column of a wire's imposed temperature that is not `present`: T_K, where that is, one temperature of all wires."""
+    numbered = (column for column in columns if TEMPERATURE_OF_WIRE.fullmatch(column) and column not in present)
+    return dict.fromkeys(numbered, 'T_K') if 'T_K' in present else {}
 
 
 def in_group(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:

@@ -15,11 +15,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sma_sim.model.parameters import KELVIN, PAPER, Parameter, wire_constants
-from sma_sim.model.structures.structure import Coordinate, Drive, Structure
-
-CONTROL, TEMPERATURE = 'bench.control', 'bench.temperature'
-SET_TEMPERATURE = Drive('T', 'K', 'temperature of the specimen', bounds=KELVIN)
+from sma_sim.model.parameters import PAPER, Parameter, wire_constants
+from sma_sim.model.structures.structure import BALANCE, CONTROL, Coordinate, Drive, Structure, at_imposed_temperature
 
 
 class LoadConstants(NamedTuple):
@@ -53,7 +50,7 @@ IMPOSED_STRAIN = Structure(
     coordinates=(),
     wires=1,
     drives=(Drive('strain', '-', 'strain of the wire', bounds=(-0.5, 0.5)),),
-    options={CONTROL: 'strain', TEMPERATURE: 'balance'},
+    options={CONTROL: 'strain', **BALANCE},
     description='a tensile machine stretches the wire; heated by J, cooled by air',
     source=PAPER,
 )
@@ -75,25 +72,18 @@ IMPOSED_STRESS = Structure(
     ),
     defaults={'initial.x_M_1': 0.0},
     energy=lambda q, v, p: 0.5 * p.volume * p.mu * v.strain**2,
-    options={CONTROL: 'stress', TEMPERATURE: 'balance'},
+    options={CONTROL: 'stress', **BALANCE},
+    variant_of=IMPOSED_STRAIN.name,
     description='a dead weight or a load-controlled machine; the wire is heated by J, cooled by air',
     source='sma_sim.model.structures.wire',
 )  # fmt: skip
 
 
-def at_set_temperature(structure: Structure, description: str) -> Structure:
-    """The same bench with a specimen whose temperature is measured or set."""
-    return replace(
-        structure, name=f'{structure.name}_at_T', drives=(*structure.drives, SET_TEMPERATURE),
-        options={**structure.options, TEMPERATURE: 'prescribed'}, description=description,
-    )  # fmt: skip
-
-
 STRUCTURE = replace(
     IMPOSED_STRAIN,
     variants=(
-        at_set_temperature(IMPOSED_STRAIN, 'a tensile machine stretches the wire, whose temperature is measured or set'),
+        at_imposed_temperature(IMPOSED_STRAIN, 'a tensile machine stretches the wire, whose temperature is measured or set'),
         IMPOSED_STRESS,
-        at_set_temperature(IMPOSED_STRESS, 'strain over temperature at constant stress: the isobaric test'),
+        at_imposed_temperature(IMPOSED_STRESS, 'strain over temperature at constant stress: the isobaric test'),
     ),
 )

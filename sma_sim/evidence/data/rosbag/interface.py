@@ -101,7 +101,7 @@ def interface_of(structure: Structure) -> Interface:
 
 def known_interfaces(commands: int) -> list[Interface]:
     """The interfaces of all structures, usual ones first; of those whose size is a parameter also with so many commands."""
-    known = known_structures()
+    known = {name: structure for name, structure in known_structures().items() if structure.has_own_columns}
     found = {name: known[name] for name in (*FIRST, *(name for name in known if name not in FIRST))}
     for structure in list(found.values()):
         if structure.of_size is not None:
@@ -153,7 +153,8 @@ def measured_decoders(of: Interface) -> Decoders:
         found['wire_states'] = (JOINT_STATE, joints_decoder(dict(zip(names, forces, strict=True)), 'effort'))
     for channel, column in of.channels.items():
         found[SINGLE_CHANNELS[channel]] = (FLOAT64_ARRAY, array_decoder((column,)))
-    for name, column in zip(names, () if 'T' in of.drives else of.wire_columns('T', '_K'), strict=False):
+    temperatures = [column for column in of.wire_columns('T', '_K') if column not in of.drives.values()]
+    for name, column in zip(names, temperatures, strict=False):
         found[f'{name}/temperature'] = (TEMPERATURE, temperature_decoder(column))
     found[RESISTANCES] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('R', '_ohm')))
     found['phase_fractions'] = (FLOAT64_ARRAY, array_decoder(of.wire_columns('x_M')))

@@ -30,6 +30,7 @@ EFFECT = Effect(
         Parameter('C', 3e-5, 'm/N', (0.0, 1e-3), 'compliance of the attachment of one wire', '', 0.0, (3e-6, 3e-4)),
     ),
     kernel=stretch,
+    straight=True,
     energy='elastic: the spring stores Om c sigma^2/2, which is not in U of the wire',
     description='exactly equal shifts of 1/E_A and 1/E_M: no measurement at the ends tells them apart',
     signature='every change of force costs stroke; both moduli appear smaller, the plateaus stay',

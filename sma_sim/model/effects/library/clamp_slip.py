@@ -33,6 +33,7 @@ EFFECT = Effect(
     each_bundle=(EachBundle(replace(WAY, default=0.0, description='the same, bundle'), 2, 2),),
     kernel=lambda s, w, p: p.delta * smooth_step(s.t, p.t_slip, p.w),
     tried='timed',
+    straight=True,
     energy='the force times the way of the clamp is lost in the clamp; its heat stays there',
     description='clamps of several bundles slip together',
     signature='all motion after one instant is about another rest, with a transient there',

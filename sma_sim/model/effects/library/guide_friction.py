@@ -20,6 +20,7 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: s.F * (math.exp(p.mu * math.tanh(s.v / p.v_s)) - 1.0),
     tried='timed',
+    straight=True,
     energy='dissipates F (exp(mu) - 1) |v| or less; the heat goes into the guide, not into the wire',
     description='the structure feels less of a wire that pulls, more of one that is drawn out',
     signature='hysteresis of the pose that does not depend on temperature but on force; seen at each reversal',

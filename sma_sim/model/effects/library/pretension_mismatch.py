@@ -22,6 +22,7 @@ EFFECT = Effect(
         ),
     ),
     kernel=lambda s, w, p: p.delta * (0.5 - min(s.wire, 1.0)) + p.extra,
+    straight=True,
     energy='does not enter: the strain is constant',
     description='a difference only: what both have in common is wire.l0; on a wire it is half of the error of its length',
     signature='hidden on the plateaus; else bent at rest, and the shorter wire pulls further before its martensite ends',

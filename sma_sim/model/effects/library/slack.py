@@ -29,6 +29,7 @@ EFFECT = Effect(
         Parameter('F_s', 5e-3, 'N', (1e-6, 10.0), 'force of one wire that counts as slack', '', None, (1e-3, 0.05)),
     ),
     kernel=missing_push,
+    straight=True,
     energy='the work of pushing is kept from the structure; in U the wire stays straight, so exact while x_M is frozen',
     description='only for wires that get slack: little pretension, or T_E so low that sigma_M is below zero',
     signature='dead stroke: the plate does not move until the slack is taken up; forces never below zero',

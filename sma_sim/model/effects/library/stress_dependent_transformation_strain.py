@@ -41,7 +41,7 @@ EFFECT = Effect(
         Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', '', None, (2e7, 5e8)),
         Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
     ),
-    systems=('wire', 'wire_at_T', 'wire_under_load', 'wire_under_load_at_T', 'slider'),
+    systems=('wire', 'slider', 'coil'),
     states=('m',),
     scale=(1.0,),
     start=lambda s, w, p: missing(s.sigma, p),

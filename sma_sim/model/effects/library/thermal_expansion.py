@@ -17,6 +17,7 @@ EFFECT = Effect(
         Parameter('T_ref', 298.0, 'K', (1.0, 2000.0), 'temperature at which l0 was measured', '', None, (273.0, 330.0)),
     ),
     kernel=lambda s, w, p: p.a * (s.T - p.T_ref),
+    straight=True,
     energy='does not enter: its heat, Om sigma a dT/dt, is below 1 % of the latent heat',
     description='works against the contraction of the transformation',
     signature='a hot wire is longer by a strain in proportion to its temperature, where nothing transforms too',
