@@ -282,8 +282,8 @@ def expected_calibration_error(results: Sequence[Mapping[str, Any]]) -> float:
 def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Reliability, scores by part, then every case."""
     failed, results = [one for one in results if 'failed' in one], [one for one in results if 'failed' not in one]
-    if failed:
-        yield f'refused by the program: {len(failed)}'
+    yield f'{len(results)} robots' + (f', {len(failed)} more refused by the program' if failed else '')
+    yield ''
     if not results:
         return
     yield '| probability of the most probable answer | mean | right |'
