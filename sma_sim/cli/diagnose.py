@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     (config,) = from_curves(training, given)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
-    options = FitOptions(starts=NOMINAL_STARTS, limits=limits_from(arguments.limits))
+    options = FitOptions(starts=NOMINAL_STARTS, limits=limits_from(arguments.limits), material=arguments.material)
     request = DiagnosisRequest(
         arguments.model, folders, arguments.seed, options, not arguments.no_equation, not arguments.no_variants
     )

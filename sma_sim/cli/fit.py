@@ -80,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.robust,
         arguments.seed,
         limits=limits_from(arguments.limits),
+        material=arguments.material,
     )
     announce_first_compilation()
     progress = ProgressLine('fitting')

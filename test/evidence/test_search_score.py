@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 from simulated_data import NOISE, command, config, recording
 
-from sma_sim import Dataset, FitOptions, find_effects
+from sma_sim import Dataset, FitOptions, Input, find_effects, read_config
 from sma_sim.challenge.files import recording_columns
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.beam import Book, parents
-from sma_sim.evidence.search.components import Catalogue, Component, log_prior_of
+from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.search.refine import WINDOW, Model
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of, realism, unlisted_evidence
@@ -333,6 +333,24 @@ def test_all_effects_cost_the_same_and_share_it_with_their_scopes():
     costs = {CATALOGUE.log_prior(candidate) for candidate in CATALOGUE.effects}
     assert costs == {-SPARSITY - log(len(CATALOGUE.effects))}
     assert sum(exp(CATALOGUE.log_prior(one)) for one in CATALOGUE.effects) == pytest.approx(exp(-SPARSITY))
+
+
+def test_effects_of_the_driver_are_sought_where_power_was_commanded():
+    """A wire that is pulled and never heated says nothing of its driver."""
+    for power, is_sought in ((0.0, False), (1.0, True)):
+        source = Input(
+            np.arange(3.0),
+            np.array([[0.0, power * k, 298.0] for k in range(3)]),
+            (True, False, False),
+            ('strain', 'J_W', 'T_E_K'),
+        )
+        problem = SimpleNamespace(
+            config=read_config(words=['system=wire']), runs=[SimpleNamespace(source=source, channels=('stress',))]
+        )
+        catalogue = catalogue_for(SimpleNamespace(problem=problem), SimpleNamespace(folders=(), variants=False))
+        names = {candidate.name for candidate in catalogue.effects}
+        assert ({'driver_lag', 'driver_deadband', 'driver_saturation'} <= names) == is_sought
+        assert is_sought or not names & {'driver_lag', 'driver_deadband', 'driver_saturation', 'resistance_feedback'}
 
 
 @pytest.mark.parametrize('k', [1.0, 3.0])

@@ -17,6 +17,7 @@ from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.calibrate import on_leading_bench
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
+from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -81,7 +82,13 @@ def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:
 
 
 def add_limit_option(parser: argparse.ArgumentParser) -> None:
-    """``--limit`` of what fits."""
+    """``--limit`` and ``--material`` of what fits."""
+    parser.add_argument(
+        '--material',
+        default='',
+        choices=tuple(MATERIALS),
+        help='of the wires: which values are plausible (default: of a single wire as its transformation temperatures say)',
+    )
     parser.add_argument(
         '--limit',
         action='append',

@@ -51,8 +51,10 @@ def turning_part(values: Vector) -> float:
 
 
 def fewest_corners(values: Vector) -> tuple[Vector, int]:
-    """A constant or a polyline through values (k,) that leaves white noise, and of how many numbers it is made: of so many
-    parts of the variance of the noise, of k in all, it keeps (least squares)."""  # fmt: skip
+    """A constant or a polyline through values (k,) that leaves white noise, and of how many numbers it is made.
+
+    Of the variance of the noise it keeps so many of k parts (least squares).
+    """
     if is_noise(values - values.mean()):
         return np.full(len(values), values.mean()), 1
     corners = np.array([0, len(values) - 1])
@@ -68,8 +70,11 @@ def fewest_corners(values: Vector) -> tuple[Vector, int]:
 
 
 def is_noise(rest: Vector) -> bool:
-    """Whether a rest (m,) is white noise: the ratio of the squares of its steps to its own (von Neumann 1941) is 2 with a
-    standard deviation of 2/sqrt(m), and less where neighbours agree."""  # fmt: skip
+    """Whether a rest (m,) is white noise.
+
+    The ratio of the squares of its steps to its own (von Neumann 1941) is then 2 with a standard deviation of 2/sqrt(m), and
+    less where neighbours agree.
+    """
     squares = float(rest @ rest)
     return squares == 0.0 or float(np.sum(np.diff(rest) ** 2)) / squares >= 2.0 - STDS * 2.0 / sqrt(len(rest))
 

@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, 
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
 from sma_sim.evidence.estimation.limits import LimitReached, Range, limits_reached, within_limits
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
+from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
@@ -94,6 +95,9 @@ class FitOptions:
     limits : mapping
         By name (a parameter, ``'delay'``, ``'zero.strain'``), between which values (SI) it is estimated, in place of the
         usual limits.
+    material : str
+        Of the wires, ``'superelastic'``, ``'actuator'`` or ``'high-temperature'``: which values are plausible. Empty: of a
+        single wire as its transformation temperatures say.
     """
 
     free: str | Sequence[str] | None = None
@@ -103,12 +107,16 @@ class FitOptions:
     seed: int = 0
     intervals: bool = True
     limits: Mapping[str, Range] = field(default_factory=dict)
+    material: str = ''
 
     def __post_init__(self) -> None:
         for name in self.names or ():
             if not isinstance(name, str):
                 raise UserError(f"free: expected names of parameters such as 'beam.E', got {name!r}")
         check_kinetics(self.kinetics)
+        if self.material and self.material not in MATERIALS:
+            hint = suggestion(self.material, MATERIALS)
+            raise UserError(f'material {self.material!r}{hint}; expected {", ".join(MATERIALS)}')
         if isinstance(self.starts, bool) or not isinstance(self.starts, int) or self.starts < 1:
             raise UserError(f'starts = {self.starts!r}: expected a whole number, 1 or more')
 
@@ -373,7 +381,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(structure.is_quasi_static for structure in structures)
     delay = 0.0 if quasi_static else None
-    problem = Problem(config, runs, free, options.robust, delay).at_tolerance(rtol)
+    problem = Problem(config, runs, free, options.robust, delay, material=options.material).at_tolerance(rtol)
     return within_limits(problem, options.limits) if options.limits else problem
 
 
@@ -479,7 +487,8 @@ def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[Implausib
     """What left its plausible range by more than it is uncertain; nothing where that is not known."""
     if known is None:
         return ()
-    return implausible_parameters(fit.config, fit.problem.free, fit.z, reported_covariance(fit.problem.free, known))
+    covariance = reported_covariance(fit.problem.free, known)
+    return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)
 
 
 def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:

@@ -2,12 +2,13 @@
 
 Plausible is the realistic range of an effect's parameter, and for all others a factor of 1.5 around the nominal value (less
 for lengths and temperatures; three standard deviations where these were given). What data hardly determine may lie anywhere,
-so that a parameter counts only if its whole 95 % interval is outside.
+so that a parameter counts only if its whole 95 % interval is outside. A single wire may be of any make: what literature
+calls usual of its material is plausible too, and where its transformation begins is its own matter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import log, sqrt
 from typing import Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import normal_parts
+from sma_sim.evidence.estimation.materials import Range, material_of, usual_ranges
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.config import Config
@@ -26,6 +28,7 @@ from sma_sim.model.parameters import Parameter
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
+WHERE_IT_TRANSFORMS = ('wire.T0', 'wire.sigma_MW0')
 STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of NiTi
 
 
@@ -33,7 +36,8 @@ STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of Ni
 class ImplausibleParameter:
     """A fitted value outside its plausible range `low` to `high` (SI), and what is wrong with it.
 
-    `reason`: beyond its `realistic` range, too far from the `nominal` value, or moduli in the wrong `order`.
+    `reason`: beyond its `realistic` range, too far from the `nominal` value (and unusual of the `material`, in words, where
+    that is known), or moduli in the wrong `order`.
     """
 
     name: str
@@ -43,6 +47,7 @@ class ImplausibleParameter:
     high: float
     unit: str
     reason: str
+    material: str = ''
 
     @property
     def text(self) -> str:
@@ -52,23 +57,31 @@ class ImplausibleParameter:
             return f'{SOFTER} {self.value:.4g}{unit} above {STIFFER} {self.high:.4g}{unit}'
         if self.reason == 'realistic':
             return f'{self.name} {self.value:.4g}{unit} (realistic: {self.low:.4g} to {self.high:.4g})'
+        if self.material:
+            return f'{self.name} {self.value:.4g}{unit} ({self.material}: {self.low:.4g} to {self.high:.4g})'
         return f'{self.name} {self.value:.4g} instead of {self.nominal:.4g}{unit}'
 
 
 def implausible_parameters(
-    config: Config, free: Sequence[FreeParameter], z: Vector, covariance: Matrix
+    config: Config, free: Sequence[FreeParameter], z: Vector, covariance: Matrix, material: str = ''
 ) -> tuple[ImplausibleParameter, ...]:
     """The free parameters (p) that lie outside their plausible range at z (n >= p,), given their covariance (p, p) in z.
 
-    `config` has the fitted values.
+    `config` has the fitted values; `material`: of the wires, a name of MATERIALS, '' where nobody has said it.
     """
     declared, found = declared_parameters(config), list[ImplausibleParameter]()
+    known = material_of(config, material)
+    usual = usual_ranges(known, config) if known else {}
     for parameter, at, variance in zip(free, z[: len(free)].tolist(), np.diag(covariance).tolist(), strict=True):
         low, high, reason = plausible_range(parameter, declared[parameter.name])
+        words = ''
+        if known and reason == 'nominal' and parameter.name not in config.priors:
+            low, high = widened(parameter, (low, high), usual)
+            words = known.words if parameter.name in usual else ''
         reach = GAUSS_95 * sqrt(variance)
         if at - reach > high or at + reach < low:
             value, ends = parameter.value(at), (parameter.value(low), parameter.value(high))
-            found.append(ImplausibleParameter(parameter.name, value, parameter.center, *ends, parameter.unit, reason))
+            found.append(ImplausibleParameter(parameter.name, value, parameter.center, *ends, parameter.unit, reason, words))
     return (*found, *moduli_out_of_order(config, free, covariance))
 
 
@@ -101,6 +114,16 @@ def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[floa
     )
 
 
+def widened(parameter: FreeParameter, between: tuple[float, float], usual: Mapping[str, Range]) -> tuple[float, float]:
+    """A plausible range in coordinates with what is usual of a material; a wire may begin to transform anywhere."""
+    if parameter.name in WHERE_IT_TRANSFORMS:
+        return parameter.low, parameter.high
+    if parameter.name not in usual:
+        return between
+    low, high = (parameter.coordinate(value) for value in usual[parameter.name])
+    return min(low, between[0]), max(high, between[1])
+
+
 def moduli_out_of_order(
     config: Config, free: Sequence[FreeParameter], covariance: Matrix
 ) -> tuple[ImplausibleParameter, ...]:
@@ -124,8 +147,13 @@ def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
     """What it means that parameters left their plausible range."""
     return (
         f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
-        'something, or its nominal values are not those of this robot.'
+        f'something, or its nominal values are not those of this robot{material_hint(found)}.'
     )
+
+
+def material_hint(found: Sequence[ImplausibleParameter]) -> str:
+    """How another material is said, where one was taken."""
+    return ', or its wire is of another material (--material)' if any(one.material for one in found) else ''
 
 
 def implausible_data(parameter: ImplausibleParameter) -> dict[str, Any]:
@@ -158,4 +186,5 @@ def approximate_covariance(fit: FitResult, context: SearchContext) -> Matrix:
 
 def implausible_in(fit: FitResult, context: SearchContext) -> tuple[ImplausibleParameter, ...]:
     """The parameters of a fit without intervals that left their plausible range. Raises SimulationError."""
-    return implausible_parameters(fit.config, fit.problem.free, fit.z, approximate_covariance(fit, context))
+    covariance = approximate_covariance(fit, context)
+    return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)

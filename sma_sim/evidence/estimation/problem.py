@@ -41,7 +41,7 @@ class Problem:
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where that
     is not known, its ambient temperature. `differences`: what was found to differ between the recordings.
     `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
-    `delay_range`: of the delay, in z.
+    `delay_range`: of the delay, in z. `material`: of the wires, as it was given, for which values are plausible.
     """
 
     config: Config
@@ -53,6 +53,7 @@ class Problem:
     differences: tuple[RecordingDifference, ...] = ()
     tempering: float = 1.0
     delay_range: tuple[float, float] = (DELAY.low, DELAY.high)
+    material: str = ''
 
     def wires(self, run: FitData) -> int:
         """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""

@@ -25,6 +25,7 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, simulate
 Vector = NDArray[np.float64]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
+SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
@@ -129,6 +130,7 @@ def fit_data(
     measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
     noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * sizes.get(name, 0.0)) or 1e-12 for name in channels]
     present = np.isfinite(measured)
+    level = float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES
     return FitData(
@@ -140,8 +142,20 @@ def fit_data(
         drift_std=stds_of(recording.drift_std, recording.zero_std, channels), ambient_std=recording.ambient_std,
         unpowered_side=recording.unpowered_side,
         bench=recording.system,
-        level=float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan,
+        level=level, zero_range=zero_range(recording, level),
     )  # fmt: skip
+
+
+def zero_range(recording: Recording, level: float) -> tuple[float, float]:
+    """Between which values a zero of the strain gauge lies, under a stress `level` [Pa] (NaN: none that is imposed).
+
+    A strain that is exactly 0 in a test under load was set to zero there: what the wire was strained by is in its zero too.
+    """
+    shown = recording.channels.get('strain')
+    if level != level or shown is None or not np.any(shown == 0.0):
+        return -ZERO_LIMIT, ZERO_LIMIT
+    reach = ZERO_LIMIT + abs(level) / SOFTEST
+    return -reach, reach
 
 
 def stds_of(stds: Mapping[str, float], others: Mapping[str, float], channels: Sequence[str]) -> tuple[float, ...]:

@@ -21,7 +21,9 @@ from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
+from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.solver.inputs import Input
 
 Vector = NDArray[np.float64]
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
@@ -106,10 +108,18 @@ class Catalogue:
 
 
 def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
-    """The effects that may be missing from a model, and their scopes where these are asked for."""
+    """The effects that may be missing from a model and would show, and their scopes where these are asked for."""
     effects = candidates_for(nominal.problem.config, context.folders)
+    if not any(is_powered(run.source) for run in nominal.problem.runs):
+        effects = tuple(one for one in effects if one.found.effect.port != PORT_NAMES[ACTUATION])
     channels = {name for run in nominal.problem.runs for name in run.channels}
     return Catalogue(effects, variants_of(effects, channels) if context.variants else ())
+
+
+def is_powered(source: Input) -> bool:
+    """Whether any power was commanded in a run: without any, nothing of the driver shows."""
+    columns = [k for k, name in enumerate(source.columns) if name.startswith('J')]
+    return bool(np.any(np.asarray(source.values)[:, columns]))
 
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:

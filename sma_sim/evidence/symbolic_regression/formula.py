@@ -103,6 +103,8 @@ class Formula:
         low, high = min(rounded(limits[0], BOUND_DIGITS), value), max(rounded(limits[1], BOUND_DIGITS), value)
         width = high - low
         bounds = (low / 10.0, high * 10.0) if shape.grid in POSITIVE_GRIDS else (low - width, high + width)
+        if shape.grid == 'frequency':
+            bounds = (low, bounds[1])  # a slower one does not come again
         bounds = (rounded(bounds[0], BOUND_DIGITS), rounded(bounds[1], BOUND_DIGITS))
         return Parameter(name, value, self.unit(shape.unit), bounds, shape.description, '', None, (low, high))
 

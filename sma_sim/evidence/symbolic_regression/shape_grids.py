@@ -24,6 +24,8 @@ THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES 
 WIDTH_FRACTIONS = (0.06, 0.15, 0.35)  # of the visited range
 PERIODS_PER_RANGE = np.arange(1.5, 10.1, 0.5)  # within the visited range
 PHASES = (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)
+MIN_PERIODS = 2.0  # within a run, of an oscillation: what did not come again may be anything that happened once
+MAX_PERIODS = 60.0  # of those that are tried
 MIN_TIME_CONSTANT = 0.01  # fraction of a run
 MIN_RELATIVE_RANGE = 1e-6  # range of a variable, relative to its size, below which it counts as constant
 TRIMMED_PERCENT = 1.0  # of the samples, at either end of a range
@@ -69,7 +71,9 @@ def shape_limits(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[float, f
     """The values that data of these ranges can tell, with some margin: the realistic range in the file."""
     if shape.grid == 'phase':
         return -2.0 * math.pi, 3.0 * math.pi
-    if shape.grid in ('fixed', 'time_constant', 'frequency'):
+    if shape.grid == 'frequency':
+        return MIN_PERIODS / ranges.length, 5.0 * max(ranges.frequencies, default=MAX_PERIODS / ranges.length)
+    if shape.grid in ('fixed', 'time_constant'):
         values = grid_values(shape, ranges) or (1.0 / ranges.length,)
         return 0.2 * min(values), 5.0 * max(values)
     if shape.grid == 'instant':
@@ -88,9 +92,13 @@ def shape_grid(term: Term, ranges: VisitedRanges) -> list[tuple[float, ...]]:
 
 
 def peak_frequencies(problem: Problem, linearized: Sequence[LinearizedRun]) -> tuple[float, ...]:
-    """Frequencies [Hz] of the largest peaks of the residuals' mean periodogram, all channels and runs."""
+    """Frequencies [Hz] of the largest peaks of the residuals' mean periodogram, all channels and runs.
+
+    Of what came again in a run, and is sampled twice in a period at least.
+    """
     longest = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
-    frequencies = np.arange(0.5, 60.5, 0.25) / longest
+    samples = max(len(run.time) for run in problem.runs)
+    frequencies = np.arange(MIN_PERIODS - 0.25, min(MAX_PERIODS, 0.5 * samples) + 0.5, 0.25) / longest
     power = np.zeros(len(frequencies))
     for run, linear in zip(problem.runs, linearized, strict=True):
         transform = np.exp(-2j * math.pi * np.outer(frequencies, run.time - run.time[0]))
