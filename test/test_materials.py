@@ -56,7 +56,7 @@ def test_values_that_were_stated_are_judged_by_how_well_they_are_known():
 
 
 def test_a_material_that_there_is_not():
-    with pytest.raises(UserError, match="material 'actuatr' .*actuator"):
+    with pytest.raises(UserError, match="material 'actuatr'.*did you mean actuator"):
         FitOptions(material='actuatr')
 
 
