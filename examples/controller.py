@@ -158,7 +158,7 @@ def run(kind):
         node = kind()
         session.end_with(node.command, Float64(data=0.0))
         session.spin(node)
-        node.get_logger().info('stopped: heating off')
+    print('stopped: heating off', file=sys.stderr)
     return 0
 
 

@@ -1,13 +1,15 @@
 """A node of ours in its own process, and a plain rclpy client in a domain of their own."""
 
+import fcntl
 import os
-import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import metadata
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,7 @@ rclpy = pytest.importorskip('rclpy', reason='rclpy is not installed: pip install
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
-WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw4').removeprefix('gw'))  # each has domains of its own; 4: no worker
+DOMAINS, DOMAINS_OF_A_PROCESS = 100, 5  # a late message of one test is not to reach the next
 FIRST_MESSAGE = 300.0  # [s]; the first start ever compiles
 REACTION = 60.0  # [s]
 if 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
@@ -29,9 +31,23 @@ else:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
+def reserved_domains():
+    """Domains that no other process of this computer has reserved, and the open file that keeps them so."""
+    for first in range(1, DOMAINS, DOMAINS_OF_A_PROCESS):
+        with suppress(OSError):  # another process, or another user, has them
+            file = open(Path(tempfile.gettempdir()) / f'sma_sim_tests_domain_{first}', 'w')  # noqa: SIM115
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return range(first, first + DOMAINS_OF_A_PROCESS), file
+    raise RuntimeError(f'all {DOMAINS} domains are reserved by other tests')
+
+
+RESERVED, RESERVATION = reserved_domains()
+NEXT_DOMAINS = cycle(RESERVED)
+
+
 def any_domain():
-    """One of the domains of this worker."""
-    return 5 * random.randrange(1, 20) + WORKER % 5
+    """One of the domains of this process."""
+    return next(NEXT_DOMAINS)
 
 
 @contextmanager
