@@ -25,6 +25,7 @@ from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
 from sma_sim.evidence.residual_analysis.patterns import find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
+from sma_sim.evidence.residual_analysis.subgroups import Condition, Conditions, find_region, find_regions
 from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
@@ -354,3 +355,28 @@ def test_hold_out_by_name_file_folder_and_session(dataset, folder, tmp_path):
     assert split_dataset(dataset, [])[1] is None
     with pytest.raises(UserError, match='did you mean run2'):
         split_dataset(dataset, ['rum2'])
+
+
+def test_regions_that_are_searched_at_once_are_those_of_searches_one_by_one():
+    """Of random halves, with one, two and no conditions; a region that was put in is found."""
+    random = np.random.default_rng(3)
+    way = band_dimension('x', [np.arange(8.0)], 'x is {}', '')
+    masks = [random.random(400) < share for share in (0.1, 0.3, 0.5, 0.7)]
+    conditions = Conditions(tuple(Condition(way, k, k, mask) for k, mask in enumerate(masks)), np.array(masks, np.float32))
+    errors = random.exponential(size=(30, 400)) * (1.0 + 4.0 * np.outer(np.arange(30) % 3, masks[1] & masks[2]))
+    times = 1.0 * (random.random((30, 400)) < 0.5)
+    errors, times = ((rows / rows.sum(axis=1, keepdims=True)) for rows in (errors * times, times))
+    together = find_regions(conditions, errors, times)
+    assert [{condition.first for condition in region.conditions} if region else set() for region in together[:3]] == [
+        set(), {1, 2}, {1, 2}
+    ]  # fmt: skip
+    for region, error, time in zip(together, errors, times, strict=True):
+        alone = find_region(conditions, error, time)
+        if region is None:
+            assert alone is None
+            continue
+        assert region.conditions == alone.conditions and np.array_equal(region.mask, alone.mask)
+        inside = np.logical_and.reduce([condition.mask for condition in region.conditions])
+        assert np.array_equal(region.mask, inside)
+        assert region.quality == pytest.approx((error - time)[inside].sum(), abs=1e-6)
+    assert find_regions(Conditions((), np.zeros((0, 400), np.float32)), errors, times) == [None] * 30

@@ -21,6 +21,7 @@ from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples
 from sma_sim.evidence.residual_analysis.strata import Classes, Dimension
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MIN_GAIN = 0.03  # a condition must add as much of share minus share of the samples
 MIN_COVERAGE = 0.02  # of the samples: smaller regions are not reported
@@ -102,21 +103,31 @@ def thinned(samples: ChannelSamples) -> ChannelSamples:
 
 def find_region(conditions: Conditions, error: Vector, time: Vector) -> Region | None:
     """The region with the largest share of `error` minus share of `time`, (n,) weights that sum to 1; None for none."""
-    inside, quality = np.ones(len(error), dtype=bool), 0.0
-    chosen: list[Condition] = []
+    return find_regions(conditions, error[None], time[None])[0]
+
+
+def find_regions(conditions: Conditions, errors: Matrix, times: Matrix) -> list[Region | None]:
+    """`find_region` of every row of `errors` and `times` (d, n), all at once: products of matrices."""
     if not conditions.single:
-        return None
+        return [None] * len(errors)
+    excess, weight = (errors - times).astype(np.float32), np.broadcast_to(times, errors.shape).astype(np.float32)
+    searching, quality = np.arange(len(errors)), np.zeros(len(errors))
+    chosen: list[list[Condition]] = [[] for _ in searching]
     for _ in range(MAX_CONDITIONS):
-        weight = np.where(inside, error - time, 0.0)
-        gains = conditions.matrix @ weight.astype(np.float32)
-        parts = conditions.matrix @ np.where(inside, time, 0.0).astype(np.float32)
-        best = int(np.argmax(np.where(parts >= MIN_COVERAGE, gains, -np.inf)))
-        if not gains[best] > quality + MIN_GAIN:
-            break
-        quality = float(gains[best])
-        chosen.append(conditions.single[best])
-        inside = inside & chosen[-1].mask
-    return Region(tuple(chosen), inside, quality) if chosen else None
+        gains = np.where(weight @ conditions.matrix.T >= MIN_COVERAGE, excess @ conditions.matrix.T, -np.inf)
+        best = np.argmax(gains, axis=1)
+        gain = gains[np.arange(len(best)), best]
+        better = gain > quality[searching] + MIN_GAIN
+        searching, best = searching[better], best[better]
+        quality[searching] = gain[better]
+        for row, condition in zip(searching, best, strict=True):
+            chosen[row].append(conditions.single[condition])
+        inside = conditions.matrix[best]
+        excess, weight = excess[better] * inside, weight[better] * inside
+    return [
+        Region(tuple(found), np.logical_and.reduce([one.mask for one in found]), float(of_row)) if found else None
+        for found, of_row in zip(chosen, quality, strict=True)
+    ]
 
 
 def blocks_of(samples: ChannelSamples) -> Classes:
@@ -170,28 +181,30 @@ def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes
 
 def permutation_p_value(region: Region, conditions: Conditions, error: Vector, left: Mask, block: Classes) -> float:
     """The p-value of a region: how often blocks of the squared error in random order concentrate as much."""
-    random, time, as_much = np.random.default_rng(5), left / left.sum(), 0
-    within = error[left]
+    random, within = np.random.default_rng(5), error[left]
     blocks = np.split(within, np.flatnonzero(np.diff(block[left])) + 1)
-    for _ in range(PERMUTATIONS):
-        mixed = np.zeros(len(error))
-        mixed[left] = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
-        found = find_region(conditions, mixed / mixed.sum(), time)
-        as_much += int(found is not None and found.quality >= region.quality)
+    mixed = np.zeros((PERMUTATIONS, len(error)))
+    mixed[:, left] = [np.concatenate([blocks[k] for k in random.permutation(len(blocks))]) for _ in mixed]
+    found = find_regions(conditions, mixed / within.sum(), (left / left.sum())[None])
+    as_much = sum(one is not None and one.quality >= region.quality for one in found)
     return (1 + as_much) / (1 + PERMUTATIONS)
 
 
 def replication_rate(region: Region, conditions: Conditions, error: Vector, block: Classes) -> float:
     """In which part of random halves of the blocks the search finds a region that overlaps with this one."""
-    random, count, again = np.random.default_rng(1), int(block.max()) + 1, 0
-    for _ in range(RANDOM_HALVES):
-        half = random.permutation(count)[: count // 2]
-        taken = np.isin(block, half)
-        weight = np.where(taken, error, 0.0)
-        if weight.sum() <= 0.0:
-            continue
-        found = find_region(conditions, weight / weight.sum(), taken / taken.sum())
+    random, count = np.random.default_rng(1), int(block.max()) + 1
+    taken = np.array([np.isin(block, random.permutation(count)[: count // 2]) for _ in range(RANDOM_HALVES)])
+    weight = taken * error
+    taken, weight = taken[weight.any(axis=1)], weight[weight.any(axis=1)]
+    again = 0
+    for found in find_regions(conditions, shares(weight), shares(taken)):
         if found is not None:
             both, either = error[found.mask & region.mask].sum(), error[found.mask | region.mask].sum()
             again += int(both > MIN_OVERLAP * either)
     return again / RANDOM_HALVES
+
+
+def shares(weights: Matrix | NDArray[np.bool_]) -> Matrix:
+    """Rows (d, n) that sum to 1."""
+    found: Matrix = weights / weights.sum(axis=1, keepdims=True)
+    return found

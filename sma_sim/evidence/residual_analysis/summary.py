@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from sma_sim.evidence.estimation.executors import one_thread_for_linear_algebra
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import Split, all_splits
 from sma_sim.evidence.residual_analysis.findings import ErrorRegion, find_error_regions
@@ -72,18 +73,19 @@ class Summary:
 def summarize(comparison: Comparison) -> Summary:
     """Look at a comparison in every way."""
     channels = comparison.channels
-    return Summary(
-        comparison,
-        channel_scores(comparison.part(False), channels),
-        channel_scores(comparison.part(True), channels),
-        {run.name: channel_scores((run,), channels) for run in comparison.runs},
-        find_patterns(comparison),
-        find_error_regions(comparison),
-        all_splits(comparison),
-        {channel: error_bands(comparison.runs, channel) for channel in channels},
-        state_densities(comparison),
-        characterization(comparison),
-    )
+    with one_thread_for_linear_algebra():  # the matrices are small
+        return Summary(
+            comparison,
+            channel_scores(comparison.part(False), channels),
+            channel_scores(comparison.part(True), channels),
+            {run.name: channel_scores((run,), channels) for run in comparison.runs},
+            find_patterns(comparison),
+            find_error_regions(comparison),
+            all_splits(comparison),
+            {channel: error_bands(comparison.runs, channel) for channel in channels},
+            state_densities(comparison),
+            characterization(comparison),
+        )
 
 
 def comparison_data(summary: Summary) -> dict[str, Any]:

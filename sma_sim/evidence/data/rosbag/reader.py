@@ -184,10 +184,12 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
         series.log.append(log_time)
         header = getattr(message, 'header', None)
         series.stamp.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else 0)
-        for column, value in decode(message).items():
+        decoded = decode(message)
+        for column, value in decoded.items():
             series.values.setdefault(column, [np.nan] * (len(series.log) - 1)).append(value)
-        for values in series.values.values():
-            values.extend([np.nan] * (len(series.log) - len(values)))
+        if len(decoded) < len(series.values):
+            for values in series.values.values():
+                values.extend([np.nan] * (len(series.log) - len(values)))
     return found
 
 
