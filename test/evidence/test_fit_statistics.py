@@ -52,7 +52,7 @@ SAMPLES = 400
 
 def run_of(name, channels=('alpha', 'F_1')):
     weight = np.ones((len(channels), SAMPLES))
-    return SimpleNamespace(name=name, channels=channels, weight=weight, samples=weight.size)
+    return SimpleNamespace(name=name, channels=channels, weight=weight, samples=weight.size, ambient_std=0.0)
 
 
 def problem_of(runs=2, delay=None, robust=False):
@@ -60,18 +60,18 @@ def problem_of(runs=2, delay=None, robust=False):
     shared = (A, B) if delay is not None else (A, B, DELAY)
     unknowns = (*shared, *(OWN,) * (2 * runs))
     limits = (np.array([one.low for one in unknowns]), np.array([one.high for one in unknowns]))
+    shared_at = range(len(shared))
+    indices = [np.array([*shared_at, len(shared) + 2 * k, len(shared) + 2 * k + 1]) for k in range(runs)]
     return SimpleNamespace(
         free=(A, B), shared=shared, unknowns=unknowns, delay=delay, robust=robust, limits=lambda: limits,
-        runs=tuple(run_of(f'run{k}') for k in range(runs)), samples=runs * 2 * SAMPLES,
+        indices=lambda: indices, runs=tuple(run_of(f'run{k}') for k in range(runs)), samples=runs * 2 * SAMPLES,
     )  # fmt: skip
 
 
 def linear_of(problem, seed=0, size=0.2):
     """Each run at z: random sensitivities, white residuals."""
-    random, shared = np.random.default_rng(seed), len(problem.shared)
-    found = []
-    for k, run in enumerate(problem.runs):
-        indices = np.array([*range(shared), shared + 2 * k, shared + 2 * k + 1])
+    random, found = np.random.default_rng(seed), []
+    for run, indices in zip(problem.runs, problem.indices(), strict=True):
         jacobian = size * random.normal(size=(len(indices), *run.weight.shape))
         found.append(LinearizedRun(indices, random.normal(size=run.weight.shape), jacobian))
     return found
@@ -353,7 +353,8 @@ def test_a_value_is_implausible_from_where_its_whole_interval_is_outside(monkeyp
     plain = Parameter('a', 2.0, 'Pa', (0.1, 100.0), '')
     module = 'sma_sim.evidence.estimation.plausibility'
     monkeypatch.setattr(f'{module}.declared_parameters', lambda _: {'a': plain, 'b': ranged})
-    config, std = SimpleNamespace(parameters={'wire.E_A': 2.0, 'wire.E_M': 1.0}), 0.1
+    two_wires = SimpleNamespace(structure=SimpleNamespace(wires=2))
+    config, std = SimpleNamespace(parameters={'wire.E_A': 2.0, 'wire.E_M': 1.0}, structure=two_wires), 0.1
     low, high = (-4.0 - 12.0 * RANGE_TOLERANCE) / 4.0, (8.0 + 12.0 * RANGE_TOLERANCE) / 4.0
     for k, ends, reason in ((0, (-MAX_PRIOR_STDS, MAX_PRIOR_STDS), 'nominal'), (1, (low, high), 'realistic')):
         for side, end in zip((-1.0, 1.0), ends, strict=True):
