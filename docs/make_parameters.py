@@ -13,7 +13,9 @@ from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.parameters import (
     CHECK_PARAMETERS,
     ENVIRONMENT_PARAMETERS,
+    GUARD_PARAMETERS,
     NODE_PARAMETERS,
+    OBSERVER_PARAMETERS,
     SOLVER_PARAMETERS,
     WIRE_PARAMETERS,
     Parameter,
@@ -49,6 +51,8 @@ GROUPS = (
     ('Solver', 'solver', SOLVER_PARAMETERS),
     ('Node', 'node', NODE_PARAMETERS),
     ('Model check', 'check', CHECK_PARAMETERS),
+    ('Observer', 'observer', OBSERVER_PARAMETERS),
+    ('Guard', 'guard', GUARD_PARAMETERS),
 )
 
 

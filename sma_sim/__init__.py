@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sma_sim import effects as effects
+    from sma_sim import observer as observer
     from sma_sim import structures as structures
     from sma_sim.challenge.files import write_challenge as write_challenge
     from sma_sim.challenge.make import Challenge as Challenge
@@ -89,7 +90,7 @@ _EXPORTS = {
     'solver.trajectory': ('Trajectory',),
     'workflow.code_folders': ('write_config',),
 }
-_MODULES = ('effects', 'structures')
+_MODULES = ('effects', 'observer', 'structures')
 __all__ = sorted(name for names in _EXPORTS.values() for name in names)
 
 

@@ -16,8 +16,8 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.optional import missing
 
 VERBS = (
-    'tour', 'init', 'simulate', 'explore', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'play', 'plot', 'bag',
-    'effects', 'systems', 'challenge', 'paper', 'compile',
+    'tour', 'init', 'simulate', 'explore', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'observe', 'play', 'plot',
+    'bag', 'effects', 'systems', 'challenge', 'paper', 'compile',
 )  # fmt: skip
 PACKAGE = 'sma_sim'
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended

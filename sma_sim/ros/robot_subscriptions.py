@@ -84,10 +84,11 @@ def wire_names(structure: Structure) -> list[str]:
 class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
-    Raises UserError for names of joints that are not different.
+    `latency` [s] is how long a sample waits for what belongs to it, check.latency where nothing is said. Raises UserError
+    for names of joints that are not different.
     """
 
-    def __init__(self, node: Node, config: Config) -> None:
+    def __init__(self, node: Node, config: Config, latency: float | None = None) -> None:
         parameters, structure = config.parameters, config.structure.structure
         self._logger, self._structure = node.get_logger(), structure
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
@@ -96,7 +97,7 @@ class RobotSubscriptions:
             raise UserError(f'check.name_*: expected {count} different names, got {", ".join(self._names)}')
         drives, columns = len(structure.drives), len(structure.input_columns)
         self.heating, self.T_E = range(drives, columns - 1), columns - 1  # columns of the input
-        self._latency = round(parameters['check.latency'] * 1e9)
+        self._latency = round((parameters['check.latency'] if latency is None else latency) * 1e9)
         self._timeout = parameters['node.command_timeout']
         self._command = heating_command(node, structure, parameters['node.J_max'], self._timeout)
         self._set_points = [SetPoint(node, drive, parameters['environment.T_E']) for drive in structure.drives]
@@ -124,7 +125,7 @@ class RobotSubscriptions:
         return len(self._samples)
 
     def ready(self) -> Iterator[Sample]:
-        """Samples that have waited for `check.latency`, in the order of their arrival."""
+        """Samples that have waited for the latency, in the order of their arrival."""
         while self._samples and not 0 <= time.time_ns() - self._samples[0].arrival < self._latency:
             yield self._samples.popleft()
 

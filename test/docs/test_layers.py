@@ -12,6 +12,7 @@ ROOMS = (
     'solver',
     'evidence.data',
     'evidence.estimation',
+    'evidence.state_estimation',
     'evidence.residual_analysis',
     'evidence.model_selection',
     'evidence.symbolic_regression',

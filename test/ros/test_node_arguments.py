@@ -9,7 +9,11 @@ import pytest
 from sma_sim.ros.entry import outside_ros_args
 
 ROOT = Path(__file__).resolve().parents[2]
-NODES = {'sma_module_sim': 'sma_sim.ros.main', 'sma_model_check': 'sma_sim.ros.check_main'}
+NODES = {
+    'sma_module_sim': 'sma_sim.ros.main',
+    'sma_model_check': 'sma_sim.ros.check_main',
+    'sma_observer': 'sma_sim.ros.observer_main',
+}
 
 
 def run(node, *words):

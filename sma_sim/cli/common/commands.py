@@ -24,6 +24,7 @@ EXAMPLES = {  # a command that each of them takes
     'add': 'sma-sim add gravity --config robot.yaml --out better.yaml',
     'next': 'sma-sim next runs --between gravity beam_creep -o next.csv',
     'play': 'sma-sim play next.csv',
+    'observe': 'sma-sim observe run1.mcap --config calibrated.yaml --without T_1 --out estimated.csv',
     'plot': 'sma-sim plot run.csv --out run.png',
     'bag': 'sma-sim bag info run.mcap',
     'effects': 'sma-sim effects gravity',

@@ -1,0 +1,425 @@
+"""An extended Kalman filter on the model of a robot: temperatures, fractions and stresses of its wires while it runs.
+
+The state is that of the model, the parameters that are not known well, by which part the heating of each wire differs from
+the command, the ambient temperature, and a slow difference of model and sensor in every channel:
+
+    xi = (y, x_M, z, g, T_E, b),      z, g, T_E and b decay to their means (Ornstein and Uhlenbeck).
+
+Between two times the model runs with tangents (`solver.propagation`), over jumps of the hybrid automaton too, so that
+P+ = Phi (P + Q) Phi'. A measurement is h(y, z) + b + noise, with the derivatives of h beside the state. Parameters are
+estimated beside the states (Jazwinski, Stochastic Processes and Filtering Theory, 1970, section 8.4), so that what is not
+known of them is in every interval; the lasting difference b keeps the filter from learning more than the model can know.
+
+The run that is linearised is not corrected: corrections are carried beside it, by the same tangents, until a new run starts
+from the estimate. A filter that linearises about every new estimate sees its parameters from many points, takes that for
+information about combinations of them that no measurement tells apart, and becomes sure of wrong values (Huang, Mourikis
+and Roumeliotis, Int. J. Robotics Research 29 (2010) 502, of the same in mapping).
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.evidence.state_estimation.uncertain import (
+    channel_discrepancies,
+    models_about,
+    uncertain_parameters,
+)
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
+from sma_sim.model.nearest import suggestion
+from sma_sim.model.system import commanded_heating
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
+from sma_sim.solver.propagation import DELTA, FRACTION_SCALE, Propagation, run_at_rest
+from sma_sim.solver.simulate import SimulationError, copy_of_run
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+WINDOW = 1.0  # [s] of the past into which late messages are still put
+LONGEST_STEP = 0.25  # [s] over which the random walks are put in at once
+FIRST_RUN, LONGER, LONGEST_RUN = 2.0, 1.5, 20.0  # [s] of the first run; by how much each is longer; of all later ones
+LARGEST_INNOVATION = 4.0  # standard deviations; a larger one counts as if its noise were larger, so that it is no more
+INCONSISTENCY_TIME = 2.0  # [s] of the running mean of squared innovations
+LEAST_STD = {'T': 0.1, 'x_M': 0.003, 'sigma': 1e4}  # of an estimate: what the equations themselves leave out
+OUTPUTS = ('T', 'x_M', 'sigma')
+EARLIER = 1e-9  # [s] by which a time counts as earlier than another
+
+
+class Event(NamedTuple):
+    """What is heard of a time [s]: measured channels (NaN: none), and what is in force from then on (None: as before)."""
+
+    time: float
+    measured: Vector
+    heating: tuple[float, ...] | None
+    T_E: float | None
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The model of a run that is linearised: its parameters z (P,), parts of heating and T_E as `extra`, since when [s]."""
+
+    propagation: Propagation
+    extra: Vector
+    since: float
+    until: float
+
+
+class Belief(NamedTuple):
+    """What the filter holds at a time: nothing of it is changed in place."""
+
+    time: float
+    reference: Reference
+    run: Run
+    mean: Vector  # of all that is estimated, less what the run has of it
+    covariance: Matrix
+    heating: tuple[float, ...]
+    T_E: float
+    inconsistency: float
+
+
+class Observer:
+    """The wires of a robot from its commands and what is measured of it.
+
+    Parameters
+    ----------
+    config : Config
+        The model. Standard deviations in its `priors` are those of its parameters; the noise of a channel is
+        ``check.noise_CHANNEL``; how far the robot may be from the model say the parameters ``observer.*``.
+
+    Raises
+    ------
+    UserError
+        For a structure whose runs have no derivatives.
+    SimulationError
+        If the model has no start at rest.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> from sma_sim.observer import Observer
+    >>> observer = Observer(sma_sim.Config())
+    >>> estimate = observer.update(0.0, 12.0, {'alpha': 0.0})
+    >>> for k in range(1, 21):
+    ...     estimate = observer.update(0.05 * k, None, {'U_x': -5e-5, 'F_1': 13.0})
+    >>> estimate.T.shape, bool(estimate.T[0] > estimate.T[1] + 20.0)
+    ((2,), True)
+    """
+
+    def __init__(self, config: Config) -> None:
+        expect('config', config, Config)
+        self.config = config
+        self._structure = config.structure.structure
+        self.channels = self._structure.channels
+        self._free = uncertain_parameters(config)
+        self._noise = np.array([config.parameters[f'check.noise_{name}'] for name in self.channels])
+        self._limits = np.array([(one.low, one.high) for one in self._free]).reshape(-1, 2)
+        self.restarts, self.too_late = 0, 0
+        self._events: list[Event] = []
+        self._beliefs: list[Belief] = []  # after each of the events
+        self._estimate: Estimate | None = None
+        self._scales: Vector | None = None  # those of the first model
+        first = self._reference(np.zeros(len(self._free) + self._structure.wires + 1), 0.0, FIRST_RUN)
+        self._prepare(first.propagation)
+        self._first = self._start(first, 0.0, (0.0,) * self._structure.wires, config.parameters['environment.T_E'])
+
+    @property
+    def time(self) -> float:
+        """The time of the estimate [s]; NaN before the first message."""
+        return self._beliefs[-1].time if self._beliefs else math.nan
+
+    @property
+    def parameters(self) -> dict[str, tuple[float, float]]:
+        """Estimated values of the uncertain parameters by full name, and their standard deviations (SI)."""
+        belief, at = self._beliefs[-1] if self._beliefs else self._first, self._at.parameters
+        stds = np.sqrt(np.diag(belief.covariance)[at])
+        found = {}
+        for one, z, std in zip(self._free, belief.mean[at].tolist(), stds.tolist(), strict=True):
+            value = one.value(z)
+            found[one.name] = (value, std * one.scale * (value if one.log else 1.0))
+        return found
+
+    @property
+    def estimate(self) -> Estimate:
+        """The wires at `time`. Raises UserError before the first message."""
+        if not self._beliefs:
+            raise UserError('the observer has heard nothing yet: call update(time, J_eq, measurements) first')
+        if self._estimate is None:
+            self._estimate = self._estimate_of(self._beliefs[-1])
+        return self._estimate
+
+    def predict(self, time: float, J_eq: float | Sequence[float] | None = None, T_E: float | None = None) -> Estimate:
+        """The wires at `time` [s] without a new measurement; the rest as for `update`."""
+        return self.update(time, J_eq, {}, T_E)
+
+    def update(
+        self,
+        time: float,
+        J_eq: float | Sequence[float] | None = None,
+        measurements: Mapping[str, float] | None = None,
+        T_E: float | None = None,
+    ) -> Estimate:
+        """Take what is known of a time.
+
+        Parameters
+        ----------
+        time : float
+            When it was [s]. It may be earlier than that of calls before, by WINDOW at the most; what is older is ignored and
+            counted in `too_late`.
+        J_eq : float or sequence of float, optional
+            Heating that is in force from `time` on [W], one for each command of the structure; None: the same as before.
+        measurements : mapping of str to float
+            What sensors show at `time` by channel, such as ``alpha`` or ``F_1`` (SI). NaN is the same as nothing.
+        T_E : float, optional
+            Ambient temperature from `time` on [K]; None: the same as before, at first that of the configuration.
+
+        Returns
+        -------
+        Estimate
+            The wires at the latest time that the observer was told of.
+
+        Raises
+        ------
+        UserError
+            For a channel that the structure does not have, a wrong number of commands, and values that are not finite.
+        """
+        event = Event(time, self._measured(measurements or {}), self._heating(J_eq), finite('T_E', T_E))
+        if not math.isfinite(time):
+            raise UserError(f'time = {time}: expected a finite time [s]')
+        if self._beliefs and time < self._beliefs[0].time - EARLIER:
+            self.too_late += 1
+            return self.estimate
+        at = bisect.bisect_right(self._events, time + EARLIER, key=lambda one: one.time)
+        later = [event, *self._events[at:]]
+        del self._events[at:], self._beliefs[at:]
+        self._estimate = None
+        for one in later:
+            self._events.append(one)
+            self._beliefs.append(self._after(one))
+        self._forget()
+        return self.estimate
+
+    def forecast(self, J_eq: float | Sequence[float], times: Sequence[float]) -> list[Estimate]:
+        """The wires at later `times` [s], from `time` on, under a heating that stays; nothing of the observer changes."""
+        belief, found = self._beliefs[-1], []
+        heating = self._heating(J_eq)
+        assert heating is not None
+        belief = belief._replace(heating=heating)
+        for time in times:
+            belief = self._propagated(belief, time)
+            found.append(self._estimate_of(belief))
+        return found
+
+    def _measured(self, measurements: Mapping[str, float]) -> Vector:
+        values = np.full(len(self.channels), np.nan)
+        for name, value in measurements.items():
+            if name not in self.channels:
+                raise UserError(
+                    f'measurements: {name!r} is no channel of system {self._structure.name!r}'
+                    f'{suggestion(name, self.channels)}; expected some of {", ".join(self.channels)}'
+                )
+            if math.isinf(value):
+                raise UserError(f'measurements: {name} = {value}; expected a finite number')
+            values[self.channels.index(name)] = value
+        return values
+
+    def _heating(self, J_eq: float | Sequence[float] | None) -> tuple[float, ...] | None:
+        """The heating of each wire [W]."""
+        if J_eq is None:
+            return None
+        commands = np.atleast_1d(np.asarray(J_eq, dtype=float))
+        expected = len(self._structure.commands)
+        if commands.shape != (expected,) or not np.isfinite(commands).all():
+            raise UserError(f'J_eq = {J_eq}: expected {expected} finite number(s) [W]')
+        propagation = self._first.reference.propagation
+        p, n = propagation.model.compiled, propagation.model.wire.n
+        u = np.append(commands, 0.0)
+        return tuple(n * commanded_heating(i, u, p) for i in range(self._structure.wires))
+
+    def _reference(self, extra: Vector, since: float, until: float) -> Reference:
+        """The model at some parameters, with its derivatives, for a run from `since` to `until` [s]."""
+        propagation = Propagation(*models_about(self.config, self._free, extra[: len(self._free)]), self._scales)
+        self._scales = propagation.scales
+        return Reference(propagation, extra, since, until)
+
+    def _prepare(self, propagation: Propagation) -> None:
+        """Random walks, decays and the places of outputs, which do not depend on parameters."""
+        u = {name.removeprefix('observer.'): value for name, value in self.config.parameters.items()}
+        self._at, where = propagation.unknowns, propagation.where
+        at, wires, p = self._at, self._structure.wires, propagation.model.compiled
+        self._size = at.count + len(self.channels)
+        self._walk, self._decay, self._stationary = np.zeros((3, self._size))
+        temperatures = slice(p.first_T, p.first_T + wires)
+        self._fractions = slice(p.first_x, p.first_x + wires) if p.mas else at.fractions
+        unit = propagation.scales[p.first_x] if p.mas else FRACTION_SCALE
+        self._walk[temperatures] = (u['T_walk'] / propagation.scales[temperatures]) ** 2
+        self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
+        for place, std, time in (
+            (at.parameters, 1.0, u['parameter_time']),
+            (at.heating, u['power_std'], u['power_time']),
+            (at.T_E, u['T_E_std'], u['T_E_time']),
+            (slice(at.count, self._size), channel_discrepancies(self.config), u['discrepancy_time']),
+        ):
+            self._decay[place], self._stationary[place] = 1.0 / time, np.square(std)
+        self._at_start = self._stationary.copy()
+        self._at_start[temperatures] = (u['initial_T_std'] / propagation.scales[temperatures]) ** 2
+        self._at_start[: p.coordinates] = u['discrepancy'] ** 2
+        self._at_start[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
+        self._shown = np.arange(where.sensed.start, where.sensed.stop)
+        of_wire = where.wires.start + PER_WIRE * np.arange(wires)
+        self._outputs = np.concatenate([of_wire + WIRE_COLUMNS.index(name) for name in OUTPUTS])
+        self._mode, self._length = (of_wire + WIRE_COLUMNS.index(name) for name in ('mode', 'length'))
+        self._least = np.repeat([LEAST_STD[name] for name in OUTPUTS], wires) ** 2
+
+    def _start(self, reference: Reference, time: float, heating: tuple[float, ...], T_E: float) -> Belief:
+        """A robot at rest."""
+        propagation, at = reference.propagation, self._at
+        run, spread = run_at_rest(propagation.model, T_E), np.eye(self._size)
+        for j, moved in enumerate(models_about(self.config, self._free, reference.extra[: len(self._free)])[1]):
+            beside = run_at_rest(moved, T_E).state
+            column = spread[:, at.parameters.start + j]
+            column[at.states] = (beside.y - run.state.y) / propagation.scales / DELTA
+            if not propagation.model.compiled.mas:
+                column[at.fractions] = (beside.x_frozen - run.state.x_frozen) / FRACTION_SCALE / DELTA
+        mean = np.zeros(self._size)
+        mean[at.parameters.start : at.count] = reference.extra
+        return Belief(time, reference, run, mean, spread @ np.diag(self._at_start) @ spread.T, heating, T_E, 1.0)
+
+    def _after(self, event: Event) -> Belief:
+        """The belief after an event that follows those that there are beliefs of."""
+        if self._beliefs:
+            belief = self._propagated(self._beliefs[-1], event.time)
+        else:
+            first = replace(self._first.reference, since=event.time, until=event.time + FIRST_RUN)
+            belief = self._first._replace(time=event.time, reference=first)
+            if event.T_E is not None and event.T_E != belief.T_E:
+                belief = self._start(first, event.time, belief.heating, event.T_E)
+        if np.isfinite(event.measured).any():
+            belief = self._corrected(belief, event.measured)
+        if event.heating is not None:
+            belief = belief._replace(heating=event.heating)
+        belief = belief if event.T_E is None else belief._replace(T_E=event.T_E)
+        return self._run_anew(belief) if belief.time >= belief.reference.until else belief
+
+    def _inputs(self, belief: Belief) -> Vector:
+        """The heating of each wire [W] and T_E [K] of the run (wires + 1,)."""
+        gains, T_E = np.split(belief.reference.extra[len(self._free) :], [self._structure.wires])
+        return np.append(np.maximum(1.0 + gains, 0.0) * belief.heating, belief.T_E + T_E)
+
+    def _beside(self, belief: Belief) -> Vector:
+        """What the estimate has more than the run (unknowns,)."""
+        away = belief.mean[: self._at.count].copy()
+        away[self._at.parameters.start :] -= belief.reference.extra
+        return away
+
+    def _propagated(self, belief: Belief, time: float) -> Belief:
+        """The belief at a later time."""
+        if time <= belief.time:
+            return belief
+        count = max(1, math.ceil((time - belief.time) / LONGEST_STEP - 1e-9))
+        for end in np.linspace(belief.time, time, count + 1)[1:]:
+            belief = self._step(belief, float(end))
+        return belief
+
+    def _step(self, belief: Belief, time: float) -> Belief:
+        dt, at, propagation = time - belief.time, self._at, belief.reference.propagation
+        run = copy_of_run(propagation.model, belief.run)
+        try:
+            moved = propagation.advance(run, np.array([belief.time, time]), self._inputs(belief)[None])
+        except SimulationError:
+            self.restarts += 1
+            return self._start(self._first.reference, time, belief.heating, belief.T_E)
+        decay = np.exp(-self._decay * dt)
+        transition = np.diag(decay)
+        transition[: at.count, : at.count] = moved
+        transition[at.parameters.start : at.count] *= decay[at.parameters.start : at.count, None]
+        before = belief.covariance + np.diag(self._walk * dt)
+        covariance = transition @ before @ transition.T + np.diag(self._stationary * (1.0 - decay**2))
+        mean = belief.mean * decay
+        mean[: at.parameters.start] = moved[: at.parameters.start] @ self._beside(belief)
+        return belief._replace(time=time, run=run, mean=mean, covariance=covariance)
+
+    def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
+        """A whole sample at a belief, and its derivatives in all that is estimated."""
+        sample, derivatives = belief.reference.propagation.observe(belief.time, belief.run, self._inputs(belief))
+        whole = np.zeros((len(sample), self._size))
+        whole[:, : self._at.count] = derivatives
+        return sample + derivatives @ self._beside(belief), whole
+
+    def _corrected(self, belief: Belief, measured: Vector) -> Belief:
+        """The belief after a measurement (channels,), NaN where there is none."""
+        there = np.flatnonzero(np.isfinite(measured))
+        sample, derivatives = self._seen(belief)
+        biases = self._at.count + there
+        H = derivatives[self._shown[there]]
+        H[np.arange(len(there)), biases] = 1.0
+        innovation = measured[there] - sample[self._shown[there]] - belief.mean[biases]
+        gained = belief.covariance @ H.T
+        expected = H @ gained + np.diag(self._noise[there] ** 2)
+        variances = np.diag(expected)
+        squares = innovation**2 / variances
+        expected = expected + np.diag(variances * np.maximum(squares / LARGEST_INNOVATION**2 - 1.0, 0.0))
+        gain = np.linalg.solve(expected, gained.T).T
+        mean, covariance = belief.mean + gain @ innovation, belief.covariance - gain @ gained.T
+        at = self._at.parameters
+        mean[at] = np.clip(mean[at], self._limits[:, 0], self._limits[:, 1])
+        return belief._replace(
+            mean=mean, covariance=0.5 * (covariance + covariance.T),
+            inconsistency=self._running(belief, float(np.mean(squares))),
+        )  # fmt: skip
+
+    def _running(self, belief: Belief, square: float) -> float:
+        """The running mean of the squared innovations with another one."""
+        before = self._beliefs[-1].time if self._beliefs else belief.time
+        new = -math.expm1(-max(belief.time - before, 0.0) / INCONSISTENCY_TIME)
+        return (1.0 - new) * belief.inconsistency + new * square
+
+    def _run_anew(self, belief: Belief) -> Belief:
+        """The same belief about a run that starts from the estimate."""
+        at, before = self._at, belief.reference
+        lasted = min(LONGER * (before.until - before.since), LONGEST_RUN)
+        extra = belief.mean[at.parameters.start : at.count].copy()
+        reference = self._reference(extra, belief.time, belief.time + lasted)
+        run, p = copy_of_run(before.propagation.model, belief.run), reference.propagation.model.compiled
+        state, mean = run.state, belief.mean.copy()
+        state.y[:] += reference.propagation.scales * mean[at.states]
+        if p.mas:
+            fractions = slice(p.first_x, p.first_x + p.wires)
+            state.y[fractions] = np.clip(state.y[fractions], 0.0, 1.0)
+        else:
+            state.x_frozen[:] = np.clip(state.x_frozen + FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
+        mean[: at.parameters.start] = 0.0
+        return belief._replace(reference=reference, run=run, mean=mean)
+
+    def _estimate_of(self, belief: Belief) -> Estimate:
+        sample, derivatives = self._seen(belief)
+        out = derivatives[self._outputs]
+        covariance = out @ belief.covariance @ out.T + np.diag(self._least)
+        T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
+        strain = sample[self._length] / belief.reference.propagation.model.wire.l0 - 1.0
+        return Estimate(
+            belief.time, T, np.clip(x_M, 0.0, 1.0), stress, sample[self._mode].round().astype(np.int64), covariance, strain,
+            belief.inconsistency,
+        )  # fmt: skip
+
+    def _forget(self) -> None:
+        """Drop what is older than the window, but for one belief."""
+        oldest = self._events[-1].time - WINDOW
+        while len(self._events) > 1 and self._events[1].time < oldest:
+            del self._events[0], self._beliefs[0]
+
+
+def finite(name: str, value: float | None) -> float | None:
+    """A value that is finite, or none. Raises UserError."""
+    if value is not None and not math.isfinite(value):
+        raise UserError(f'{name} = {value}: expected a finite number')
+    return value

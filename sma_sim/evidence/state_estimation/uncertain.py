@@ -1,0 +1,55 @@
+"""What an observer does not know of a robot: parameters, power, surroundings, and what the model leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.free_parameters import (
+    NARROW_PRIOR_STDS,
+    FreeParameter,
+    choose_free,
+    declared_parameters,
+    free_parameter,
+    values_of,
+    with_values,
+)
+from sma_sim.model.config import Config
+from sma_sim.solver.effect_table import channel_scales
+from sma_sim.solver.model import Model
+from sma_sim.solver.propagation import DELTA
+
+Vector = NDArray[np.float64]
+
+
+def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:
+    """The parameters that a filter estimates beside the states, in coordinates with the prior N(0, 1).
+
+    They are those that a fit changes, with their standard deviations in `Config.priors`. Where these say nothing,
+    observer.parameter_std and length_std hold; of parameters of effects the prior covers the realistic range.
+    """
+    declared, values = declared_parameters(config), values_of(config)
+    lengths, others = (config.parameters[f'observer.{name}'] for name in ('length_std', 'parameter_std'))
+    found = []
+    for one in choose_free(config)[0]:
+        value, std = values[one.name], config.priors.get(one.name)
+        if std is None and one.log and not one.name.startswith('effects.'):
+            std = value * (lengths if one.name in NARROW_PRIOR_STDS else others)
+        found.append(free_parameter(one.name, value, declared[one.name], std))
+    return tuple(found)
+
+
+def configured(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> Config:
+    """The configuration with its parameters at coordinates z (P,)."""
+    return with_values(config, {one.name: one.value(x) for one, x in zip(free, z, strict=True)})
+
+
+def models_about(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> tuple[Model, list[Model]]:
+    """The model at coordinates z (P,), and the same with each coordinate moved by DELTA."""
+    moved = z + DELTA * np.eye(len(free))
+    return Model(configured(config, free, z)), [Model(configured(config, free, one)) for one in moved]
+
+
+def channel_discrepancies(config: Config) -> Vector:
+    """Standard deviations of what model and sensor of each channel differ by (channels,) [SI]."""
+    return config.parameters['observer.discrepancy'] * np.array(channel_scales(config.structure.structure))
